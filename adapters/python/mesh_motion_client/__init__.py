@@ -1,0 +1,1 @@
+"""Client of the mesh-motion server."""

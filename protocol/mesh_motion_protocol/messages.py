@@ -1,0 +1,430 @@
+"""The messages of protocol 1.0 as frozen dataclasses: requests, their replies, and the error reply.
+
+A message is a header (frame 0: a msgpack map of the scalar and map fields) and named arrays (raw frames). Fields whose
+annotation is :class:`ArrayField` are arrays; all others go into the header. :data:`MESSAGES` maps the type name on the
+wire to the class; the codec, SPEC.md's field tables and the conformance vectors are made from these declarations.
+
+Two endpoints are spoken to. The *control* endpoint (gateway) takes HELLO, OPEN, RESUME, LIST, PROBE: headers only. Each
+session has a worker process with a *data* endpoint of its own, named in OPENED and RESUMED, that takes JOIN, UPLOAD,
+BUILD, MOVE, COMMIT, ROLLBACK, FETCH, STATUS, CLOSE. PING is taken by both.
+
+A solver that runs on n ranks joins a session as n *partitions*. BUILD, MOVE, COMMIT, ROLLBACK are collective: the
+server waits for all partitions and then answers each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "MESSAGES",
+    "ArrayField",
+    "Build",
+    "Built",
+    "Close",
+    "Closed",
+    "Commit",
+    "Committed",
+    "ErrorReply",
+    "Fetch",
+    "Fetched",
+    "Hello",
+    "Join",
+    "Joined",
+    "List",
+    "Listed",
+    "Message",
+    "Move",
+    "Moved",
+    "Open",
+    "Opened",
+    "Ping",
+    "Pong",
+    "Probe",
+    "Probed",
+    "Resume",
+    "Resumed",
+    "Rollback",
+    "RolledBack",
+    "Status",
+    "StatusReport",
+    "Upload",
+    "Uploaded",
+    "Welcome",
+]
+
+
+@dataclass(frozen=True)
+class ArrayField:
+    """Declares an array field: its dtype on the wire and the names of its axes (SPEC.md says what they are).
+
+    ``dtype`` ``"<f8"`` also admits ``"<f4"``, which is widened on receipt; ``"<i8"`` also admits ``"<i4"``.
+    """
+
+    dtype: str
+    axes: tuple[str, ...]
+    required: bool = True
+
+
+FloatNodes = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "dimension"))]
+FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "dimension"))]
+FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
+MovingIndices = Annotated[NDArray[np.int64], ArrayField("<i8", ("moving node",))]
+UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Message:
+    """Base of all messages.
+
+    Attributes
+    ----------
+    client : bytes
+        16-byte UUID of the client, made once per client object. On a reply: that of the request.
+    sequence : int
+        1, 2, 3, … per client. (client, sequence) is the *request id*: a repeat with the same content gets the stored
+        reply, a repeat with other content ABORTED.CONFLICT. On a reply: that of the request.
+    """
+
+    type: ClassVar[str] = ""
+    client: bytes = b"\0" * 16
+    sequence: int = 0
+
+
+# --- control endpoint ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hello(Message):
+    """First message on a control connection: what the client speaks."""
+
+    type: ClassVar[str] = "HELLO"
+    versions: list[list[int]] = field(default_factory=lambda: [[1, 0]])  # [major, minor], preferred first
+    features: list[str] = field(default_factory=list)  # features the client can use
+    agent: str = ""  # name and version of the client, for logs
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Welcome(Message):
+    """Answer to HELLO: the choice, every limit, and who answers."""
+
+    type: ClassVar[str] = "WELCOME"
+    version: list[int]  # the chosen [major, minor]
+    features: list[str]  # features both sides have
+    server: str  # name and version
+    boot: bytes  # 16 bytes, new at each start of the server
+    limits: dict[str, int]  # names and units in SPEC.md
+    durability: list[str]  # levels this server offers, the default first
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Open(Message):
+    """Asks for a new session."""
+
+    type: ClassVar[str] = "OPEN"
+    dimension: int  # 1, 2 or 3: number of coordinates
+    partitions: int = 1  # how many partitions will join
+    settings: dict[str, Any] = field(default_factory=dict)  # keys of the case file's [method]; absent = default
+    label: str = ""  # shown in logs and lists
+    bytes_reserved: int = 0  # what the upload will take, all partitions; 0 = unknown
+    durability: str = ""  # "" = the server's default
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Opened(Message):
+    """A session exists; its worker listens on ``endpoint``."""
+
+    type: ClassVar[str] = "OPENED"
+    session: str  # id, 32 hex digits
+    token: bytes  # 32 bytes; whoever has it may resume the session: keep it secret
+    endpoint: str  # the data endpoint
+    epoch: int  # 1; raised by each RESUME, which fences earlier holders
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resume(Message):
+    """Asks for an existing session: after a crash of the client, of the worker, or a restart of the server."""
+
+    type: ClassVar[str] = "RESUME"
+    session: str
+    token: bytes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resumed(Message):
+    """The session is there again, at its last committed step."""
+
+    type: ClassVar[str] = "RESUMED"
+    session: str
+    endpoint: str
+    epoch: int
+    state: str  # a state of the session table
+    step: int  # last committed step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class List(Message):
+    """Asks for the sessions this server holds (only those the asker may see)."""
+
+    type: ClassVar[str] = "LIST"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Listed(Message):
+    """The sessions: maps with session, label, state, step, partitions, worker ("alive" | "none"), no secrets."""
+
+    type: ClassVar[str] = "LISTED"
+    sessions: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Probe(Message):
+    """Asks the gateway about one session's worker while the worker itself may be busy computing."""
+
+    type: ClassVar[str] = "PROBE"
+    session: str
+    token: bytes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Probed(Message):
+    """Answer to PROBE."""
+
+    type: ClassVar[str] = "PROBED"
+    session: str
+    worker: str  # "starting" | "alive" | "dead" | "none"
+    epoch: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ping(Message):
+    """Asks whether anybody is there; taken by both endpoints."""
+
+    type: ClassVar[str] = "PING"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pong(Message):
+    """Answer to PING."""
+
+    type: ClassVar[str] = "PONG"
+
+
+# --- data endpoint ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionMessage(Message):
+    """Base of the requests to a session's data endpoint."""
+
+    session: str
+    epoch: int
+    partition: int = 0  # 0 … partitions - 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Join(SessionMessage):
+    """First message on a data connection; proves the right to the session."""
+
+    type: ClassVar[str] = "JOIN"
+    token: bytes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joined(Message):
+    """Answer to JOIN: where the session stands."""
+
+    type: ClassVar[str] = "JOINED"
+    state: str
+    step: int  # last committed step
+    iteration: int  # iterations of the open trial, 0 = none
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Upload(SessionMessage):
+    """One part of a partition's mesh. Parts of one ``item`` and ``name`` are appended in the order they come.
+
+    item        name              rows
+    nodes       —                 (k, dimension) <f8 coordinates
+    global_ids  —                 (k, 1) <i8; only with partitions > 1, where they are required
+    cells       the cell type     (k, nodes of the type) <i8 local node indices, 0-based
+    patch       the patch's name  (k, 1) <i8 local node indices; ``role`` is required
+    """
+
+    type: ClassVar[str] = "UPLOAD"
+    item: str  # "nodes" | "global_ids" | "cells" | "patch"
+    name: str = ""
+    role: str = ""  # "moving" | "fixed" | "slip" | "symmetry" | "periodic", with item = "patch"
+    rows: UploadRows = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Uploaded(Message):
+    """Answer to UPLOAD: how many rows of this item and name the partition has now."""
+
+    type: ClassVar[str] = "UPLOADED"
+    rows_total: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Build(SessionMessage):
+    """Collective: the mesh is complete; check it, make it durable, become READY."""
+
+    type: ClassVar[str] = "BUILD"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Built(Message):
+    """The session is READY at step 0. ``moving_nodes``: this partition's local indices of the nodes whose displacement
+    every MOVE must give, ascending; the rows of MOVE.displacement are in this order.
+    """
+
+    type: ClassVar[str] = "BUILT"
+    step: int
+    settings: dict[str, Any]  # the settings in force, defaults filled in
+    mesh: dict[str, Any]  # counts, bounding box, warnings
+    quality: dict[str, Any]  # quality report of the mesh as uploaded
+    moving_nodes: MovingIndices
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Move(SessionMessage):
+    """Collective: one coupling iteration of the step ``step``. Any earlier trial of the step is replaced."""
+
+    type: ClassVar[str] = "MOVE"
+    step: int  # committed step + 1
+    frame: str = "committed"  # displacement since the "committed" state, or since the "reference" mesh (total)
+    displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moved(Message):
+    """The trial: displacements of all of the partition's nodes, in the frame of the MOVE."""
+
+    type: ClassVar[str] = "MOVED"
+    step: int
+    iteration: int  # 1, 2, … within the step
+    quality: dict[str, Any]  # quality report: "standard" and "corrected" prediction
+    correction: dict[str, Any]  # what was done: method, enrichment points, freed nodes, iterations, reached
+    caches: dict[str, Any]  # {"factorization": "reused" | "made", …}
+    seconds: dict[str, float]  # solve, predict, correct, displace, total
+    warnings: list[str]
+    displacement: FloatNodes
+    enrichment_points: FloatEnrichment
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Commit(SessionMessage):
+    """Collective: the trial of ``step`` becomes the committed state, durably before the answer."""
+
+    type: ClassVar[str] = "COMMIT"
+    step: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Committed(Message):
+    """The step is committed."""
+
+    type: ClassVar[str] = "COMMITTED"
+    step: int
+    durable_step: int  # with durability "full" equal to ``step``
+    digest: bytes  # 32 bytes: sha256 of the committed state, as SPEC.md defines it
+    quality: dict[str, Any]  # quality report of the committed mesh, computed from its coordinates
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rollback(SessionMessage):
+    """Collective: the trial of ``step``, if any, is dropped."""
+
+    type: ClassVar[str] = "ROLLBACK"
+    step: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RolledBack(Message):
+    """The session is READY at its last committed step."""
+
+    type: ClassVar[str] = "ROLLED_BACK"
+    step: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fetch(SessionMessage):
+    """Asks for the partition's node coordinates. ``what``: "committed" | "reference"."""
+
+    type: ClassVar[str] = "FETCH"
+    what: str = "committed"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fetched(Message):
+    """Answer to FETCH."""
+
+    type: ClassVar[str] = "FETCHED"
+    step: int
+    points: FloatNodes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Status(SessionMessage):
+    """Asks where the session stands."""
+
+    type: ClassVar[str] = "STATUS"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StatusReport(Message):
+    """Answer to STATUS. ``waiting_for``: partitions a collective request is still waiting for."""
+
+    type: ClassVar[str] = "STATUS_REPORT"
+    state: str
+    step: int
+    iteration: int
+    waiting_for: list[int]
+    report: dict[str, Any]  # counters, memory, quality of the last commit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Close(SessionMessage):
+    """Ends this holder's use. ``outcome``: "keep" leaves the session durable and resumable, "discard" deletes it."""
+
+    type: ClassVar[str] = "CLOSE"
+    outcome: str = "keep"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Closed(Message):
+    """The session's worker is about to end."""
+
+    type: ClassVar[str] = "CLOSED"
+    step: int
+
+
+# --- errors ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorReply(Message):
+    """Answer to any request that failed. Nothing of the request took effect."""
+
+    type: ClassVar[str] = "ERROR"
+    code: str  # a code of SPEC.md, e.g. "INVALID_ARGUMENT.NONFINITE"
+    message: str
+    hint: str
+    retryable: bool
+    state: str  # the session's state afterwards, "" when there is none
+    details: dict[str, Any]  # names the first offender: {"partition": …, "node": …, "value": …}
+
+
+MESSAGES: dict[str, type[Message]] = {
+    m.type: m
+    for m in (
+        Hello, Welcome, Open, Opened, Resume, Resumed, List, Listed, Probe, Probed, Ping, Pong,
+        Join, Joined, Upload, Uploaded, Build, Built, Move, Moved, Commit, Committed, Rollback, RolledBack,
+        Fetch, Fetched, Status, StatusReport, Close, Closed, ErrorReply,
+    )
+}  # fmt: skip
