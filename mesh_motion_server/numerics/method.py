@@ -1,0 +1,88 @@
+"""The choices of a session's motion, checked: the numerics' side of the case file's ``[method]``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from mesh_motion_server.errors import InvalidInput
+
+__all__ = ["CHOICES", "Method"]
+
+#: The named choices and what may be chosen; ``basis`` is checked against the table of basis functions.
+CHOICES: dict[str, tuple[str, ...]] = {
+    "displacement": ("relative", "absolute", "reanchored"),
+    "correction": ("none", "imposed-gradient", "explicit", "enrichment", "optimised"),
+    "correction_target": ("auto", "threshold", "maximum"),
+    "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
+    "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient"),
+    "solver": ("auto", "dense", "sparse", "iterative"),
+    "reduction": ("none",),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """How a mesh is moved; every field is a key of the case file's ``[method]``.
+
+    Attributes
+    ----------
+    basis : str
+        Name of the radial basis function (thesis Tables 2.1, 2.2).
+    support_radius : float or None
+        R, mesh length unit; None: chosen from the mesh when the session is built.
+    displacement : {"relative", "absolute", "reanchored"}
+        Interpolate the displacement since the committed state, the total one from the reference mesh, or the total
+        one from the reference mesh through sub-steps along a rotation-aware path.
+    correction : {"none", "imposed-gradient", "explicit", "enrichment", "optimised"}
+    correction_target : {"auto", "threshold", "maximum"}
+        Where a correction stops once the prediction is below the threshold.
+    enrichment_radius : float or None
+        R_l, mesh length unit; None: the support radius.
+    quality_metric : str
+    quality_threshold : float
+        A motion predicted below it is corrected.
+    max_enrichment_points : int
+    reduction : str
+        Control-point reduction.
+    refuse_below_threshold : bool
+        Refuse a valid motion that stays below the threshold; otherwise it is kept with a warning.
+    allow_invalid : bool
+        Keep a motion that inverts cells instead of refusing it; for studies of the plain method.
+    predictor : str
+        How the quality of the standard motion is predicted.
+    solver : str
+        How the interpolation system is factorized.
+    """
+
+    basis: str = "wendland-c2"
+    support_radius: float | None = None
+    displacement: str = "relative"
+    correction: str = "optimised"
+    correction_target: str = "auto"
+    enrichment_radius: float | None = None
+    quality_metric: str = "size-skew"
+    quality_threshold: float = 0.2
+    max_enrichment_points: int = 20
+    reduction: str = "none"
+    refuse_below_threshold: bool = False
+    allow_invalid: bool = False
+    predictor: str = "trial-nodes"
+    solver: str = "auto"
+
+    def __post_init__(self) -> None:
+        for name, known in CHOICES.items():
+            if getattr(self, name) not in known:
+                raise InvalidInput(f"{name}: {getattr(self, name)!r} is not known; known are {', '.join(known)}")
+        for name in ("support_radius", "enrichment_radius"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} must be a positive length in the mesh's unit, got {value!r}")
+        if not (math.isfinite(self.quality_threshold) and self.quality_threshold <= 1):
+            raise InvalidInput(f"quality_threshold must be a number up to 1, got {self.quality_threshold!r}")
+        if self.max_enrichment_points < 0:
+            raise InvalidInput(f"max_enrichment_points must be 0 or more, got {self.max_enrichment_points!r}")
+
+    def as_dict(self) -> dict[str, object]:
+        """The choices as plain values, in the order of the fields."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}

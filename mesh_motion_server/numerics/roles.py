@@ -1,0 +1,95 @@
+"""Patches and their roles: which nodes are told where to go, which stay, which slide.
+
+A node on several patches gets one role: moving wins over fixed, fixed wins over slip and symmetry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+
+__all__ = ["ROLES", "BoundaryRoles", "Patch"]
+
+#: Every role of the wire and the case file.
+ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
+_SLIDING = ("slip", "symmetry")
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A named part of the boundary.
+
+    Attributes
+    ----------
+    role : str
+        One of :data:`ROLES`.
+    nodes : (p,) int64 array
+        Node indices, 0-based.
+    """
+
+    role: str
+    nodes: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryRoles:
+    """The nodes of each kind, ascending, disjoint.
+
+    Attributes
+    ----------
+    moving, fixed : (k,), (f,) int64 arrays
+        Nodes whose positions are prescribed by the driver, or stay where the reference mesh has them.
+    sliding : (s,) int64 array
+        Nodes of slip and symmetry patches that are neither moving nor fixed.
+    """
+
+    moving: NDArray[np.int64]
+    fixed: NDArray[np.int64]
+    sliding: NDArray[np.int64]
+
+    @classmethod
+    def from_patches(cls, patches: Mapping[str, Patch]) -> BoundaryRoles:
+        """Sort the patches' nodes by role and precedence.
+
+        Raises
+        ------
+        InvalidInput
+            On an unknown role, on ``periodic`` (not offered by this version), or without any moving node.
+        """
+        for name, patch in patches.items():
+            if patch.role not in ROLES:
+                raise InvalidInput(f"patch {name!r}: unknown role {patch.role!r}; known are {', '.join(ROLES)}")
+            if patch.role == "periodic":
+                raise InvalidInput(
+                    f"patch {name!r}: the role 'periodic' is not offered by this version",
+                    hint="use 'slip' for planar periodic sides, or 'fixed'",
+                )
+        moving = _nodes(patches, ("moving",))
+        fixed = np.setdiff1d(_nodes(patches, ("fixed",)), moving)
+        sliding = np.setdiff1d(_nodes(patches, _SLIDING), np.union1d(moving, fixed))
+        if not len(moving):
+            raise InvalidInput(
+                "no patch with role 'moving' has a node", hint="give the role 'moving' to the patch that is displaced"
+            )
+        return cls(moving, fixed, sliding)
+
+    @property
+    def prescribed(self) -> NDArray[np.int64]:
+        """(k + f,) moving and fixed nodes, ascending."""
+        return np.union1d(self.moving, self.fixed)
+
+    @property
+    def all(self) -> NDArray[np.int64]:
+        """(k + f + s,) every node with a role, ascending."""
+        return np.union1d(self.prescribed, self.sliding)
+
+
+def _nodes(patches: Mapping[str, Patch], roles: tuple[str, ...]) -> NDArray[np.int64]:
+    """(p,) nodes of all patches with one of these roles, ascending, each once."""
+    chosen = [np.asarray(p.nodes, dtype=np.int64) for p in patches.values() if p.role in roles]
+    return np.unique(np.concatenate(chosen)) if chosen else np.empty(0, dtype=np.int64)
