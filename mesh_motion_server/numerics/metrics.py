@@ -1,0 +1,279 @@
+"""Mesh quality: relative size, skew and size-skew of every cell (thesis §2.3).
+
+The size metric compares a cell with itself in the reference mesh, ``τ = Σ_k α_k / Σ_k α_k⁰`` with the corner
+determinants α_k, ``size = sign(τ) · min(|τ|, 1/|τ|)`` (thesis 2.13, which as printed sums the ratios and so gives n
+for an undeformed cell). Skew is absolute: 1 for the ideal cell, 0 for a degenerate one (thesis 2.14, 3.30); the
+formulas of all cell types stand in :mod:`~mesh_motion_server.numerics.corner_kernels`. They are combined to
+
+======================  =================================  =========================================
+metric                  formula                            source
+======================  =================================  =========================================
+``size``                size                               thesis (2.13); its 2D tables use this one
+``skew``                skew                               thesis (2.14)
+``size-skew``           sign(size) · √|size| · skew        thesis, text below (2.15); the default
+``size-skew-root``      sign(size) · √(|size| · skew)      thesis (2.15)
+``size-skew-product``   size · skew                        thesis (3.21), (3.24), (3.28), (3.30)
+======================  =================================  =========================================
+
+Skew is never negative. A cell whose corners are all inverted keeps the skew of its mirror image, so that size-skew
+tells a badly inverted cell from a slightly inverted one; a cell of which some corners are inverted has skew 0. A cell
+with a position that is not finite has -inf in every metric: worse than any number, and never equal to a good value.
+
+Node indices are not checked here: :func:`~mesh_motion_server.numerics.mesh_check.check_mesh` does that once.
+
+References
+----------
+P. M. Knupp, Algebraic mesh quality metrics for unstructured initial meshes, Finite Elements in Analysis and Design
+39 (2003) 217–241.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics import corner_kernels as kernels
+from mesh_motion_server.numerics.cells import CELL_TYPES, CellBlock, CellTable, CellType
+
+__all__ = [
+    "QUALITY_METRICS",
+    "CellQuality",
+    "Extremes",
+    "cell_quality",
+    "minimum_quality",
+    "quality_extremes",
+    "reference_sizes",
+    "subset_quality",
+]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+#: Name → formula of every quality metric.
+QUALITY_METRICS: dict[str, str] = {
+    "size": "sign(τ) min(|τ|, 1/|τ|)",
+    "skew": "skew",
+    "size-skew": "sign(size) √|size| skew",
+    "size-skew-root": "sign(size) √(|size| skew)",
+    "size-skew-product": "size skew",
+}
+
+_SHAPES = {
+    "line": kernels.LENGTH,
+    "triangle": kernels.MEAN_RATIO,
+    "quad": kernels.ANGLES,
+    "tetra": kernels.MEAN_RATIO,
+    "hexahedron": kernels.ANGLES,
+    "wedge": kernels.ANGLES,
+    "pyramid": kernels.MEAN_RATIO,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CellQuality:
+    """Quality of m cells.
+
+    Attributes
+    ----------
+    size : (m,) array
+        Signed relative size in [-1, 1]; -inf for a cell with positions that are not finite.
+    skew : (m,) array
+        In [0, 1]; -inf as above.
+    inverted : (m,) bool array
+        Any corner determinant ≤ 0 (or not a number).
+    """
+
+    size: Floats
+    skew: Floats
+    inverted: Bools
+
+    def __len__(self) -> int:
+        return len(self.size)
+
+    def metric(self, name: str) -> Floats:
+        """Values (m,) of one of :data:`QUALITY_METRICS`.
+
+        Raises
+        ------
+        InvalidInput
+            On an unknown name.
+        """
+        code = metric_code(name)
+        if name in ("size", "skew"):
+            return self.size if name == "size" else self.skew
+        values: Floats = kernels.metric_values(self.size, self.skew, code)
+        return values
+
+
+class Extremes(NamedTuple):
+    """What one pass over a mesh says without storing anything.
+
+    Attributes
+    ----------
+    minimum : float
+        The smallest value of the metric.
+    cell : int
+        The cell it belongs to; of equal ones the first.
+    inverted : int
+        Number of inverted cells.
+    """
+
+    minimum: float
+    cell: int
+    inverted: int
+
+
+def metric_code(name: str) -> int:
+    """Number of a metric in the compiled kernels; InvalidInput on an unknown name."""
+    if name not in QUALITY_METRICS:
+        raise InvalidInput(
+            f"unknown quality metric {name!r}; known are {', '.join(QUALITY_METRICS)}", details={"metric": str(name)}
+        )
+    return kernels.METRIC_CODES[name]
+
+
+@lru_cache
+def ideal_corner(type_name: str) -> Floats:
+    """(d + 1, d) array for the kernels: G = W⁻¹ W⁻ᵀ, then the row (det W, det W / Π|W_i|, …)."""
+    W = CELL_TYPES[type_name].ideal_array
+    d = len(W)
+    out = np.zeros((d + 1, max(d, 2)))
+    inverse = np.linalg.inv(W)
+    out[:d, :d] = inverse @ inverse.T
+    det = float(np.linalg.det(W))
+    out[d, :2] = det, det / float(np.prod(np.linalg.norm(W, axis=0)))
+    return out
+
+
+def shape_code(cell_type: CellType) -> int:
+    """Which formula of the kernels gives this cell type's skew."""
+    return _SHAPES[cell_type.name]
+
+
+def empty_quality(count: int) -> CellQuality:
+    """Uninitialised result arrays for the kernels."""
+    return CellQuality(np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_))
+
+
+def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
+    """Each block with the slice of cell numbers that belongs to it."""
+    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+        yield block, slice(first, first + len(block))
+
+
+def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
+    """Points as the kernels want them; InvalidInput if they are not (n, d) with the cells' dimension."""
+    positions = np.ascontiguousarray(points, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != dimension:
+        raise InvalidInput(
+            f"points: expected an array of shape (n, {dimension}) for {dimension}D cells, got {positions.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"shape": list(positions.shape), "dimension": dimension},
+        )
+    return positions
+
+
+def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
+    """Σ_k det A_k of every cell of the reference mesh: what τ is measured against.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+
+    Returns
+    -------
+    (m,) array, mesh length unit to the power d
+        Proportional to length, area or volume (:attr:`CellType.size_factor`).
+    """
+    positions = as_positions(points, cells.dimension)
+    out = np.empty(len(cells))
+    for block, rows in block_slices(cells):
+        kernels.node_sizes(positions, block.nodes, block.type.corner_array, out[rows])
+    return out
+
+
+def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats) -> CellQuality:
+    """Size, skew and validity of every cell.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+    reference_sizes : (m,) array
+        From :func:`reference_sizes` of the mesh that size is measured against; non-zero.
+    """
+    positions = as_positions(points, cells.dimension)
+    out = empty_quality(len(cells))
+    for block, rows in block_slices(cells):
+        _block_quality(positions, block.type, block.nodes, reference_sizes[rows], out, rows)
+    return out
+
+
+def subset_quality(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, numbers: NDArray[np.integer]
+) -> CellQuality:
+    """As :func:`cell_quality` for the cells with the given numbers (s,) only, in that order; cost follows s."""
+    positions = as_positions(points, cells.dimension)
+    chosen = np.asarray(numbers, dtype=np.int64)
+    out = empty_quality(len(chosen))
+    for block, rows in block_slices(cells):
+        here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
+        part = empty_quality(len(here))
+        nodes = block.nodes[chosen[here] - rows.start]
+        _block_quality(positions, block.type, nodes, reference_sizes[chosen[here]], part, slice(0, len(here)))
+        out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
+    return out
+
+
+def quality_extremes(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, metric: str = "size-skew"
+) -> Extremes:
+    """Smallest value of a metric, its cell and the number of inverted cells, in one pass that stores nothing."""
+    positions, code = as_positions(points, cells.dimension), metric_code(metric)
+    best, inversions = (np.inf, 0), 0
+    for block, rows in block_slices(cells):
+        least, where, inverted = kernels.node_extremes(
+            positions,
+            block.nodes,
+            block.type.corner_array,
+            shape_code(block.type),
+            ideal_corner(block.type.name),
+            reference_sizes[rows],
+            code,
+        )
+        first = int(np.argmin(least))
+        best = min(best, (float(least[first]), rows.start + int(where[first])))
+        inversions += int(inverted.sum())
+    return Extremes(*best, inversions)
+
+
+def minimum_quality(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, metric: str = "size-skew"
+) -> float:
+    """Smallest value of a metric over the mesh; stores nothing (see :func:`quality_extremes`)."""
+    return quality_extremes(points, cells, reference_sizes, metric).minimum
+
+
+def _block_quality(
+    points: Floats, cell_type: CellType, nodes: Ints, reference: Floats, out: CellQuality, rows: slice
+) -> None:
+    """Quality of cells of one type, written into out[rows]."""
+    kernels.node_quality(
+        points,
+        nodes,
+        cell_type.corner_array,
+        shape_code(cell_type),
+        ideal_corner(cell_type.name),
+        reference,
+        out.size[rows],
+        out.skew[rows],
+        out.inverted[rows],
+    )
