@@ -1,0 +1,175 @@
+"""Settings at the edges, checked strictly: how a mesh is moved, and how the server runs.
+
+:class:`MethodSettings` has the keys of the case file's ``[method]`` and of OPEN's ``settings``; :class:`ServerSettings`
+those of the server. Unknown keys, wrong types (``"0.5"`` for a number, ``1`` for a truth value), NaN and infinity are
+refused with one line that names the key, the value and what was expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.method import CHOICES, Method
+
+__all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability"]
+
+#: Control-point reductions of the literature (thesis §2.2.3); this version computes with all boundary nodes.
+_KNOWN_REDUCTIONS = (
+    "none",
+    "greedy",
+    "one-point",
+    "peaks",
+    "double-edge",
+    "incremental-lu",
+    "recurrence-cholesky",
+    "grouping-circular",
+)
+_OFFERED_REDUCTIONS = CHOICES["reduction"]
+
+#: Durability levels this version offers, the default first. TRUST names "replay" and "relaxed" for later versions.
+DURABILITY_LEVELS = ("full",)
+
+_Length = Annotated[float, Field(gt=0)]
+
+
+class _Strict(BaseModel):
+    """Nothing is converted, nothing unknown is ignored, nothing is changed afterwards."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True, validate_default=True)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """Check plain values, as they come from a case file or the wire.
+
+        Raises
+        ------
+        InvalidInput
+            Naming the first offending key, its value and what was expected.
+        """
+        try:
+            return cls.model_validate(dict(values))
+        except ValidationError as error:
+            raise _first_offender(error, cls) from error
+
+
+class MethodSettings(_Strict):
+    """The case file's ``[method]``; :class:`mesh_motion_server.numerics.method.Method` says what each key does."""
+
+    basis: str = "wendland-c2"
+    support_radius: _Length | None = None
+    displacement: str = "relative"
+    correction: str = "optimised"
+    correction_target: str = "auto"
+    enrichment_radius: _Length | None = None
+    quality_metric: str = "size-skew"
+    quality_threshold: Annotated[float, Field(ge=-1, le=1)] = 0.2
+    max_enrichment_points: Annotated[int, Field(ge=0, le=100_000)] = 20
+    reduction: str = "none"
+    refuse_below_threshold: bool = False
+    allow_invalid: bool = False
+    predictor: str = "trial-nodes"
+    solver: str = "auto"
+
+    @field_validator(*(name for name in CHOICES if name != "reduction"))
+    @classmethod
+    def _known_choice(cls, value: str, info: Any) -> str:
+        known = CHOICES[info.field_name]
+        if value not in known:
+            raise ValueError(f"one of {', '.join(known)}")
+        return value
+
+    @field_validator("reduction")
+    @classmethod
+    def _offered_reduction(cls, value: str) -> str:
+        if value not in _KNOWN_REDUCTIONS:
+            raise ValueError(f"one of {', '.join(_OFFERED_REDUCTIONS)}")
+        if value not in _OFFERED_REDUCTIONS:
+            known = ", ".join(_KNOWN_REDUCTIONS)
+            raise ValueError(f"'none': known algorithms are {known}; only 'none' is available in this version")
+        return value
+
+    def to_method(self) -> Method:
+        """The numerics' form of the same choices."""
+        return Method(**self.model_dump())
+
+
+class ServerSettings(_Strict):
+    """How the server runs: where it listens, where it keeps sessions, and every limit."""
+
+    endpoint: str = "tcp://127.0.0.1:7440"
+    state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")
+    max_sessions: Annotated[int, Field(ge=1)] = 64
+    max_partitions: Annotated[int, Field(ge=1)] = 1024
+    max_session_bytes: Annotated[int, Field(ge=1 << 10)] = 4 << 30
+    max_header_bytes: Literal[65536] = 65536
+    max_chunk_bytes: Annotated[int, Field(ge=1 << 10)] = 16 << 20
+    max_label_characters: Annotated[int, Field(ge=1)] = 200
+    worker_memory_bytes: Annotated[int, Field(ge=256 << 20)] = 8 << 30
+    factor_cache_bytes: Annotated[int, Field(ge=0)] = 1 << 30
+    stored_replies: Annotated[int, Field(ge=1)] = 8
+    stored_reply_bytes: Annotated[int, Field(ge=1 << 10)] = 256 << 20
+    threads: Annotated[int, Field(ge=0)] = 0
+    collective_timeout_seconds: _Length = 120.0
+    lease_seconds: _Length = 60.0
+    handshake_seconds: _Length = 5.0
+    idle_seconds: _Length = 3600.0
+    drain_seconds: _Length = 30.0
+
+    def limits(self) -> dict[str, int]:
+        """What WELCOME announces: names and units as in SPEC.md."""
+        names = (
+            "max_sessions",
+            "max_partitions",
+            "max_session_bytes",
+            "max_header_bytes",
+            "max_chunk_bytes",
+            "max_label_characters",
+            "stored_replies",
+            "stored_reply_bytes",
+        )
+        limits = {name: int(getattr(self, name)) for name in names}
+        return limits | {
+            "collective_timeout_ms": round(1000 * self.collective_timeout_seconds),
+            "lease_ms": round(1000 * self.lease_seconds),
+        }
+
+
+def check_durability(level: str) -> str:
+    """The level in force: ``""`` asks for the default.
+
+    Raises
+    ------
+    InvalidInput
+        If this version does not offer the level.
+    """
+    if level and level not in DURABILITY_LEVELS:
+        raise InvalidInput(
+            f"durability: {level!r} is not offered; offered are {', '.join(DURABILITY_LEVELS)}",
+            hint="leave it empty for the default",
+        )
+    return level or DURABILITY_LEVELS[0]
+
+
+def _first_offender(error: ValidationError, model: type[BaseModel]) -> InvalidInput:
+    """One line for the first error: key, value, what was expected."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"] if str(part) in model.model_fields) or str(first["loc"][0])
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(model.model_fields)
+        return InvalidInput(f"unknown setting {key!r}; known are {known}", details={"setting": key})
+    value = first["input"]
+    message = f"setting {key!r}: expected {_expectation(first['msg'])}, got {value!r}"
+    return InvalidInput(message, details={"setting": key, "value": repr(value)})
+
+
+def _expectation(message: str) -> str:
+    """The part of pydantic's message that says what was expected."""
+    for prefix in ("Value error, ", "Input should be ", "Input "):
+        if message.startswith(prefix):
+            return message.removeprefix(prefix)
+    return message
