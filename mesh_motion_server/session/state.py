@@ -1,0 +1,193 @@
+"""The session's state machine as a table, and the values it moves between.
+
+::
+
+    NEW ──UPLOAD──▶ OPENING ──BUILD──▶ READY ──MOVE──▶ TRIAL ──COMMIT──▶ (COMMITTING) ──▶ READY
+                                         ▲────────────ROLLBACK──┘
+
+Side states: SUSPENDED (the lease was lost), FROZEN (the disk failed; nothing more is written), FAILED (an unexpected
+failure; nothing is trusted), CLOSED. COMMITTING lasts while a commit is made durable. :data:`TABLE` is the single
+source of what is allowed when; SPEC.md's table is drawn from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import SessionError
+
+__all__ = ["TABLE", "CommittedState", "Operation", "Refusal", "State", "Trial", "admit"]
+
+
+class State(StrEnum):
+    """Where a session stands."""
+
+    NEW = "NEW"
+    OPENING = "OPENING"
+    READY = "READY"
+    TRIAL = "TRIAL"
+    COMMITTING = "COMMITTING"
+    SUSPENDED = "SUSPENDED"
+    FROZEN = "FROZEN"
+    FAILED = "FAILED"
+    CLOSED = "CLOSED"
+
+
+class Operation(StrEnum):
+    """What may be asked of a session: its requests, RESUME by a new holder, and the lease's end."""
+
+    JOIN = "JOIN"
+    UPLOAD = "UPLOAD"
+    BUILD = "BUILD"
+    MOVE = "MOVE"
+    COMMIT = "COMMIT"
+    ROLLBACK = "ROLLBACK"
+    FETCH = "FETCH"
+    STATUS = "STATUS"
+    CLOSE = "CLOSE"
+    RESUME = "RESUME"
+    LEASE_END = "LEASE_END"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why an operation is not allowed in a state, and the way out."""
+
+    message: str
+    hint: str
+    code: str = "FAILED_PRECONDITION.STATE"
+
+
+Row = Mapping[Operation, State | Refusal]
+
+_NO_MESH = Refusal("no mesh has been uploaded", "send UPLOAD first")
+_NOT_BUILT = Refusal("the mesh is not built yet", "send UPLOAD and BUILD first")
+_BUILT = Refusal("the mesh is already built", "open another session for another mesh")
+_NO_TRIAL = Refusal("there is no trial to commit", "send MOVE first")
+_COMMITTING = Refusal("a commit is being made durable", "wait for its reply")
+_SUSPENDED = Refusal("the session is suspended: no holder was heard within the lease", "send JOIN again")
+_FROZEN = Refusal(
+    "the disk failed while the session was written, nothing more is written",
+    "see to the disk, send CLOSE with outcome 'keep', then RESUME",
+    "RESOURCE_EXHAUSTED.DISK",
+)
+_FAILED = Refusal("the session failed unexpectedly", "send CLOSE with outcome 'keep', then RESUME")
+_CLOSED = Refusal("the session is closed", "send RESUME to the control endpoint")
+
+_S, _O = State, Operation
+
+
+def _row(
+    default: Refusal, allowed: Mapping[Operation, State], refused: Mapping[Operation, Refusal] | None = None
+) -> Row:
+    """One state's row: allowed operations, particular refusals, and the refusal of the rest."""
+    cells: dict[Operation, State | Refusal] = dict.fromkeys(Operation, default)
+    return MappingProxyType(cells | dict(allowed) | dict(refused or {}))
+
+
+def _staying(state: State, *operations: Operation) -> dict[Operation, State]:
+    return dict.fromkeys(operations, state)
+
+
+#: state × operation → the state afterwards (when the operation succeeds), or the refusal.
+TABLE: Mapping[State, Row] = MappingProxyType(
+    {
+        _S.NEW: _row(
+            _NOT_BUILT,
+            _staying(_S.NEW, _O.JOIN, _O.STATUS, _O.RESUME, _O.LEASE_END)
+            | {_O.UPLOAD: _S.OPENING, _O.CLOSE: _S.CLOSED},
+            {_O.BUILD: _NO_MESH},
+        ),
+        _S.OPENING: _row(
+            _NOT_BUILT,
+            _staying(_S.OPENING, _O.JOIN, _O.STATUS, _O.UPLOAD, _O.RESUME, _O.LEASE_END)
+            | {_O.BUILD: _S.READY, _O.CLOSE: _S.CLOSED},
+        ),
+        _S.READY: _row(
+            _BUILT,
+            _staying(_S.READY, _O.JOIN, _O.STATUS, _O.FETCH, _O.ROLLBACK, _O.RESUME)
+            | {_O.MOVE: _S.TRIAL, _O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
+            {_O.COMMIT: _NO_TRIAL},
+        ),
+        _S.TRIAL: _row(
+            _BUILT,
+            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE)
+            | _staying(_S.READY, _O.COMMIT, _O.ROLLBACK, _O.RESUME)
+            | {_O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
+        ),
+        _S.COMMITTING: _row(_COMMITTING, _staying(_S.COMMITTING, _O.STATUS, _O.LEASE_END)),
+        _S.SUSPENDED: _row(
+            _SUSPENDED,
+            _staying(_S.READY, _O.JOIN, _O.RESUME)
+            | _staying(_S.SUSPENDED, _O.STATUS, _O.LEASE_END)
+            | {_O.CLOSE: _S.CLOSED},
+        ),
+        _S.FROZEN: _row(
+            _FROZEN,
+            _staying(_S.FROZEN, _O.JOIN, _O.STATUS, _O.FETCH, _O.LEASE_END) | {_O.CLOSE: _S.CLOSED},
+        ),
+        _S.FAILED: _row(
+            _FAILED,
+            _staying(_S.FAILED, _O.JOIN, _O.STATUS, _O.LEASE_END) | {_O.CLOSE: _S.CLOSED},
+        ),
+        _S.CLOSED: _row(_CLOSED, _staying(_S.CLOSED, _O.LEASE_END)),
+    }
+)
+
+
+def admit(state: State, operation: Operation) -> State:
+    """The state after ``operation`` succeeds in ``state``.
+
+    Raises
+    ------
+    SessionError
+        If the table does not allow it; the details carry state and operation.
+    """
+    cell = TABLE[state][operation]
+    if isinstance(cell, State):
+        return cell
+    raise SessionError(
+        f"{operation} is not allowed in state {state}: {cell.message}",
+        code=cell.code,
+        hint=cell.hint,
+        details={"state": str(state), "operation": str(operation)},
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CommittedState:
+    """What is durable: the step and where its nodes are.
+
+    Attributes
+    ----------
+    step : int
+        0 for the mesh as uploaded.
+    points : (n, d) array, mesh length unit
+        Coordinates in the session's canonical node order; read-only.
+    """
+
+    step: int
+    points: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What the last MOVE computed and no COMMIT has confirmed.
+
+    Attributes
+    ----------
+    step, iteration : int
+        The step it would become, and how many MOVEs the step has had.
+    points : (n, d) array, mesh length unit
+        Trial coordinates in canonical order; read-only.
+    """
+
+    step: int
+    iteration: int
+    points: NDArray[np.float64]
