@@ -1,0 +1,251 @@
+"""Positive semi-definite blocks of the distortion's Hessian, one per corner simplex, analytic.
+
+With the signed singular value decomposition ``J = U S Vᵀ`` (det U = det V = 1) the Hessian of ℓ with respect to J falls
+apart: the stretches ``u_i v_iᵀ`` couple through a d × d matrix, every pair (i, j) has one rotation-like and one
+shear-like mode (cf. Smith, de Goes & Kim, Analytic eigensystems for isotropic distortion energies, ACM TOG 38, 2019)::
+
+    t_i = Π_{j≠i} s_j,   t_ij = 1 (2D) | s_k (3D), 0 for i = j,   ℓ_i = 2 s_i/q + h1 t_i
+    M_ij = 2 δ_ij/q − 4 s_i s_j/q² + h2 t_i t_j + h1 t_ij + p ℓ_i ℓ_j        eigenpairs (λ, e): mode Σ e_i u_i v_iᵀ
+    (u_i v_jᵀ ∓ u_j v_iᵀ)/√2   with   λ = 2/q ± h1 t_ij
+
+``p ℓ_i ℓ_j`` is the rank-one term of the p-mean. Negative λ are dropped; the rest goes to the nodes through P::
+
+    H_c = (w_c + floor/n) Σ λ v vᵀ
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.distortion import BLOCK, CornerSimplices, PNorm, jacobian, slopes
+
+__all__ = ["FLOOR", "corner_blocks"]
+
+FLOOR = 0.1
+"""Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
+
+_JACOBI_SWEEPS = 12
+_ROOT_HALF = math.sqrt(0.5)
+
+
+def corner_blocks(
+    points: NDArray[np.float64],
+    simplices: CornerSimplices,
+    weights: NDArray[np.float64],
+    norm: PNorm,
+    blocks: NDArray[np.float32],
+    *,
+    least_weight: float = 0.0,
+    floor: float = FLOOR,
+) -> None:
+    """Update the blocks (c, d², d²) of the corners heavier than ``least_weight`` in place.
+
+    Row and column ``j d + i`` belong to the coordinate i of the edge j, which ends at node j + 1; the rows of node 0
+    are minus the sums. Single precision is enough for a model of the curvature, and halves the memory.
+    """
+    _corner_blocks(
+        points,
+        simplices.nodes,
+        simplices.ideal,
+        weights,
+        floor / len(weights),
+        norm.p,
+        norm.m,
+        norm.epsilon,
+        least_weight,
+        blocks,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _symmetric_eigen(a, v):  # type: ignore[no-untyped-def]
+    """Cyclic Jacobi: a (k, k) becomes diagonal, the columns of v (k, k) the eigenvectors."""
+    k = a.shape[0]
+    for i in range(k):
+        for j in range(k):
+            v[i, j] = 1.0 if i == j else 0.0
+    for _ in range(_JACOBI_SWEEPS):
+        off, size = 0.0, 0.0
+        for i in range(k):
+            size += abs(a[i, i])
+            for j in range(i):
+                off += abs(a[i, j])
+        if not off > 1e-15 * size:
+            return
+        for i in range(1, k):
+            for j in range(i):
+                _rotate(a, v, j, i)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _rotate(a, v, i, j):  # type: ignore[no-untyped-def]
+    """One Jacobi rotation that annihilates a[i, j]."""
+    if a[i, j] == 0.0:
+        return
+    theta = (a[j, j] - a[i, i]) / (2.0 * a[i, j])
+    t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    if theta < 0.0:
+        t = -t
+    c = 1.0 / math.sqrt(t * t + 1.0)
+    s = t * c
+    for k in range(a.shape[0]):
+        a[k, i], a[k, j] = c * a[k, i] - s * a[k, j], s * a[k, i] + c * a[k, j]
+    for k in range(a.shape[0]):
+        a[i, k], a[j, k] = c * a[i, k] - s * a[j, k], s * a[i, k] + c * a[j, k]
+    for k in range(a.shape[0]):
+        v[k, i], v[k, j] = c * v[k, i] - s * v[k, j], s * v[k, i] + c * v[k, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _signed_svd_2(jac, u, s, v):  # type: ignore[no-untyped-def]
+    """Closed form in 2D: J = R(φ) S R(θ), rotations only, s_1 ≥ |s_2|."""
+    e, f = 0.5 * (jac[0, 0] + jac[1, 1]), 0.5 * (jac[0, 0] - jac[1, 1])
+    g, h = 0.5 * (jac[1, 0] + jac[0, 1]), 0.5 * (jac[1, 0] - jac[0, 1])
+    q, r = math.hypot(e, h), math.hypot(f, g)
+    s[0], s[1] = q + r, q - r
+    a, b = math.atan2(g, f), math.atan2(h, e)
+    phi, theta = 0.5 * (b + a), 0.5 * (b - a)
+    u[0, 0], u[1, 1], u[1, 0], u[0, 1] = math.cos(phi), math.cos(phi), math.sin(phi), -math.sin(phi)
+    v[0, 0], v[1, 1], v[1, 0], v[0, 1] = math.cos(theta), math.cos(theta), -math.sin(theta), math.sin(theta)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _cross(a, i, j, k):  # type: ignore[no-untyped-def]
+    """Column k of a (3, 3) = column i × column j."""
+    for r in range(3):
+        r1, r2 = (r + 1) % 3, (r + 2) % 3
+        a[r, k] = a[r1, i] * a[r2, j] - a[r2, i] * a[r1, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _signed_svd_3(jac, u, s, v, gram):  # type: ignore[no-untyped-def]
+    """Through the eigenvectors of JᵀJ; only the smallest singular value may be negative."""
+    for i in range(3):
+        for j in range(3):
+            gram[i, j] = jac[0, i] * jac[0, j] + jac[1, i] * jac[1, j] + jac[2, i] * jac[2, j]
+    _symmetric_eigen(gram, v)
+    for i in range(2):  # the largest two first
+        for j in range(i + 1, 3):
+            if gram[j, j] > gram[i, i]:
+                gram[i, i], gram[j, j] = gram[j, j], gram[i, i]
+                for r in range(3):
+                    v[r, i], v[r, j] = v[r, j], v[r, i]
+    _cross(v, 0, 1, 2)
+    for k in range(2):
+        for r in range(3):
+            u[r, k] = jac[r, 0] * v[0, k] + jac[r, 1] * v[1, k] + jac[r, 2] * v[2, k]
+        if k == 1:  # orthogonal also where s_2 is lost in the rounding of JᵀJ
+            along = u[0, 0] * u[0, 1] + u[1, 0] * u[1, 1] + u[2, 0] * u[2, 1]
+            for r in range(3):
+                u[r, 1] -= along * u[r, 0]
+        s[k] = math.sqrt(u[0, k] ** 2 + u[1, k] ** 2 + u[2, k] ** 2)
+        for r in range(3):
+            u[r, k] /= s[k]
+    _cross(u, 0, 1, 2)
+    s[2] = 0.0
+    for i in range(3):
+        for j in range(3):
+            s[2] += u[i, 2] * jac[i, j] * v[j, 2]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _stretch_matrix(s, q, h1, h2, p, out):  # type: ignore[no-untyped-def]
+    """out (d, d) = M of the module's text."""
+    d = len(s)
+    for i in range(d):
+        t_i = 1.0
+        for k in range(d):
+            t_i *= s[k] if k != i else 1.0
+        for j in range(d):
+            t_j, t_ij = 1.0, 0.0 if i == j else 1.0
+            for k in range(d):
+                t_j *= s[k] if k != j else 1.0
+                t_ij *= s[k] if k not in (i, j) else 1.0
+            rank_one = p * (2.0 * s[i] / q + h1 * t_i) * (2.0 * s[j] / q + h1 * t_j)
+            out[i, j] = -4.0 * s[i] * s[j] / (q * q) + h2 * t_i * t_j + h1 * t_ij + rank_one
+        out[i, i] += 2.0 / q
+
+
+@njit(cache=True, error_model="numpy")
+def _modes(s, q, h1, h2, p, matrix, vectors, values, pairs):  # type: ignore[no-untyped-def]
+    """Eigenvalues (d²) of the modes: first the d stretches (columns of vectors), then two for every pair."""
+    d = len(s)
+    _stretch_matrix(s, q, h1, h2, p, matrix)
+    _symmetric_eigen(matrix, vectors)
+    for i in range(d):
+        values[i] = matrix[i, i]
+    mode = d
+    for i in range(d):
+        for j in range(i + 1, d):
+            t_ij = s[3 - i - j] if d == 3 else 1.0
+            values[mode], values[mode + 1] = 2.0 / q + h1 * t_ij, 2.0 / q - h1 * t_ij
+            pairs[mode, 0], pairs[mode, 1] = i, j
+            pairs[mode + 1, 0], pairs[mode + 1, 1] = i, j
+            mode += 2
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _corner_blocks(  # type: ignore[no-untyped-def]
+    points, corners, ideals, weights, floor, p, m, epsilon, least_weight, out
+):
+    n, d = len(corners), points.shape[1]
+    n_modes = d * d
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        jac, u, v, z = np.empty((d, d)), np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
+        matrix, vectors, s = np.empty((d, d)), np.empty((d, d)), np.empty(d)
+        values, pairs, mode = np.empty(n_modes), np.zeros((n_modes, 2), np.int64), np.empty(n_modes)
+        total = np.empty((n_modes, n_modes))
+        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            if weights[c] < least_weight:
+                continue
+            tau, q = jacobian(points, corners[c], ideals[c], jac)
+            h1, h2 = slopes(tau, d, m, epsilon)
+            if d == 3:
+                _signed_svd_3(jac, u, s, v, matrix)
+            elif d == 2:
+                _signed_svd_2(jac, u, s, v)
+            else:
+                u[0, 0], v[0, 0], s[0] = 1.0, 1.0, jac[0, 0]
+            _modes(s, q, h1, h2, p, matrix, vectors, values, pairs)
+            for j in range(d):  # z = P V: the right singular vectors at the edges
+                for k in range(d):
+                    z[j, k] = 0.0
+                    for r in range(d):
+                        z[j, k] += ideals[c, j, r] * v[r, k]
+            total[:] = 0.0
+            for mode_number in range(n_modes):
+                if values[mode_number] > 0.0:
+                    _mode_at_edges(mode_number, u, z, vectors, pairs, mode)
+                    scale = values[mode_number]
+                    for a in range(n_modes):
+                        va = scale * mode[a]
+                        for b in range(a + 1):
+                            total[a, b] += va * mode[b]
+            weight = weights[c] + floor
+            for a in range(n_modes):
+                for b in range(a + 1):
+                    value = np.float32(weight * total[a, b])
+                    out[c, a, b] = value
+                    out[c, b, a] = value
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _mode_at_edges(mode_number, u, z, vectors, pairs, out):  # type: ignore[no-untyped-def]
+    """out (d²) = a unit mode N of J, taken to the edges: out[j d + i] = Σ_k N_ik P_jk."""
+    d = u.shape[0]
+    if mode_number < d:
+        for j in range(d):
+            for i in range(d):
+                out[j * d + i] = 0.0
+                for k in range(d):
+                    out[j * d + i] += vectors[k, mode_number] * u[i, k] * z[j, k]
+        return
+    a, b = pairs[mode_number, 0], pairs[mode_number, 1]
+    sign = -1.0 if (mode_number - d) % 2 == 0 else 1.0
+    for j in range(d):
+        for i in range(d):
+            out[j * d + i] = _ROOT_HALF * (u[i, a] * z[j, b] + sign * u[i, b] * z[j, a])

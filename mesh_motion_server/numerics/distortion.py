@@ -1,0 +1,291 @@
+"""The distortion ℓ of corner simplices, its p-mean over a mesh, and the gradient with respect to the nodes.
+
+A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` from its ideal, ``τ = det J`` and
+``q = |J|²_F``. Its distortion ::
+
+    ℓ   = log q − log d − (2/d) log τ + (1/2m) log cosh(m log τ)                 τ > 0
+    ℓ_ε = log q − log d − (2/d + ½) log χ + ½ log((1 + τ²)/2)                    untangling, any τ
+          χ = (τ + √(τ² + ε²))/2
+
+is log(1/size-skew) of a simplex but for the rounding of |log τ| (m → ∞ removes it), and ℓ_ε is finite for inverted
+cells. The mesh's distortion is the p-mean, a smooth maximum ::
+
+    E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
+
+The first term is the mean-ratio shape measure (Knupp 2001), χ the regularised determinant of Escobar et al. (2003),
+Garanzha et al. (2021). Everything is computed in fixed blocks of corners, so results do not depend on the threads.
+
+References
+----------
+P. M. Knupp, Algebraic mesh quality metrics, SIAM J. Sci. Comput. 23 (2001) 193-218.
+J. M. Escobar et al., Simultaneous untangling and smoothing of tetrahedral meshes, CMAME 192 (2003) 2775-2787.
+V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40 (2021).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.cells import CellTable, CellType
+
+__all__ = ["CornerSimplices", "PNorm", "corner_simplices", "distortion_gradient", "mean_distortion"]
+
+BLOCK = 512
+"""Corners per block of the compiled loops: the unit of work of a thread and of every partial sum."""
+
+_DEGENERATE = 1e-6  # reference corners flatter than this (det / product of edge lengths) take the cell type's ideal
+
+
+@dataclass(frozen=True)
+class PNorm:
+    """Which smooth maximum of which distortion.
+
+    Attributes
+    ----------
+    p : float
+        Exponent: 1 is the mean, large values approach the maximum.
+    m : float
+        Sharpness of the size term's |log τ|.
+    epsilon : float
+        Regularisation of the determinant; 0 is the barrier (every τ must be positive).
+    """
+
+    p: float
+    m: float
+    epsilon: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class CornerSimplices:
+    """Corner simplices with their map to the ideal.
+
+    Attributes
+    ----------
+    nodes : (c, d + 1) int32 array
+        Nodes (k, a, b[, c]) of each corner.
+    ideal : (c, d, d) array
+        P: the Jacobian from the ideal simplex is ``[x_a − x_k, …] P``, of determinant 1 where the size is unchanged.
+    """
+
+    nodes: NDArray[np.int32]
+    ideal: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @property
+    def dimension(self) -> int:
+        """1, 2 or 3."""
+        return self.nodes.shape[1] - 1
+
+
+def corner_simplices(
+    reference: NDArray[np.float64], cells: CellTable, reference_sizes: NDArray[np.float64]
+) -> CornerSimplices:
+    """All corner simplices of some cells.
+
+    Parameters
+    ----------
+    reference : (n, d) array, mesh length unit
+        Nodes of the reference mesh: the ideal shape of quad, hexahedron, wedge and pyramid corners.
+    cells : CellTable
+    reference_sizes : (m,) array, length^d
+        Σ_k det A_k of each cell in the reference mesh: the ideal size.
+
+    Notes
+    -----
+    A triangle or tetrahedron is measured against the equilateral simplex of its reference size, because its skew is
+    absolute. The others are measured against their own corners, because a boundary layer's flat quads are meant.
+    """
+    nodes, ideals = [], []
+    for block, first in zip(cells, cells.offsets, strict=False):
+        corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
+        sizes = reference_sizes[first : first + len(block)] / corners.shape[1]
+        nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32))
+        ideals.append(_ideal_maps(reference, nodes[-1], np.repeat(sizes, corners.shape[1]), block.type))
+    return CornerSimplices(np.concatenate(nodes), np.concatenate(ideals))
+
+
+def _ideal_maps(
+    reference: NDArray[np.float64], corners: NDArray[np.int32], dets: NDArray[np.float64], cell_type: CellType
+) -> NDArray[np.float64]:
+    """(c, d, d) maps P of the corners (c, d + 1) of one cell type; dets (c,) their ideal determinants."""
+    w, d = cell_type.ideal_array, cell_type.dimension
+    scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
+    ideal: NDArray[np.float64] = scale[:, None, None] * np.linalg.inv(w)
+    if cell_type.is_simplex:
+        return ideal
+    edges = np.swapaxes(reference[corners[:, 1:]] - reference[corners[:, :1]], 1, 2)
+    lengths = np.linalg.norm(edges, axis=1).prod(axis=1)
+    own = np.linalg.det(edges) > _DEGENERATE * lengths
+    ideal[own] = np.linalg.inv(edges[own])
+    return ideal
+
+
+def mean_distortion(
+    points: NDArray[np.float64], simplices: CornerSimplices, norm: PNorm
+) -> tuple[float, NDArray[np.float64]]:
+    """E and the weights w (c,) of the corners at the points (n, d).
+
+    E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
+    """
+    measure = np.empty(len(simplices))
+    highest = _measure(points, simplices.nodes, simplices.ideal, norm.m, norm.epsilon, measure)
+    if not math.isfinite(highest):
+        return math.inf, measure
+    total = _soften(measure, highest, norm.p)
+    return highest + math.log(total / len(measure)) / norm.p, measure
+
+
+def distortion_gradient(
+    points: NDArray[np.float64], simplices: CornerSimplices, weights: NDArray[np.float64], norm: PNorm
+) -> NDArray[np.float64]:
+    """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
+    gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
+    _corner_gradients(points, simplices.nodes, simplices.ideal, weights, norm.m, norm.epsilon, gradient)
+    return gradient
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def jacobian(points, corner, ideal, out):  # type: ignore[no-untyped-def]
+    """out (d, d) = J of one corner; returns (τ, q)."""
+    d = points.shape[1]
+    if d == 2:
+        x0, y0 = points[corner[0], 0], points[corner[0], 1]
+        ax, ay = points[corner[1], 0] - x0, points[corner[1], 1] - y0
+        bx, by = points[corner[2], 0] - x0, points[corner[2], 1] - y0
+        a = ax * ideal[0, 0] + bx * ideal[1, 0]
+        b = ax * ideal[0, 1] + bx * ideal[1, 1]
+        c = ay * ideal[0, 0] + by * ideal[1, 0]
+        e = ay * ideal[0, 1] + by * ideal[1, 1]
+        out[0, 0], out[0, 1], out[1, 0], out[1, 1] = a, b, c, e
+        return a * e - b * c, a * a + b * b + c * c + e * e
+    q = 0.0
+    for i in range(d):
+        for k in range(d):
+            s = 0.0
+            for j in range(d):
+                s += (points[corner[j + 1], i] - points[corner[0], i]) * ideal[j, k]
+            out[i, k] = s
+            q += s * s
+    if d == 1:
+        return out[0, 0], q
+    tau = (
+        out[0, 0] * (out[1, 1] * out[2, 2] - out[1, 2] * out[2, 1])
+        - out[0, 1] * (out[1, 0] * out[2, 2] - out[1, 2] * out[2, 0])
+        + out[0, 2] * (out[1, 0] * out[2, 1] - out[1, 1] * out[2, 0])
+    )
+    return tau, q
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def distortion(tau, q, d, m, epsilon):  # type: ignore[no-untyped-def]
+    """ℓ or ℓ_ε of one corner; ``inf`` outside the barrier."""
+    if epsilon == 0.0:
+        if not tau > 0.0:
+            return np.inf
+        t = math.log(tau)
+        x = abs(m * t)
+        log_cosh = x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0)
+        return math.log(q / d) - (2.0 / d) * t + log_cosh / (2.0 * m)
+    chi = 0.5 * (tau + math.hypot(tau, epsilon)) if tau > 0.0 else 0.5 * epsilon**2 / (math.hypot(tau, epsilon) - tau)
+    return math.log(q / d) - (2.0 / d + 0.5) * math.log(chi) + 0.5 * math.log(0.5 * (1.0 + tau * tau))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def slopes(tau, d, m, epsilon):  # type: ignore[no-untyped-def]
+    """First and second derivative (h1, h2) of the part of ℓ that depends on τ alone."""
+    if epsilon == 0.0:
+        x = math.tanh(m * math.log(tau))
+        h1 = (0.5 * x - 2.0 / d) / tau
+        return h1, (0.5 * m * (1.0 - x * x) + 2.0 / d - 0.5 * x) / (tau * tau)
+    b = 2.0 / d + 0.5
+    s = math.hypot(tau, epsilon)
+    h1 = tau / (1.0 + tau * tau) - b / s
+    return h1, b * tau / (s * s * s) + (1.0 - tau * tau) / (1.0 + tau * tau) ** 2
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def cofactor(jac, out):  # type: ignore[no-untyped-def]
+    """out (d, d) = cof J = dτ/dJ."""
+    d = jac.shape[0]
+    if d == 1:
+        out[0, 0] = 1.0
+    elif d == 2:
+        out[0, 0], out[0, 1] = jac[1, 1], -jac[1, 0]
+        out[1, 0], out[1, 1] = -jac[0, 1], jac[0, 0]
+    else:
+        for i in range(3):
+            i1, i2 = (i + 1) % 3, (i + 2) % 3
+            for k in range(3):
+                k1, k2 = (k + 1) % 3, (k + 2) % 3
+                out[i, k] = jac[i1, k1] * jac[i2, k2] - jac[i1, k2] * jac[i2, k1]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _measure(points, corners, ideals, m, epsilon, out):  # type: ignore[no-untyped-def]
+    """out (c,) = ℓ; returns the largest, inf or nan where there is one."""
+    n, d = len(corners), points.shape[1]
+    n_blocks = (n + BLOCK - 1) // BLOCK
+    highest = np.empty(n_blocks)
+    for block in prange(n_blocks):
+        jac = np.empty((d, d))
+        top = -np.inf
+        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            tau, q = jacobian(points, corners[c], ideals[c], jac)
+            value = distortion(tau, q, d, m, epsilon)
+            out[c] = value
+            if not value <= top:
+                top = value
+                if not math.isfinite(value):
+                    top = np.inf
+        highest[block] = top
+    return highest.max()
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _soften(values, highest, p):  # type: ignore[no-untyped-def]
+    """Turn ℓ (c,) into the weights w in place; returns Σ exp(p (ℓ − highest))."""
+    n = len(values)
+    n_blocks = (n + BLOCK - 1) // BLOCK
+    partial = np.empty(n_blocks)
+    for block in prange(n_blocks):
+        s = 0.0
+        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            values[c] = math.exp(p * (values[c] - highest))
+            s += values[c]
+        partial[block] = s
+    total = 0.0
+    for block in range(n_blocks):
+        total += partial[block]
+    for block in prange(n_blocks):
+        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            values[c] /= total
+    return total
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _corner_gradients(points, corners, ideals, weights, m, epsilon, out):  # type: ignore[no-untyped-def]
+    """out (c, d + 1, d) = w dℓ/dx of each corner's nodes, dℓ/dJ = 2 J/q + h1 cof J."""
+    n, d = len(corners), points.shape[1]
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        jac, cof = np.empty((d, d)), np.empty((d, d))
+        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            tau, q = jacobian(points, corners[c], ideals[c], jac)
+            h1, _ = slopes(tau, d, m, epsilon)
+            cofactor(jac, cof)
+            for i in range(d):
+                first = 0.0
+                for j in range(d):
+                    s = 0.0
+                    for k in range(d):
+                        s += (2.0 * jac[i, k] / q + h1 * cof[i, k]) * ideals[c, j, k]
+                    s *= weights[c]
+                    out[c, j + 1, i] = s
+                    first -= s
+                out[c, 0, i] = first
