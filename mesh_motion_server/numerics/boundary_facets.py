@@ -1,0 +1,213 @@
+"""The boundary of a mesh: facets that belong to exactly one cell.
+
+A facet is a node in 1D, an edge in 2D, a triangle or quad in 3D. Facets are recognised by their node numbers: they
+are put into one bucket per smallest node (a counting sort), and each bucket, a few dozen facets, is sorted by the
+other nodes. That takes two passes over the facets and no hashing, and the result does not depend on threads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cells import CellTable
+
+__all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
+
+Ints = NDArray[np.int64]
+
+#: Local node numbers of each cell type's facets, seen anticlockwise from outside (an edge has its cell on the left).
+LOCAL_FACETS: dict[str, tuple[tuple[int, ...], ...]] = {
+    "line": ((0,), (1,)),
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+_FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
+
+_NODES_PER_ITEM = 1024  # buckets per work item of the parallel loop
+_INSERTION_SORT = 48  # longest bucket sorted by insertion: a node of a good mesh has about 25 facets
+_LONGEST_RUN = 64  # quads with three nodes in common: in a valid mesh at most two
+
+
+@dataclass(frozen=True)
+class _FacetTable:
+    """All facets of a mesh, block after block, cell after cell.
+
+    nodes : (F, k) int32 array, ascending in each row, filled up with -1 at the end
+    first : number of the first facet of each block, and F
+    """
+
+    nodes: NDArray[np.int32]
+    first: tuple[int, ...]
+
+
+def boundary_facets(cells: CellTable) -> dict[str, Ints]:
+    """Facets that belong to exactly one cell.
+
+    Parameters
+    ----------
+    cells : CellTable
+        Node indices must not be negative and no cell may name a node twice.
+
+    Returns
+    -------
+    dict of (f, k) int64 arrays
+        By facet type: ``vertex`` (1D), ``line`` (2D), ``triangle`` and ``quad`` (3D); types without a facet are left
+        out. Node order as in :data:`LOCAL_FACETS`, hence pointing outwards; rows in the order of the cells.
+
+    Raises
+    ------
+    InvalidInput
+        If a facet belongs to more than two cells; the message names the facet and the cells.
+    """
+    table = _facet_table(cells)
+    n = int(table.nodes.max()) + 1
+    starts, order = _buckets(table.nodes, n)
+    multiplicity = np.empty(len(table.nodes), dtype=np.int8)
+    _count_equal(table.nodes, starts, order, n, multiplicity)
+    crowded = np.flatnonzero(multiplicity > 2)
+    if len(crowded):
+        raise _crowded_facet(cells, table, int(crowded[0]))
+    return _collect(cells, table, np.flatnonzero(multiplicity == 1))
+
+
+def boundary_nodes(facets: dict[str, Ints]) -> Ints:
+    """(b,) node indices of the facets, ascending, each once."""
+    return np.unique(np.concatenate([nodes.ravel() for nodes in facets.values()] or [np.empty(0, dtype=np.int64)]))
+
+
+def _facet_table(cells: CellTable) -> _FacetTable:
+    """Sorted nodes of every facet of every cell."""
+    local = [LOCAL_FACETS[block.type.name] for block in cells]
+    width = max(len(facet) for facets in local for facet in facets)
+    first = np.cumsum([0, *(len(block) * len(facets) for block, facets in zip(cells, local, strict=True))])
+    nodes = np.empty((int(first[-1]), width), dtype=np.int32)
+    for block, facets, start, stop in zip(cells, local, first, first[1:], strict=False):
+        padded = np.array([facet + (-1,) * (width - len(facet)) for facet in facets], dtype=np.int64)
+        _sorted_facets(block.nodes, padded, nodes[start:stop])
+    return _FacetTable(nodes, tuple(int(f) for f in first))
+
+
+@njit(cache=True, parallel=True)
+def _sorted_facets(cells, local, out):  # type: ignore[no-untyped-def]
+    """Nodes of each facet of the cells (m, n_nodes), ascending, -1 for a place that the facet has not."""
+    facets, width = local.shape
+    for e in prange(cells.shape[0]):
+        for f in range(facets):
+            row = out[e * facets + f]
+            for i in range(width):
+                node = cells[e, local[f, i]] if local[f, i] >= 0 else -1
+                place = i
+                while place > 0 and 0 <= node < row[place - 1]:
+                    row[place] = row[place - 1]
+                    place -= 1
+                row[place] = node
+
+
+@njit(cache=True)
+def _buckets(nodes, n):  # type: ignore[no-untyped-def]
+    """Counting sort of the facets by their smallest node: (n + 1,) starts and the facets' numbers."""
+    starts = np.zeros(n + 1, dtype=np.int64)
+    for f in range(nodes.shape[0]):
+        starts[nodes[f, 0] + 1] += 1
+    for i in range(n):
+        starts[i + 1] += starts[i]
+    place = starts[:-1].copy()
+    order = np.empty(nodes.shape[0], dtype=np.int64)
+    for f in range(nodes.shape[0]):
+        node = nodes[f, 0]
+        order[place[node]] = f
+        place[node] += 1
+    return starts, order
+
+
+@njit(cache=True)
+def _sorting(keys):  # type: ignore[no-untyped-def]
+    """Permutation that sorts the keys of a bucket."""
+    if keys.size > _INSERTION_SORT:
+        return np.argsort(keys)
+    order = np.arange(keys.size)
+    for i in range(1, keys.size):
+        j = i
+        while j > 0 and keys[order[j - 1]] > keys[i]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = i
+    return order
+
+
+@njit(cache=True)
+def _count_bucket(nodes, facets, n, multiplicity):  # type: ignore[no-untyped-def]
+    """How often each facet of one bucket occurs (at most 3 is written)."""
+    width = nodes.shape[1]
+    keys = np.zeros(facets.size, dtype=np.int64)
+    for i in range(facets.size):
+        for column in range(1, min(width, 3)):
+            keys[i] = keys[i] * n + nodes[facets[i], column]
+    order = _sorting(keys)
+    first = 0
+    while first < facets.size:
+        last = first + 1
+        while last < facets.size and keys[order[last]] == keys[order[first]]:
+            last += 1
+        for i in range(first, last):
+            equal = last - first
+            if width == 4 and equal <= _LONGEST_RUN:
+                equal = 0
+                for j in range(first, last):
+                    equal += nodes[facets[order[i]], 3] == nodes[facets[order[j]], 3]
+            multiplicity[facets[order[i]]] = min(equal, 3)
+        first = last
+
+
+@njit(cache=True, parallel=True)
+def _count_equal(nodes, starts, order, n, multiplicity):  # type: ignore[no-untyped-def]
+    """How often each facet occurs, bucket by bucket."""
+    for item in prange((n + _NODES_PER_ITEM - 1) // _NODES_PER_ITEM):
+        for node in range(item * _NODES_PER_ITEM, min(n, (item + 1) * _NODES_PER_ITEM)):
+            _count_bucket(nodes, order[starts[node] : starts[node + 1]], n, multiplicity)
+
+
+def _collect(cells: CellTable, table: _FacetTable, facets: Ints) -> dict[str, Ints]:
+    """Node arrays of the given facets, by facet type, oriented outwards."""
+    found: dict[str, list[Ints]] = {}
+    for block, first, last in zip(cells, table.first, table.first[1:], strict=False):
+        here = facets[(facets >= first) & (facets < last)] - first
+        local = LOCAL_FACETS[block.type.name]
+        rows, places = here // len(local), here % len(local)
+        for size in sorted({len(facet) for facet in local}):
+            columns = np.array([facet if len(facet) == size else (0,) * size for facet in local])
+            chosen = np.array([len(facet) == size for facet in local])[places]
+            nodes = block.nodes[rows[chosen, None], columns[places[chosen]]]
+            found.setdefault(_FACET_NAMES[size], []).append(nodes)
+    joined = {name: np.concatenate(found[name]) for name in _FACET_NAMES.values() if name in found}
+    return {name: nodes for name, nodes in joined.items() if len(nodes)}
+
+
+def _crowded_facet(cells: CellTable, table: _FacetTable, facet: int) -> InvalidInput:
+    """The error for a facet of more than two cells."""
+    nodes = [int(node) for node in table.nodes[facet] if node >= 0]
+    same = np.flatnonzero((table.nodes == table.nodes[facet]).all(axis=1))
+    numbers = [_owner(cells, table, int(f)) for f in same]
+    return InvalidInput(
+        f"the facet with the nodes {nodes} belongs to {len(same)} cells ({', '.join(map(str, numbers[:4]))}"
+        f"{', …' if len(same) > 4 else ''}); expected one cell on the boundary, two inside",
+        code="INVALID_ARGUMENT.MESH_DEGENERATE",
+        hint="remove duplicate or overlapping cells",
+        details={"facet": nodes, "cells": numbers[:16]},
+    )
+
+
+def _owner(cells: CellTable, table: _FacetTable, facet: int) -> int:
+    """Number of the cell that a facet of the table belongs to."""
+    block = int(np.searchsorted(table.first, facet, side="right")) - 1
+    per_cell = len(LOCAL_FACETS[cells.blocks[block].type.name])
+    return cells.offsets[block] + (facet - table.first[block]) // per_cell

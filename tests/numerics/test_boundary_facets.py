@@ -1,0 +1,93 @@
+"""The boundary is closed, outward and complete for every cell type; facets of three cells are refused."""
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.boundary_facets import LOCAL_FACETS, boundary_facets, boundary_nodes
+from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.metrics import reference_sizes
+
+CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
+ONE_CELL = {
+    "line": np.array([[0.0], [1.0]]),
+    "triangle": np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    "quad": np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+    "tetra": np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    "hexahedron": CUBE,
+    "wedge": CUBE[[0, 1, 3, 4, 5, 7]],
+    "pyramid": np.vstack([CUBE[:4], [[0.5, 0.5, 1.0]]]),
+}
+
+
+def flux(points: np.ndarray, facets: dict[str, np.ndarray]) -> tuple[np.ndarray, float]:
+    """Sum of outward area vectors, and the enclosed volume by the divergence theorem; quads as four triangles."""
+    triangles = [facets.get("triangle", np.empty((0, 3), dtype=int))]
+    triangles = [points[t] for t in triangles]
+    for q in facets.get("quad", np.empty((0, 4), dtype=int)):
+        middle = points[q].mean(axis=0)
+        triangles.append(np.array([[points[q[i]], points[q[(i + 1) % 4]], middle] for i in range(4)]))
+    a, b, c = np.concatenate(triangles).transpose(1, 0, 2)
+    area = np.cross(b - a, c - a) / 2
+    return area.sum(axis=0), float(((a + b + c) / 3 * area).sum() / 3)
+
+
+@pytest.mark.parametrize("name", CELL_TYPES)
+def test_one_cell_is_bounded_by_its_own_facets_seen_from_outside(name):
+    points = ONE_CELL[name]
+    facets = boundary_facets(CellTable.from_arrays({name: np.arange(len(points))[None]}))
+    found = [tuple(row) for nodes in facets.values() for row in nodes.tolist()]
+    assert sorted(found) == sorted(LOCAL_FACETS[name])
+    assert boundary_nodes(facets).tolist() == list(range(len(points)))
+    if CELL_TYPES[name].dimension == 3:
+        closed, volume = flux(points, facets)
+        size = reference_sizes(points, CellTable.from_arrays({name: np.arange(len(points))[None]}))[0]
+        assert closed == pytest.approx(np.zeros(3), abs=1e-15)
+        assert volume == pytest.approx(size * CELL_TYPES[name].size_factor)
+
+
+def test_a_mesh_of_all_four_3d_types_has_one_closed_surface():
+    points = np.vstack([CUBE, [[0.5, 0.5, 2.0], [2, 0.5, 0], [2, 0.5, 1], [0.5, -0.5, 1.8]]])
+    cells = CellTable.from_arrays(
+        {
+            "hexahedron": np.arange(8)[None],
+            "pyramid": np.array([[4, 5, 6, 7, 8]]),
+            "wedge": np.array([[1, 9, 2, 5, 10, 6]]),
+            "tetra": np.array([[4, 5, 8, 11]]),  # on the pyramid's side 4, 5, 8
+        }
+    )
+    assert (reference_sizes(points, cells) > 0).all()
+    facets = boundary_facets(cells)
+    assert {name: len(nodes) for name, nodes in facets.items()} == {"triangle": 3 + 3 + 2, "quad": 4 + 2}
+    factors = [CELL_TYPES[name].size_factor for name in ("tetra", "hexahedron", "wedge", "pyramid")]
+    closed, volume = flux(points, facets)
+    assert closed == pytest.approx(np.zeros(3), abs=1e-15)
+    assert volume == pytest.approx(reference_sizes(points, cells) @ factors)
+
+
+def test_a_node_with_many_cells():
+    around = np.arange(1, 101)
+    fan = np.column_stack([np.zeros(100, dtype=int), around, np.roll(around, -1)])
+    facets = boundary_facets(CellTable.from_arrays({"triangle": fan}))
+    np.testing.assert_array_equal(facets["line"], fan[:, 1:])
+
+
+def test_the_order_of_the_facets_is_that_of_the_cells():
+    quads = np.array([[0, 1, 4, 3], [1, 2, 5, 4]])
+    facets = boundary_facets(CellTable.from_arrays({"quad": quads}))
+    assert facets["line"].tolist() == [[0, 1], [4, 3], [3, 0], [1, 2], [2, 5], [5, 4]]
+
+
+def test_a_facet_of_three_cells_is_named():
+    cells = CellTable.from_arrays({"tetra": np.array([[0, 1, 2, 3], [0, 2, 1, 4], [5, 0, 1, 2]])})
+    with pytest.raises(
+        InvalidInput, match=r"facet with the nodes \[0, 1, 2\] belongs to 3 cells \(0, 1, 2\)"
+    ) as caught:
+        boundary_facets(cells)
+    assert caught.value.code == "INVALID_ARGUMENT.MESH_DEGENERATE"
+    assert caught.value.details == {"facet": [0, 1, 2], "cells": [0, 1, 2]}
+
+
+def test_quads_with_three_nodes_in_common_are_different_facets():
+    cells = CellTable.from_arrays({"pyramid": np.array([[0, 1, 2, 3, 8], [0, 1, 2, 4, 9]])})
+    assert len(boundary_facets(cells)["quad"]) == 2
