@@ -20,8 +20,13 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_protocol.declarations import ArrayField, Choice, Length, Range
+
 __all__ = [
+    "COLLECTIVE",
+    "CONTROL",
     "MESSAGES",
+    "REPLIES",
     "ArrayField",
     "Build",
     "Built",
@@ -58,22 +63,21 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class ArrayField:
-    """Declares an array field: its dtype on the wire and the names of its axes (SPEC.md says what they are).
-
-    ``dtype`` ``"<f8"`` also admits ``"<f4"``, which is widened on receipt; ``"<i8"`` also admits ``"<i4"``.
-    """
-
-    dtype: str
-    axes: tuple[str, ...]
-    required: bool = True
-
+Uuid = Annotated[bytes, Length(exactly=16)]
+Token = Annotated[bytes, Length(exactly=32)]
+Digest = Annotated[bytes, Length(exactly=32)]
+SessionId = Annotated[str, Length(at_most=32)]
+Name = Annotated[str, Length(at_most=256)]
+Count = Annotated[int, Range(0, 2**63 - 1)]
+Partition = Annotated[int, Range(0, 255)]
+Frame = Annotated[str, Choice(("committed", "reference"))]
+Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "periodic"))]
 
 FloatNodes = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "dimension"))]
 FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "dimension"))]
 FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
 MovingIndices = Annotated[NDArray[np.int64], ArrayField("<i8", ("moving node",))]
+KnownMovingIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("moving node",), required=False)]
 UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False)]
 
 
@@ -91,8 +95,8 @@ class Message:
     """
 
     type: ClassVar[str] = ""
-    client: bytes = b"\0" * 16
-    sequence: int = 0
+    client: Uuid = b"\0" * 16
+    sequence: Count = 0
 
 
 # --- control endpoint ------------------------------------------------------------------------------------------------
@@ -105,7 +109,7 @@ class Hello(Message):
     type: ClassVar[str] = "HELLO"
     versions: list[list[int]] = field(default_factory=lambda: [[1, 0]])  # [major, minor], preferred first
     features: list[str] = field(default_factory=list)  # features the client can use
-    agent: str = ""  # name and version of the client, for logs
+    agent: Name = ""  # name and version of the client, for logs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +120,7 @@ class Welcome(Message):
     version: list[int]  # the chosen [major, minor]
     features: list[str]  # features both sides have
     server: str  # name and version
-    boot: bytes  # 16 bytes, new at each start of the server
+    boot: Uuid  # 16 bytes, new at each start of the server
     limits: dict[str, int]  # names and units in SPEC.md
     durability: list[str]  # levels this server offers, the default first
 
@@ -126,12 +130,12 @@ class Open(Message):
     """Asks for a new session."""
 
     type: ClassVar[str] = "OPEN"
-    dimension: int  # 1, 2 or 3: number of coordinates
-    partitions: int = 1  # how many partitions will join
+    dimension: Annotated[int, Range(1, 3)]  # 1, 2 or 3: number of coordinates
+    partitions: Annotated[int, Range(1, 256)] = 1  # how many partitions will join
     settings: dict[str, Any] = field(default_factory=dict)  # keys of the case file's [method]; absent = default
-    label: str = ""  # shown in logs and lists
-    bytes_reserved: int = 0  # what the upload will take, all partitions; 0 = unknown
-    durability: str = ""  # "" = the server's default
+    label: Name = ""  # shown in logs and lists
+    bytes_reserved: Count = 0  # what the upload will take, all partitions; 0 = unknown
+    durability: Annotated[str, Choice(("", "full", "replay", "relaxed"))] = ""  # "" = the server's default
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,7 +144,7 @@ class Opened(Message):
 
     type: ClassVar[str] = "OPENED"
     session: str  # id, 32 hex digits
-    token: bytes  # 32 bytes; whoever has it may resume the session: keep it secret
+    token: Token  # whoever has it may resume the session: keep it secret
     endpoint: str  # the data endpoint
     epoch: int  # 1; raised by each RESUME, which fences earlier holders
 
@@ -150,8 +154,8 @@ class Resume(Message):
     """Asks for an existing session: after a crash of the client, of the worker, or a restart of the server."""
 
     type: ClassVar[str] = "RESUME"
-    session: str
-    token: bytes
+    session: SessionId
+    token: Token
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,6 +175,7 @@ class List(Message):
     """Asks for the sessions this server holds (only those the asker may see)."""
 
     type: ClassVar[str] = "LIST"
+    after: SessionId = ""  # sessions come in the order of their ids; only those behind this one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,6 +184,7 @@ class Listed(Message):
 
     type: ClassVar[str] = "LISTED"
     sessions: list[dict[str, Any]]
+    more: bool = False  # ask again with after = the last id
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,8 +192,8 @@ class Probe(Message):
     """Asks the gateway about one session's worker while the worker itself may be busy computing."""
 
     type: ClassVar[str] = "PROBE"
-    session: str
-    token: bytes
+    session: SessionId
+    token: Token
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,6 +204,7 @@ class Probed(Message):
     session: str
     worker: str  # "starting" | "alive" | "dead" | "none"
     epoch: int
+    endpoint: str = ""  # the data endpoint while the worker is alive; what a joining partition needs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,9 +228,9 @@ class Pong(Message):
 class SessionMessage(Message):
     """Base of the requests to a session's data endpoint."""
 
-    session: str
-    epoch: int
-    partition: int = 0  # 0 … partitions - 1
+    session: SessionId
+    epoch: Count
+    partition: Partition = 0  # 0 … partitions - 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -231,7 +238,7 @@ class Join(SessionMessage):
     """First message on a data connection; proves the right to the session."""
 
     type: ClassVar[str] = "JOIN"
-    token: bytes
+    token: Token
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -242,6 +249,9 @@ class Joined(Message):
     state: str
     step: int  # last committed step
     iteration: int  # iterations of the open trial, 0 = none
+    dimension: int = 0  # as in OPEN; 0 = the server does not say
+    nodes: int = 0  # nodes of this partition once BUILT
+    moving_nodes: KnownMovingIndices = None  # as in BUILT, once BUILT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -256,9 +266,9 @@ class Upload(SessionMessage):
     """
 
     type: ClassVar[str] = "UPLOAD"
-    item: str  # "nodes" | "global_ids" | "cells" | "patch"
-    name: str = ""
-    role: str = ""  # "moving" | "fixed" | "slip" | "symmetry" | "periodic", with item = "patch"
+    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "patch"))]
+    name: Name = ""
+    role: Role = ""  # with item = "patch"
     rows: UploadRows = None
 
 
@@ -296,8 +306,8 @@ class Move(SessionMessage):
     """Collective: one coupling iteration of the step ``step``. Any earlier trial of the step is replaced."""
 
     type: ClassVar[str] = "MOVE"
-    step: int  # committed step + 1
-    frame: str = "committed"  # displacement since the "committed" state, or since the "reference" mesh (total)
+    step: Count  # committed step + 1
+    frame: Frame = "committed"  # displacement since the "committed" state, or since the "reference" mesh (total)
     displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
 
 
@@ -322,7 +332,7 @@ class Commit(SessionMessage):
     """Collective: the trial of ``step`` becomes the committed state, durably before the answer."""
 
     type: ClassVar[str] = "COMMIT"
-    step: int
+    step: Count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -332,7 +342,7 @@ class Committed(Message):
     type: ClassVar[str] = "COMMITTED"
     step: int
     durable_step: int  # with durability "full" equal to ``step``
-    digest: bytes  # 32 bytes: sha256 of the committed state, as SPEC.md defines it
+    digest: Digest  # sha256 of the committed state, as SPEC.md defines it
     quality: dict[str, Any]  # quality report of the committed mesh, computed from its coordinates
 
 
@@ -341,7 +351,7 @@ class Rollback(SessionMessage):
     """Collective: the trial of ``step``, if any, is dropped."""
 
     type: ClassVar[str] = "ROLLBACK"
-    step: int
+    step: Count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -357,7 +367,7 @@ class Fetch(SessionMessage):
     """Asks for the partition's node coordinates. ``what``: "committed" | "reference"."""
 
     type: ClassVar[str] = "FETCH"
-    what: str = "committed"
+    what: Frame = "committed"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -393,7 +403,7 @@ class Close(SessionMessage):
     """Ends this holder's use. ``outcome``: "keep" leaves the session durable and resumable, "discard" deletes it."""
 
     type: ClassVar[str] = "CLOSE"
-    outcome: str = "keep"
+    outcome: Annotated[str, Choice(("keep", "discard"))] = "keep"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -428,3 +438,16 @@ MESSAGES: dict[str, type[Message]] = {
         Fetch, Fetched, Status, StatusReport, Close, Closed, ErrorReply,
     )
 }  # fmt: skip
+
+#: Request type → the type of its reply; every request may also be answered by ERROR.
+REPLIES: dict[str, str] = {
+    "HELLO": "WELCOME", "OPEN": "OPENED", "RESUME": "RESUMED", "LIST": "LISTED", "PROBE": "PROBED", "PING": "PONG",
+    "JOIN": "JOINED", "UPLOAD": "UPLOADED", "BUILD": "BUILT", "MOVE": "MOVED", "COMMIT": "COMMITTED",
+    "ROLLBACK": "ROLLED_BACK", "FETCH": "FETCHED", "STATUS": "STATUS_REPORT", "CLOSE": "CLOSED",
+}  # fmt: skip
+
+#: Requests the control endpoint takes; all others, and PING, go to a session's data endpoint.
+CONTROL = frozenset({"HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING"})
+
+#: Requests that wait for every partition of the session.
+COLLECTIVE = frozenset({"BUILD", "MOVE", "COMMIT", "ROLLBACK"})

@@ -1,0 +1,107 @@
+"""Arrays as raw frames: little-endian, row by row, in chunks of :data:`.limits.FRAME_BYTES`.
+
+Raw frames instead of arrays inside msgpack: packing 100 MB took 0.007 ms instead of 233 ms. The dtype comes from a
+whitelist, never from ``np.dtype`` of a stranger's text, and received bytes are copied once into aligned memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.limits import FRAME_BYTES
+from mesh_motion_protocol.schema import ArraySpec
+
+__all__ = ["Buffer", "array_of", "declaration_of", "frame_count", "frames_of", "nbytes_of"]
+
+Buffer = bytes | bytearray | memoryview
+
+#: Every dtype of the wire, and what a receiver makes of it.
+_NATIVE: dict[str, type[Any]] = {"<f8": np.float64, "<f4": np.float64, "<i8": np.int64, "<i4": np.int64}
+_ITEM_BYTES = {"<f8": 8, "<f4": 4, "<i8": 8, "<i4": 4}
+
+
+def declaration_of(array: NDArray[Any], spec: ArraySpec) -> dict[str, Any]:
+    """What frame 0 says about an array: name, dtype, shape.
+
+    Raises
+    ------
+    ProtocolError
+        INVALID_ARGUMENT.DTYPE or .SHAPE if the field does not admit the array.
+    """
+    dtype = array.dtype.newbyteorder("<").str
+    if dtype not in spec.dtypes:
+        raise _wrong("DTYPE", f"{spec.name} must have dtype {' or '.join(spec.dtypes)}, got {array.dtype}", spec)
+    shape = [int(length) for length in array.shape]
+    _check_shape(shape, spec)
+    return {"name": spec.name, "dtype": dtype, "shape": shape}
+
+
+def frames_of(array: NDArray[Any]) -> list[memoryview]:
+    """The array's bytes as chunks; views where it is contiguous and little-endian already, so leave it unchanged."""
+    little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+    if not little.nbytes:
+        return []
+    raw = little.reshape(-1).data.cast("B")
+    return [raw[start : start + FRAME_BYTES] for start in range(0, raw.nbytes, FRAME_BYTES)]
+
+
+def nbytes_of(declared: dict[str, Any], spec: ArraySpec) -> int:
+    """Check a received declaration and return the bytes that must follow.
+
+    Raises
+    ------
+    ProtocolError
+        INVALID_ARGUMENT.DTYPE or .SHAPE.
+    """
+    dtype, shape = declared["dtype"], declared["shape"]
+    if dtype not in spec.dtypes:
+        raise _wrong("DTYPE", f"{spec.name} must have dtype {' or '.join(spec.dtypes)}, got {dtype!r:.40}", spec)
+    _check_shape(shape, spec)
+    items: int = math.prod(shape)
+    return items * _ITEM_BYTES[dtype]
+
+
+def frame_count(nbytes: int) -> int:
+    """Frames that carry ``nbytes``."""
+    return -(-nbytes // FRAME_BYTES)
+
+
+def array_of(declared: dict[str, Any], frames: Sequence[Buffer], spec: ArraySpec) -> NDArray[Any]:
+    """Put an array together from its frames: aligned, owned, native, widened to 8 bytes an item.
+
+    Raises
+    ------
+    ProtocolError
+        INVALID_ARGUMENT.FRAMES if a chunk has not exactly the size it must have.
+    """
+    raw = np.empty(math.prod(declared["shape"]), dtype=declared["dtype"])
+    target = raw.data.cast("B") if raw.size else memoryview(b"")
+    start = 0
+    for frame in frames:
+        size = min(FRAME_BYTES, len(target) - start)
+        if memoryview(frame).nbytes != size:
+            raise _wrong("FRAMES", f"a frame of {spec.name} must have {size} bytes, got {len(frame)}", spec)
+        target[start : start + size] = memoryview(frame).cast("B")
+        start += size
+    native: NDArray[Any] = raw.reshape(declared["shape"]).astype(_NATIVE[declared["dtype"]], copy=False)
+    return native
+
+
+def _check_shape(shape: Any, spec: ArraySpec) -> None:
+    """As many lengths as axes, none negative, 1 to 3 coordinates."""
+    wanted = f"({', '.join(spec.axes)})"
+    if len(shape) != len(spec.axes) or any(type(n) is not int or not 0 <= n < 2**48 for n in shape):
+        raise _wrong("SHAPE", f"{spec.name} must have shape {wanted}, got {tuple(shape)}", spec)
+    for axis, length in zip(spec.axes, shape, strict=True):
+        if axis == "dimension" and not 1 <= length <= 3:
+            raise _wrong("SHAPE", f"{spec.name} must have 1, 2 or 3 columns, got shape {tuple(shape)}", spec)
+
+
+def _wrong(detail: str, message: str, spec: ArraySpec) -> ProtocolError:
+    return ProtocolError(message, code=f"INVALID_ARGUMENT.{detail}", details={"field": spec.name})

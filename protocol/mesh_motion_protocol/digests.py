@@ -1,0 +1,70 @@
+"""Two digests: of a request's content, to tell a repeat from a conflict, and of a committed state.
+
+A repeated request may carry a new epoch (its sender resumed the session in between) and a new request id would make it
+another request, so both stay out of the content.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_protocol.arrays import frames_of
+from mesh_motion_protocol.header import plain
+from mesh_motion_protocol.messages import Message
+from mesh_motion_protocol.schema import schema_of
+
+__all__ = ["request_digest", "state_digest"]
+
+#: Opens the hashed text, so that a state's digest can be no other digest.
+STATE_PREFIX = b"mesh-motion state 1\n"
+
+
+def request_digest(message: Message) -> bytes:
+    """32 bytes: BLAKE2b over the type and all fields but ``client``, ``sequence`` and ``epoch``."""
+    schema = schema_of(type(message))
+    values = {spec.name: plain(getattr(message, spec.name)) for spec in schema.fields if spec.name != "epoch"}
+    digest = hashlib.blake2b(msgpack.packb([schema.kind, _sorted(values)]), digest_size=32)
+    for spec in schema.arrays:
+        array = getattr(message, spec.name)
+        if array is None:
+            digest.update(b"\0")
+            continue
+        shape = [int(length) for length in array.shape]
+        digest.update(msgpack.packb([spec.name, array.dtype.newbyteorder("<").str, shape]))
+        for frame in frames_of(array):
+            digest.update(frame)
+    return digest.digest()
+
+
+def state_digest(step: int, points: NDArray[np.float64]) -> bytes:
+    """SHA-256 of a committed state.
+
+    Parameters
+    ----------
+    step : int
+        The committed step.
+    points : (n, d) array, mesh length unit
+        Committed coordinates, ascending by global id (with one partition: in the order of the upload).
+
+    Notes
+    -----
+    Hashed are, in this order: the 20 bytes ``mesh-motion state 1\\n``; step, n and d as <i8; the coordinates as <f8,
+    row by row.
+    """
+    digest = hashlib.sha256(STATE_PREFIX)
+    digest.update(np.array([step, *points.shape], dtype="<i8").tobytes())
+    for frame in frames_of(np.asarray(points, dtype="<f8")):
+        digest.update(frame)
+    return digest.digest()
+
+
+def _sorted(value: Any) -> Any:
+    """Maps in the order of their keys, at every level."""
+    if isinstance(value, dict):
+        return {key: _sorted(value[key]) for key in sorted(value)}
+    return [_sorted(item) for item in value] if isinstance(value, list) else value

@@ -1,0 +1,121 @@
+"""The error codes of protocol 1.0, and the exception of frames that cannot be understood.
+
+A code is one of gRPC's canonical names, with a detail behind a dot where programs may want to tell cases apart. Whoever
+does not know a detail treats the code as its canonical name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["ERROR_CODES", "ErrorCode", "ProtocolError", "error_code"]
+
+
+@dataclass(frozen=True)
+class ErrorCode:
+    """One error code.
+
+    Attributes
+    ----------
+    code : str
+        ``CANONICAL`` or ``CANONICAL.DETAIL``.
+    retryable : bool
+        The same request, unchanged, may succeed later.
+    state : {"unchanged", "FROZEN", "FAILED"}
+        The session's state after the error.
+    meaning : str
+    hint : str
+        The way out, shown where the sender gives none of its own.
+    """
+
+    code: str
+    retryable: bool
+    state: str
+    meaning: str
+    hint: str
+
+
+def _codes(*rows: tuple[str, bool, str, str, str]) -> dict[str, ErrorCode]:
+    return {row[0]: ErrorCode(*row) for row in rows}
+
+
+_SAME = "unchanged"
+ERROR_CODES: dict[str, ErrorCode] = _codes(
+    ("INVALID_ARGUMENT", False, _SAME, "the request's content is wrong", "correct what the message names"),
+    ("INVALID_ARGUMENT.HEADER", False, _SAME, "frame 0 is not the header of a message", "see the SPEC, section Header"),
+    ("INVALID_ARGUMENT.VALUE", False, _SAME, "a field has a value outside its choices or range", "use a listed value"),
+    ("INVALID_ARGUMENT.DTYPE", False, _SAME, "an array has a dtype that its field does not admit", "send <f8 or <i8"),
+    ("INVALID_ARGUMENT.SHAPE", False, _SAME, "an array has a shape that its field does not admit", "send that shape"),
+    ("INVALID_ARGUMENT.FRAMES", False, _SAME, "array frames differ from what frame 0 declares", "chunk as SPEC says"),
+    ("INVALID_ARGUMENT.NONFINITE", False, _SAME, "a number is NaN or infinite", "look at the sender's solver first"),
+    ("INVALID_ARGUMENT.SETTINGS", False, _SAME, "a setting is unknown or has a wrong value", "see the SPEC, Settings"),
+    ("INVALID_ARGUMENT.MESH", False, _SAME, "the mesh is unusable", "`mesh-motion check` lists all problems"),
+    ("INVALID_ARGUMENT.MESH_DEGENERATE", False, _SAME, "a cell has no volume or is inverted", "repair that cell"),
+    ("INVALID_ARGUMENT.PARTITION", False, _SAME, "the partitions' requests or meshes do not fit together",
+     "all partitions send the same step, frame and settings"),
+    ("FAILED_PRECONDITION", False, _SAME, "the request does not fit the session", "ask STATUS"),
+    ("FAILED_PRECONDITION.STATE", False, _SAME, "the session's state does not admit the request", "ask STATUS"),
+    ("FAILED_PRECONDITION.STEP", False, _SAME, "the request names a step that is not the next one", "ask STATUS"),
+    ("FAILED_PRECONDITION.QUALITY", False, _SAME, "no acceptable mesh was found for the displacement",
+     "move the fraction that stays valid, in smaller steps"),
+    ("ABORTED", True, _SAME, "the request was overtaken", "ask STATUS, then decide"),
+    ("ABORTED.FENCED", False, _SAME, "the session was resumed by someone else", "give the session up, or RESUME"),
+    ("ABORTED.STALE", False, _SAME, "the request is older than the replies still remembered", "ask STATUS"),
+    ("ABORTED.CONFLICT", False, _SAME, "this request id was used before with another content", "use a new sequence"),
+    ("ABORTED.TRIAL_LOST", False, _SAME, "the trial did not survive a restart", "repeat the MOVE, then COMMIT"),
+    ("RESOURCE_EXHAUSTED", True, _SAME, "a limit of the server is reached", "ask for less, or raise the limit"),
+    ("RESOURCE_EXHAUSTED.BYTES", False, _SAME, "more bytes than the limit", "send in parts, or raise the limit"),
+    ("RESOURCE_EXHAUSTED.SESSIONS", True, _SAME, "as many sessions as the limit", "close one, or raise the limit"),
+    ("RESOURCE_EXHAUSTED.DISK", True, "FROZEN", "the journal's disk is full or failing", "make room, then RESUME"),
+    ("RESOURCE_EXHAUSTED.MEMORY", False, _SAME, "the worker's memory limit is reached", "raise the worker's limit"),
+    ("UNAVAILABLE", True, _SAME, "nobody can answer now", "try again"),
+    ("UNAVAILABLE.DRAINING", True, _SAME, "the server is stopping", "try again after its restart"),
+    ("UNAVAILABLE.STARTING", True, _SAME, "the server or the session's worker is starting", "try again in a second"),
+    ("UNAVAILABLE.WORKER", True, _SAME, "the session's worker ended", "RESUME the session"),
+    ("DATA_LOSS", False, "FAILED", "stored data cannot be trusted", "restore the state folder from a backup"),
+    ("DATA_LOSS.CHECKSUM", False, "FAILED", "the journal does not verify", "restore the state folder from a backup"),
+    ("DATA_LOSS.RECOVERY_DIVERGED", False, "FAILED", "replay did not reproduce the committed state",
+     "resume with the version and thread settings that wrote the journal"),
+    ("UNAUTHENTICATED", False, _SAME, "the sender is not known", "JOIN first, with the session's token"),
+    ("PERMISSION_DENIED", False, _SAME, "the sender may not do this", "use the owner's key and token"),
+    ("NOT_FOUND", False, _SAME, "there is no such session for this sender", "check the session id and its token"),
+    ("DEADLINE_EXCEEDED", True, _SAME, "not done within the time allowed", "try again, or allow more time"),
+    ("UNIMPLEMENTED", False, _SAME, "the server does not offer this", "see WELCOME for what it offers"),
+    ("UNIMPLEMENTED.VERSION", False, _SAME, "no common protocol version", "update the older side"),
+    ("UNIMPLEMENTED.MESSAGE", False, _SAME, "this endpoint does not take messages of this type", "see the SPEC"),
+    ("INTERNAL", False, _SAME, "a defect of the server", "report it, with the server's log"),
+)  # fmt: skip
+
+
+def error_code(code: str) -> ErrorCode:
+    """Look a code up; an unknown detail is its canonical name, an unknown name is INTERNAL."""
+    return ERROR_CODES.get(code) or ERROR_CODES.get(code.partition(".")[0]) or ERROR_CODES["INTERNAL"]
+
+
+class ProtocolError(Exception):
+    """Frames that are no message, or a message that cannot be put into frames.
+
+    Parameters
+    ----------
+    message : str
+        One line: what was expected, what came.
+    code : str
+        One of :data:`ERROR_CODES`.
+    details : dict, optional
+        Plain values that name the offender, for example ``{"field": "step"}``.
+
+    Attributes
+    ----------
+    client : bytes
+    sequence : int
+        The request id where it could still be read, zeros otherwise: an answer can then be matched.
+    """
+
+    def __init__(self, message: str, *, code: str, details: dict[str, object] | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.code = code
+        self.hint = error_code(code).hint
+        self.details: dict[str, object] = dict(details or {})
+        self.client = b"\0" * 16
+        self.sequence = 0
