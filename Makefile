@@ -1,0 +1,55 @@
+# make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
+# make test   runs every test
+# make lint   ruff and mypy, as CI does
+# make docker builds the images and runs server + mock fluid + mock solid (needs a Docker engine)
+#
+# Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer).
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-fast lint format docker clean
+
+help:
+	@sed -n '1,6s/^# \{0,1\}//p' Makefile
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "Python 3.11 or newer is needed; $(PYTHON) is older. Try: make PYTHON=python3.12 …"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+# What runs the server and draws; the kernels are compiled once here, so that no session waits for them.
+$(VENV)/.runtime: $(BIN)/python pyproject.toml
+	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[server,plot]'
+	$(BIN)/mesh-motion version --warm
+	@touch $@
+
+$(VENV)/.development: $(VENV)/.runtime
+	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@
+
+demo: $(VENV)/.runtime
+	$(BIN)/mesh-motion demo --out out/demo
+
+test: $(VENV)/.development
+	$(BIN)/pytest
+
+test-fast: $(VENV)/.development
+	$(BIN)/pytest -m "not slow"
+
+lint: $(VENV)/.development
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/.development
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+docker:
+	docker-compose up --build --abort-on-container-exit --exit-code-from fluid
+
+clean:
+	rm -rf $(VENV) out dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,80 @@
+"""Each layer may import only what stands to its left: the rule of the house, checked on the source."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {
+    "mesh_motion_server": ROOT / "mesh_motion_server",
+    "mesh_motion_protocol": ROOT / "protocol" / "mesh_motion_protocol",
+    "mesh_motion_client": ROOT / "adapters" / "python" / "mesh_motion_client",
+}
+LAYERS = ["numerics", "session", "service", "transport"]
+HEAVY = ("scipy", "numba", "pydantic", "mesh_motion_server")
+
+
+def forbidden(module: str) -> tuple[str, ...]:
+    """Prefixes that the module may not import."""
+    package, *inner = module.split(".")
+    if package == "mesh_motion_protocol":
+        return (*HEAVY, "zmq", "mesh_motion_client")
+    if package == "mesh_motion_client":
+        return HEAVY
+    if not inner or inner[0] not in (*LAYERS, "files"):
+        return ()
+    if inner[0] == "files":
+        return tuple(f"{package}.{layer}" for layer in LAYERS[1:])
+    above = [f"{package}.{layer}" for layer in LAYERS[LAYERS.index(inner[0]) + 1 :]]
+    beside = [f"{package}.files", f"{package}.cases", f"{package}.cli", "mesh_motion_client"]
+    if inner[0] == "numerics":
+        return (*above, *beside, "zmq", "msgpack", "pydantic", "logging", "structlog", "mesh_motion_protocol")
+    return (*above, *beside) if inner[0] == "transport" else (*above, *beside, "zmq")
+
+
+def imported(module: str, tree: ast.AST) -> list[str]:
+    """Full names of everything imported anywhere in the module."""
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = module.split(".")[: -node.level] if node.level else []
+            base += [node.module] if node.module else []
+            names += [".".join((*base, alias.name)) for alias in node.names]
+    return names
+
+
+def offences(module: str, source: str) -> list[str]:
+    """Imports of ``source`` that the rule forbids to ``module``."""
+    names = imported(module, ast.parse(source))
+    return [name for name in names for bad in forbidden(module) if name == bad or name.startswith(bad + ".")]
+
+
+MODULES = [
+    (".".join((package, *path.relative_to(folder).with_suffix("").parts)), path)
+    for package, folder in PACKAGES.items()
+    for path in sorted(folder.rglob("*.py"))
+]
+
+
+@pytest.mark.parametrize(("module", "path"), MODULES, ids=[module for module, _ in MODULES])
+def test_imports_point_to_the_left(module: str, path: Path) -> None:
+    assert offences(module, path.read_text()) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.session import state"),
+        ("mesh_motion_server.numerics.seeded", "def f():\n    import zmq"),
+        ("mesh_motion_server.service.seeded", "from ..transport import gateway"),
+        ("mesh_motion_protocol.seeded", "from scipy.spatial import cKDTree"),
+        ("mesh_motion_client.seeded", "import mesh_motion_server"),
+    ],
+)
+def test_the_walk_sees_a_seeded_offence(module: str, source: str) -> None:
+    assert offences(module, source)
