@@ -1,0 +1,17 @@
+"""Mesh files: one reader for every format, and the writers of the results.
+
+================  ======================================================================================
+``.npz``          ``points``, ``cells_<type>``, ``patch_<name>`` (:mod:`.npz`); read and written
+``.msh``          Gmsh 2.2 and 4.1, ASCII and binary; physical groups become patches (:mod:`.gmsh`)
+``.su2``          SU2; markers become patches (:mod:`.su2`)
+``.vtk``, ``.vtu``  read with the extra ``mesh``; patches from arrays with agreed names (:mod:`.vtk`)
+``.vtu``, ``.pvd``  written for ParaView (:mod:`.vtu`)
+================  ======================================================================================
+"""
+
+from mesh_motion_server.files.mesh_file import MeshFile
+from mesh_motion_server.files.npz import write_npz
+from mesh_motion_server.files.reader import read_mesh
+from mesh_motion_server.files.vtu import VtuSeries, write_vtu
+
+__all__ = ["MeshFile", "VtuSeries", "read_mesh", "write_npz", "write_vtu"]

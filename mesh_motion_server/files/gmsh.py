@@ -1,0 +1,248 @@
+"""Gmsh's MSH format, versions 2.2 and 4.1, ASCII and binary. Physical groups of lower dimension become patches.
+
+The binary and the ASCII form of a section hold the same values in the same order, so both are read through one
+:class:`Values`. An element may belong to several physical groups; a group without a name becomes the patch ``"<tag>"``.
+
+http://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble
+from mesh_motion_server.numerics.cells import CELL_TYPES
+
+__all__ = ["read_gmsh"]
+
+_VERTEX = 15
+_TYPES = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
+_HEADER = re.compile(rb"\s*\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)[^\n]*\n")
+_SECTION = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
+_NAME = re.compile(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$')
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Elements of one type in the same physical groups: the type's name ("" for vertices), node tags (m, k)."""
+
+    dimension: int
+    name: str
+    nodes: IntArray
+    groups: tuple[int, ...]
+
+
+@dataclass(eq=False)
+class _Content:
+    """What the sections gave so far."""
+
+    names: dict[tuple[int, int], str] = field(default_factory=dict)  # (dimension, tag) of a physical group
+    groups: dict[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)  # physical tags of an entity (4.1)
+    tags: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # (n,) node tags
+    points: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    blocks: list[_Block] = field(default_factory=list)
+
+
+def read_gmsh(path: Path) -> MeshFile:
+    """Read a mesh from ``.msh``.
+
+    Raises
+    ------
+    InvalidInput
+        On other versions, partitioned meshes, cells of higher order, and malformed sections.
+    """
+    try:
+        content = _read_sections(path.read_bytes())
+        rows = _NodeRows.of(content.tags)
+        cells, patches = _cells(content, rows), _patches(content, rows)
+    except (ValueError, IndexError, OverflowError) as error:
+        raise InvalidInput(f"{path}: malformed or unsupported Gmsh file: {error}") from None
+    return assemble(path, content.points, cells, patches)
+
+
+def _read_sections(data: bytes) -> _Content:
+    """Walk through the file."""
+    header = _HEADER.match(data)
+    if header is None:
+        raise ValueError("it does not begin with $MeshFormat")
+    version, binary, word = header[1].decode(), header[2] == b"1", int(header[3])
+    if version not in ("2.2", "2", "4.1"):
+        raise ValueError(f"version {version}; versions 2.2 and 4.1 are read (gmsh -save -format msh41)")
+    order = "<"
+    if binary:
+        order = "<" if int.from_bytes(data[header.end() : header.end() + 4], "little") == 1 else ">"
+    readers = _READERS_41 if version == "4.1" else _READERS_22
+    content, position = _Content(), header.end()
+    position = data.index(b"$EndMeshFormat", position) + len(b"$EndMeshFormat")
+    while section := _SECTION.match(data, position):
+        name, start = section[1], section.end()
+        if name == b"PartitionedEntities":
+            raise ValueError("a partitioned mesh; save it with Mesh.PartitionSplitMeshFiles = 0 and one partition")
+        if name == b"PhysicalNames":
+            end = data.index(b"$EndPhysicalNames", start)
+            _read_names(content, data[start:end].decode("utf-8", errors="replace"))
+        elif name in readers:
+            values: Values = BinaryValues(data, start, order, word) if binary else AsciiValues(data, start, name)
+            readers[name](content, values)
+            end = values.end
+        else:
+            end = data.index(b"$End" + name, start)
+        end_mark = b"$End" + name
+        position = data.index(end_mark, end) + len(end_mark)
+    return content
+
+
+def _read_names(content: _Content, text: str) -> None:
+    """$PhysicalNames: a count, then ``dimension tag "name"``."""
+    for line in text.splitlines()[1:]:
+        if match := _NAME.match(line):
+            content.names[int(match[1]), int(match[2])] = match[3]
+
+
+# --- 4.1 -------------------------------------------------------------------------------------------------------------
+
+
+def _read_entities_41(content: _Content, values: Values) -> None:
+    """$Entities: for each dimension tag, bounding box, physical tags and bounding entities of each entity."""
+    counts = values.sizes(4)
+    for dimension, count in enumerate(counts):
+        for _ in range(count):
+            (tag,) = values.ints(1)
+            values.doubles(3 if dimension == 0 else 6)
+            groups = values.ints(int(values.sizes(1)[0]))
+            content.groups[dimension, int(tag)] = tuple(abs(int(g)) for g in groups)
+            if dimension:
+                values.ints(int(values.sizes(1)[0]))
+
+
+def _read_nodes_41(content: _Content, values: Values) -> None:
+    """$Nodes: entity blocks, each with its tags first, then its coordinates (and parameters, which are dropped)."""
+    n_blocks, _, _, _ = values.sizes(4)
+    tags, points = [content.tags], [content.points]
+    for _ in range(n_blocks):
+        dimension, _, parametric = values.ints(3)
+        count = int(values.sizes(1)[0])
+        columns = 3 + (int(dimension) if parametric else 0)
+        tags.append(values.sizes(count))
+        points.append(values.doubles(count * columns).reshape(count, columns)[:, :3])
+    content.tags, content.points = np.concatenate(tags), np.concatenate(points)
+
+
+def _read_elements_41(content: _Content, values: Values) -> None:
+    """$Elements: entity blocks of one type each; a row is the element's tag and its nodes' tags."""
+    n_blocks, _, _, _ = values.sizes(4)
+    for _ in range(n_blocks):
+        dimension, entity, code = (int(v) for v in values.ints(3))
+        count = int(values.sizes(1)[0])
+        name, n_nodes = _element_type(code)
+        nodes = values.sizes(count * (1 + n_nodes)).reshape(count, 1 + n_nodes)[:, 1:]
+        content.blocks.append(_Block(dimension, name, nodes, content.groups.get((dimension, entity), ())))
+
+
+# --- 2.2 -------------------------------------------------------------------------------------------------------------
+
+
+def _read_nodes_22(content: _Content, values: Values) -> None:
+    """$Nodes: a count, then tag and coordinates of each node."""
+    content.tags, content.points = values.numbered_points(values.text_count())
+
+
+def _read_elements_22(content: _Content, values: Values) -> None:
+    """$Elements: tag, type, number of tags, tags (the first is the physical group), nodes of each element."""
+    rows: dict[tuple[int, int], list[IntArray]] = defaultdict(list)
+    for code, group, nodes in _runs_22(values, values.text_count()):
+        rows[code, group].append(nodes)
+    for (code, group), parts in rows.items():
+        name, _ = _element_type(code)
+        dimension = CELL_TYPES[name].dimension if name else 0
+        content.blocks.append(_Block(dimension, name, np.concatenate(parts), (group,) if group else ()))
+
+
+def _runs_22(values: Values, count: int) -> Iterator[tuple[int, int, IntArray]]:
+    """Type, physical group and (m, k) node tags of elements that follow each other."""
+    done = 0
+    while done < count:
+        code, n_tags, rows = values.element_run(lambda code: _element_type(code)[1])
+        groups = np.abs(rows[:, 0]) if n_tags else np.zeros(len(rows), dtype=np.int64)
+        for group in np.unique(groups):
+            yield code, int(group), rows[groups == group, n_tags:]
+        done += len(rows)
+
+
+_READERS_41 = {b"Entities": _read_entities_41, b"Nodes": _read_nodes_41, b"Elements": _read_elements_41}
+_READERS_22 = {b"Nodes": _read_nodes_22, b"Elements": _read_elements_22}
+
+
+# --- both ------------------------------------------------------------------------------------------------------------
+
+
+def _element_type(code: int) -> tuple[str, int]:
+    """Our name ("" for a vertex) and the number of nodes of Gmsh's element type."""
+    if code == _VERTEX:
+        return "", 1
+    if code not in _TYPES:
+        raise ValueError(f"elements of Gmsh's type {code}; only first-order cells are read (Mesh.ElementOrder = 1)")
+    return _TYPES[code], CELL_TYPES[_TYPES[code]].n_nodes
+
+
+@dataclass(frozen=True, eq=False)
+class _NodeRows:
+    """Where the node of each tag stands in $Nodes; tags may be sparse and in any order."""
+
+    tags: IntArray  # (n,) ascending
+    rows: IntArray  # (n,)
+
+    @classmethod
+    def of(cls, tags: IntArray) -> _NodeRows:
+        order = np.argsort(tags, kind="stable")
+        ascending = tags[order]
+        if len(repeated := ascending[1:][np.diff(ascending) == 0]):
+            raise ValueError(f"node {int(repeated[0])} appears twice in $Nodes")
+        return cls(ascending, order)
+
+    def __call__(self, nodes: IntArray) -> IntArray:
+        """Rows of node tags, in the shape of ``nodes``."""
+        places = np.searchsorted(self.tags, nodes)
+        known = places < len(self.tags)
+        known[known] = self.tags[places[known]] == nodes[known]
+        if not known.all():
+            raise ValueError(f"an element names node {int(nodes[~known][0])}, which is not in $Nodes")
+        return self.rows[places]
+
+
+def _cells(content: _Content, rows: _NodeRows) -> dict[str, IntArray]:
+    """{type: (m, k)} cells of all dimensions; 2.2 lists an element of several groups several times."""
+    found: dict[str, list[_Block]] = defaultdict(list)
+    for block in content.blocks:
+        if block.name:
+            found[block.name].append(block)
+    return {name: rows(_merge(blocks)) for name, blocks in found.items()}
+
+
+def _merge(blocks: list[_Block]) -> IntArray:
+    """(m, k) the nodes of all blocks; an element that is listed once for each of its groups appears once."""
+    nodes = np.concatenate([block.nodes for block in blocks])
+    if len({block.groups for block in blocks}) == 1:
+        return nodes
+    _, first = np.unique(nodes, axis=0, return_index=True)
+    return nodes[np.sort(first)]
+
+
+def _patches(content: _Content, rows: _NodeRows) -> dict[str, IntArray]:
+    """{name: (p,) node rows, with repeats} of the physical groups of lower dimension than the mesh."""
+    top = max((block.dimension for block in content.blocks), default=0)
+    found: dict[str, list[IntArray]] = defaultdict(list)
+    for block in content.blocks:
+        if block.dimension < top:
+            for group in block.groups:
+                name = content.names.get((block.dimension, group), str(group))
+                found[name].append(rows(block.nodes.ravel()))
+    return {name: np.concatenate(parts) for name, parts in found.items()}

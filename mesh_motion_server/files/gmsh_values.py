@@ -1,0 +1,145 @@
+"""The numbers of one section of a Gmsh file, in the order of the format, whether it is ASCII or binary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+
+__all__ = ["AsciiValues", "BinaryValues", "Values"]
+
+
+class Values(Protocol):
+    """A cursor over a section's numbers.
+
+    Raises
+    ------
+    ValueError
+        When the section ends early or holds something that is no number.
+    """
+
+    @property
+    def end(self) -> int:
+        """Position in the file behind the values taken so far, before the section's end mark."""
+
+    def ints(self, count: int) -> IntArray:
+        """The next C ``int`` values."""
+
+    def sizes(self, count: int) -> IntArray:
+        """The next ``size_t`` values."""
+
+    def doubles(self, count: int) -> FloatArray:
+        """The next ``double`` values."""
+
+    def text_count(self) -> int:
+        """A count that is text in both forms (version 2.2)."""
+
+    def numbered_points(self, count: int) -> tuple[IntArray, FloatArray]:
+        """``count`` nodes of version 2.2: tags (count,) and coordinates (count, 3)."""
+
+    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, IntArray]:
+        """Elements of version 2.2 that follow each other with one type and number of tags.
+
+        ``nodes_of`` gives the number of nodes of a type. Returns the type, the number of tags, and one row for each
+        element: its tags, then its nodes.
+        """
+
+
+class AsciiValues:
+    """Numbers of an ASCII section; integers up to 2⁵³ survive as float64."""
+
+    def __init__(self, data: bytes, start: int, name: bytes) -> None:
+        self._stop = data.index(b"$End" + name, start)
+        self._values = np.array(data[start : self._stop].split(), dtype=np.float64)
+        self._next = 0
+
+    @property
+    def end(self) -> int:
+        return self._stop
+
+    def doubles(self, count: int) -> FloatArray:
+        first, self._next = self._next, self._next + count
+        if self._next > len(self._values) or count < 0:
+            raise ValueError("a section ends before all of its values")
+        return self._values[first : self._next]
+
+    def ints(self, count: int) -> IntArray:
+        return self.doubles(count).astype(np.int64)
+
+    sizes = ints
+
+    def text_count(self) -> int:
+        return int(self.ints(1)[0])
+
+    def numbered_points(self, count: int) -> tuple[IntArray, FloatArray]:
+        rows = self.doubles(count * 4).reshape(count, 4)
+        return rows[:, 0].astype(np.int64), rows[:, 1:]
+
+    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, IntArray]:
+        first = self._next
+        _, code, n_tags = (int(v) for v in self.ints(3))
+        width = 3 + n_tags + nodes_of(code)
+        window, run = 32, 0
+        while run == window // 2 or run == 0:  # the run filled the last window: look further
+            rows = self._values[first : first + window * width]
+            rows = rows[: len(rows) // width * width].reshape(-1, width)
+            run = _leading((rows[:, 1] == code) & (rows[:, 2] == n_tags))
+            window *= 2
+        self._next = first
+        return code, n_tags, self.ints(run * width).reshape(run, width)[:, 3:]
+
+
+def _leading(matches: NDArray[np.bool_]) -> int:
+    """How many values at the front are true."""
+    if matches.all():
+        return max(1, len(matches))
+    return int(np.argmin(matches))
+
+
+class BinaryValues:
+    """Numbers of a binary section."""
+
+    def __init__(self, data: bytes, start: int, order: str, word: int) -> None:
+        self._data = data
+        self._next = start
+        self._order = order
+        self._size = np.dtype(f"{order}u{word}")
+
+    @property
+    def end(self) -> int:
+        return self._next
+
+    def _take(self, dtype: np.dtype[np.generic], count: int) -> NDArray[np.generic]:
+        first, self._next = self._next, self._next + count * dtype.itemsize
+        if self._next > len(self._data) or count < 0:
+            raise ValueError("a section ends before all of its values")
+        return np.frombuffer(self._data, dtype, count, first)
+
+    def ints(self, count: int) -> IntArray:
+        return self._take(np.dtype(f"{self._order}i4"), count).astype(np.int64)
+
+    def sizes(self, count: int) -> IntArray:
+        return self._take(self._size, count).astype(np.int64)
+
+    def doubles(self, count: int) -> FloatArray:
+        return self._take(np.dtype(f"{self._order}f8"), count).astype(np.float64)
+
+    def text_count(self) -> int:
+        stop = self._data.index(b"\n", self._next)
+        count = int(self._data[self._next : stop])
+        self._next = stop + 1
+        return count
+
+    def numbered_points(self, count: int) -> tuple[IntArray, FloatArray]:
+        record = np.dtype([("tag", f"{self._order}i4"), ("xyz", f"{self._order}f8", (3,))])
+        rows: NDArray[Any] = self._take(record, count)
+        return rows["tag"].astype(np.int64), rows["xyz"].astype(np.float64)
+
+    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, IntArray]:
+        code, count, n_tags = (int(v) for v in self.ints(3))
+        width = 1 + n_tags + nodes_of(code)
+        return code, n_tags, self.ints(count * width).reshape(count, width)[:, 1:]

@@ -1,0 +1,160 @@
+"""A mesh as a file gives it, in the file's node order, checked for what every reader must guarantee."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+
+__all__ = ["MeshFile", "assemble"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """A volume mesh with its boundary patches.
+
+    Attributes
+    ----------
+    points : (n, d) float64 array, mesh length unit
+        Finite; d is the dimension of the cells; the file's node order.
+    cells : dict of str to (m, k) int64 arrays
+        Cells of each type of :data:`~mesh_motion_server.numerics.cells.CELL_TYPES`, all of dimension d, none empty.
+    patches : dict of str to (p,) int64 arrays
+        Node ids of each patch, ascending, each once.
+    path : Path
+        Where it was read from.
+    """
+
+    points: FloatArray
+    cells: dict[str, IntArray]
+    patches: dict[str, IntArray]
+    path: Path
+
+    @property
+    def dimension(self) -> int:
+        """1, 2 or 3."""
+        return int(self.points.shape[1])
+
+    @property
+    def n_cells(self) -> int:
+        """Cells of all types together."""
+        return sum(len(nodes) for nodes in self.cells.values())
+
+    @property
+    def cell_table(self) -> CellTable:
+        """The cells as the numerics take them."""
+        return CellTable.from_arrays(self.cells)
+
+    def __post_init__(self) -> None:
+        _check_points(self.points, self.path)
+        _check_cells(self.cells, self.points.shape, self.path)
+        for name, nodes in self.patches.items():
+            _check_range(nodes, len(self.points), f"patch {name!r}", self.path)
+
+
+def assemble(
+    path: Path, points: FloatArray, cells: Mapping[str, IntArray], patches: Mapping[str, IntArray]
+) -> MeshFile:
+    """Make a mesh of a foreign file's content: cells of all dimensions, always three coordinates.
+
+    The cells of the highest dimension are the mesh. Coordinates beyond that dimension are dropped, which needs them to
+    be constant. If every cell of a type is numbered the other way round (the mirror image of the order in
+    :mod:`~mesh_motion_server.numerics.cells`, as meshes of reversed surfaces and some writers' wedges are), the type is
+    renumbered; a type of which only some cells are reversed is left alone, since those cells are inverted.
+
+    Raises
+    ------
+    InvalidInput
+        Without cells, for varying coordinates beyond the cells' dimension, and as :class:`MeshFile` does.
+    """
+    used = {name: np.asarray(nodes, dtype=np.int64) for name, nodes in cells.items() if len(nodes)}
+    if not used:
+        raise InvalidInput(f"{path}: the mesh has no cells", hint="was the mesh saved before it was generated?")
+    dimension = max(CELL_TYPES[name].dimension for name in used)
+    points = _drop_coordinates(np.asarray(points, dtype=np.float64), dimension, path)
+    used = {name: nodes for name, nodes in used.items() if CELL_TYPES[name].dimension == dimension}
+    mesh = MeshFile(points, used, {name: np.unique(nodes) for name, nodes in patches.items()}, path)
+    oriented = {name: _orient(name, nodes, mesh.points) for name, nodes in mesh.cells.items()}
+    return MeshFile(mesh.points, oriented, mesh.patches, path)
+
+
+#: Node orders that turn a cell of each type into its mirror image.
+_MIRROR: dict[str, tuple[int, ...]] = {
+    "line": (1, 0),
+    "triangle": (0, 2, 1),
+    "quad": (0, 3, 2, 1),
+    "tetra": (0, 2, 1, 3),
+    "hexahedron": (4, 5, 6, 7, 0, 1, 2, 3),
+    "wedge": (0, 2, 1, 3, 5, 4),
+    "pyramid": (0, 3, 2, 1, 4),
+}
+
+
+def _orient(name: str, nodes: IntArray, points: FloatArray) -> IntArray:
+    """(m, k) the cells, mirrored when every one of them has a negative size."""
+    corners = points[nodes[:, CELL_TYPES[name].corner_array]]  # (m, corners, d + 1, d)
+    sizes = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1]).sum(axis=1)
+    return np.ascontiguousarray(nodes[:, _MIRROR[name]]) if bool(np.all(sizes < 0)) else nodes
+
+
+def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatArray:
+    """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant."""
+    if points.ndim != 2 or points.shape[1] < dimension:
+        raise InvalidInput(f"{path}: {dimension}D cells, but points of shape {points.shape}")
+    extra = points[:, dimension:]
+    if extra.size and not bool(np.all(np.abs(extra - extra[0]) <= 1e-12 * max(1.0, float(np.abs(points).max())))):
+        raise InvalidInput(
+            f"{path}: the cells are {dimension}D, but the coordinate {'xyz'[dimension]} varies "
+            f"between {extra[:, 0].min():g} and {extra[:, 0].max():g}",
+            hint="a 2D mesh lies in the x-y plane; a 3D mesh needs volume cells: save the volume's physical group too",
+        )
+    return np.ascontiguousarray(points[:, :dimension])
+
+
+def _check_points(points: FloatArray, path: Path) -> None:
+    """Refuse anything but finite coordinates of 1 to 3 dimensions."""
+    if points.ndim != 2 or points.shape[1] not in (1, 2, 3) or not len(points):
+        raise InvalidInput(
+            f"{path}: expected points of shape (n, 1 | 2 | 3), got {points.shape}", code="INVALID_ARGUMENT.SHAPE"
+        )
+    finite = np.isfinite(points)
+    if not finite.all():
+        node, axis = (int(i) for i in np.argwhere(~finite)[0])
+        value = float(points[node, axis])
+        raise InvalidInput(
+            f"{path}: node {node} has {'xyz'[axis]} = {value}; coordinates must be finite",
+            code="INVALID_ARGUMENT.NONFINITE",
+            details={"node": node, "value": str(value)},
+        )
+
+
+def _check_cells(cells: Mapping[str, IntArray], shape: tuple[int, ...], path: Path) -> None:
+    """Refuse no cells, cells of another dimension than the points, and node ids that do not exist."""
+    try:
+        table = CellTable.from_arrays(cells)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error.message}", code=error.code, hint=error.hint) from None
+    if table.dimension != shape[1]:
+        raise InvalidInput(f"{path}: {table.dimension}D cells, but points with {shape[1]} coordinates")
+    for name, nodes in cells.items():
+        _check_range(nodes, shape[0], f"cells of type {name!r}", path)
+
+
+def _check_range(nodes: IntArray, n_points: int, what: str, path: Path) -> None:
+    """Refuse node ids outside 0 … n_points - 1."""
+    wrong = (nodes < 0) | (nodes >= n_points)
+    if wrong.any():
+        where = np.argwhere(wrong)[0]
+        raise InvalidInput(
+            f"{path}: {what}: row {int(where[0])} names node {int(nodes[tuple(where)])}, "
+            f"but the mesh has the nodes 0 to {n_points - 1}",
+        )

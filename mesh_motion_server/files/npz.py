@@ -1,0 +1,84 @@
+"""The mesh format of this project: a NumPy archive, strict, without pickles.
+
+``points`` (n, d) float64; ``cells_<type>`` (m, k) int64 for line, triangle, quad, tetra, hexahedron, wedge, pyramid;
+``patch_<name>`` (p,) int64 node ids, 0-based. Nothing else may be in it. Narrower floats and integers are widened.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.mesh_file import MeshFile
+from mesh_motion_server.files.replace import replacing
+
+__all__ = ["read_archive", "read_npz", "write_npz"]
+
+_T = TypeVar("_T", bound=np.generic)
+_EXPECTED = "expected 'points', 'cells_<type>' and 'patch_<name>'"
+
+
+def read_npz(path: Path) -> MeshFile:
+    """Read a mesh from ``.npz``.
+
+    Raises
+    ------
+    InvalidInput
+        If the file is no such archive, has other keys, or arrays of another kind or shape.
+    """
+    arrays = read_archive(path)
+    unknown = [key for key in arrays if key != "points" and not key.startswith(("cells_", "patch_"))]
+    if unknown or "points" not in arrays:
+        raise InvalidInput(f"{path}: {_EXPECTED}, got {', '.join(map(repr, arrays)) or 'nothing'}")
+    points = _as(arrays.pop("points"), "fiu", np.float64, f"{path}: points")
+    integers = {key: _as(value, "iu", np.int64, f"{path}: {key}") for key, value in arrays.items()}
+    cells = {key.removeprefix("cells_"): v for key, v in integers.items() if key.startswith("cells_")}
+    patches = {key.removeprefix("patch_"): v for key, v in integers.items() if key.startswith("patch_")}
+    for name, nodes in patches.items():
+        if nodes.ndim != 1:
+            raise InvalidInput(f"{path}: patch_{name}: expected shape (p,), got {nodes.shape}")
+    return MeshFile(points, cells, {name: np.unique(nodes) for name, nodes in patches.items()}, path)
+
+
+def write_npz(path: Path | str, mesh: MeshFile) -> None:
+    """Write a mesh as ``.npz`` (compressed), replacing the file in one step."""
+    arrays: dict[str, NDArray[np.generic]] = {"points": mesh.points}
+    arrays |= {f"cells_{name}": nodes for name, nodes in mesh.cells.items()}
+    arrays |= {f"patch_{name}": nodes for name, nodes in mesh.patches.items()}
+    with replacing(Path(path)) as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
+    """All arrays of a ``.npz`` file, without unpickling anything.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no archive of plain arrays.
+    """
+    try:
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if isinstance(archive, np.ndarray):
+                raise InvalidInput(f"{path}: a single array, not an .npz archive")
+            return {key: archive[key] for key in archive.files}
+    except (ValueError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError) as error:
+        raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {_first_line(error)}") from None
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _as(array: NDArray[np.generic], kinds: str, dtype: type[_T], what: str) -> NDArray[_T]:
+    """The array as ``dtype``; only kinds that fit without loss of meaning are taken."""
+    if array.dtype.kind not in kinds:
+        wanted = "integers" if "f" not in kinds else "real numbers"
+        raise InvalidInput(f"{what}: expected {wanted}, got dtype {array.dtype}", code="INVALID_ARGUMENT.DTYPE")
+    return np.ascontiguousarray(array, dtype=dtype)

@@ -1,0 +1,98 @@
+"""VTK's legacy and XML meshes, read with meshio (extra ``mesh``): the only module that knows meshio.
+
+These formats have no patches. They are taken from arrays with agreed names:
+
+- ``patch_<name>`` on points or cells: nonzero marks the patch ``<name>`` (what this project's writer leaves);
+- ``patch`` (or Gmsh's ``gmsh:physical``, ``CellEntityIds``), an integer array on points or cells: each value v > 0 is
+  the patch ``"v"``.
+
+On cells, only cells of lower dimension than the mesh count: the faces of a 3D mesh, the edges of a 2D mesh.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.mesh_file import IntArray, MeshFile, assemble
+from mesh_motion_server.numerics.cells import CELL_TYPES
+
+__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "read_vtk"]
+
+PATCH_PREFIX = "patch_"
+NUMBERED_PATCH_ARRAYS = ("patch", "gmsh:physical", "CellEntityIds")
+
+
+def read_vtk(path: Path) -> MeshFile:
+    """Read a mesh from ``.vtk`` or ``.vtu``.
+
+    Raises
+    ------
+    InvalidInput
+        Without the extra ``mesh``, for a file meshio cannot read, and for cells other than first-order ones.
+    """
+    mesh = _read_with_meshio(path)
+    blocks = [(block.type, np.asarray(block.data, dtype=np.int64)) for block in mesh.cells]
+    foreign = sorted({name for name, _ in blocks} - set(CELL_TYPES) - {"vertex"})
+    if foreign:
+        raise InvalidInput(
+            f"{path}: cells of type {', '.join(foreign)}; known are {', '.join(CELL_TYPES)}",
+            hint="save the mesh with first-order cells",
+        )
+    cells: dict[str, list[IntArray]] = defaultdict(list)
+    for name, nodes in blocks:
+        if name in CELL_TYPES:
+            cells[name].append(nodes)
+    return assemble(path, mesh.points, {name: np.concatenate(parts) for name, parts in cells.items()}, _patches(mesh))
+
+
+def _read_with_meshio(path: Path) -> Any:
+    """The file as meshio's mesh."""
+    try:
+        import meshio  # noqa: PLC0415  (an extra, needed for these formats only)
+    except ImportError:
+        raise InvalidInput(
+            f"{path}: reading {path.suffix} needs meshio", hint="pip install 'mesh-motion-server[mesh]', or use .npz"
+        ) from None
+    chatter = io.StringIO()  # meshio prints its warnings; ours are raised
+    try:
+        with contextlib.redirect_stdout(chatter), contextlib.redirect_stderr(chatter):
+            return meshio.read(path)
+    except OSError:
+        raise
+    except (Exception, SystemExit) as error:  # meshio raises every kind of error on damaged files, and may exit
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InvalidInput(f"{path}: not readable as {path.suffix}: {reason or type(error).__name__}") from None
+
+
+def _patches(mesh: Any) -> dict[str, IntArray]:
+    """{name: (p,) node ids, with repeats} from the arrays with agreed names."""
+    found: dict[str, list[IntArray]] = defaultdict(list)
+    everything = np.arange(len(mesh.points))[:, None]
+    for name, values in mesh.point_data.items():
+        _collect(found, name, values, everything)
+    dimension = max((CELL_TYPES[block.type].dimension for block in mesh.cells if block.type in CELL_TYPES), default=0)
+    for name, per_block in mesh.cell_data.items():
+        for block, values in zip(mesh.cells, per_block, strict=True):
+            if block.type == "vertex" or CELL_TYPES[block.type].dimension < dimension:
+                _collect(found, name, values, np.asarray(block.data, dtype=np.int64))
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _collect(found: dict[str, list[IntArray]], name: str, values: NDArray[Any], nodes: IntArray) -> None:
+    """Add the nodes (m, k) whose row the array ``values`` (m,) marks."""
+    values = np.squeeze(np.asarray(values))
+    if values.ndim != 1:
+        return
+    if name.startswith(PATCH_PREFIX):
+        found[name.removeprefix(PATCH_PREFIX)].append(nodes[values != 0].ravel())
+    elif name in NUMBERED_PATCH_ARRAYS and values.dtype.kind in "iu":
+        for value in np.unique(values[values > 0]):
+            found[str(int(value))].append(nodes[values == value].ravel())

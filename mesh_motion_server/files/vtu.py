@@ -1,0 +1,150 @@
+"""Results for ParaView: VTK's XML unstructured grids with raw appended data, and ``.pvd`` collections of them.
+
+Arrays are written as they lie in memory behind 8-byte lengths. Cells keep their node order: what VTK measures a
+positive volume for is the order used here, wedges included (older VTK documents say otherwise; a test asks VTK).
+
+https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import BinaryIO
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.numerics.cells import CellTable
+
+__all__ = ["VtuSeries", "write_vtu"]
+
+FloatArray = NDArray[np.float64]
+Data = Mapping[str, NDArray[np.generic]]
+
+_VTK_NAMES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8", "i1": "Int8"}
+
+
+def write_vtu(
+    path: Path | str,
+    points: FloatArray,
+    cells: CellTable,
+    *,
+    point_data: Data | None = None,
+    cell_data: Data | None = None,
+) -> None:
+    """Write one grid, replacing the file in one step.
+
+    Parameters
+    ----------
+    path : path
+    points : (n, d) array
+        d < 3 is filled up with zeros, as VTK's points have three coordinates.
+    cells : CellTable
+    point_data, cell_data : dict of str to (n,) | (n, d), (m,) | (m, d) arrays, optional
+        Vectors with d = 2 are filled up to three components.
+    """
+    body = _Appended()
+    point_lines = [body.array(name, _three(values)) for name, values in (point_data or {}).items()]
+    cell_lines = [body.array(name, _three(values)) for name, values in (cell_data or {}).items()]
+    geometry = [body.array("Points", _three(points, vector=True))]
+    topology = [body.array(name, values) for name, values in _topology(cells).items()]
+    sections = (("PointData", point_lines), ("CellData", cell_lines), ("Points", geometry), ("Cells", topology))
+    head = "\n".join(
+        [
+            '<?xml version="1.0"?>',
+            '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+            f'<UnstructuredGrid><Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">',
+            *(f"<{name}>\n" + "\n".join(lines) + f"\n</{name}>" for name, lines in sections),
+            "</Piece></UnstructuredGrid>",
+            '<AppendedData encoding="raw">\n_',
+        ]
+    )
+    with replacing(Path(path)) as file:
+        file.write(head.encode())
+        body.write(file)
+        file.write(b"\n</AppendedData></VTKFile>\n")
+
+
+class VtuSeries:
+    """A time series in a folder: ``<name>_0000.vtu``, … and ``<name>.pvd``, which lists those written so far.
+
+    Parameters
+    ----------
+    folder : path
+        Exists.
+    name : str
+        Stem of all files.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder = folder
+        self._name = name
+        self._entries: list[tuple[float, str]] = []
+
+    def write(
+        self,
+        time: float,
+        points: FloatArray,
+        cells: CellTable,
+        *,
+        point_data: Data | None = None,
+        cell_data: Data | None = None,
+    ) -> Path:
+        """Add the grid of one time and return its file."""
+        path = self._folder / f"{self._name}_{len(self._entries):04d}.vtu"
+        write_vtu(path, points, cells, point_data=point_data, cell_data=cell_data)
+        self._entries.append((time, path.name))
+        self._write_collection()
+        return path
+
+    def _write_collection(self) -> None:
+        rows = "\n".join(f'<DataSet timestep="{time:.17g}" file={quoteattr(name)}/>' for time, name in self._entries)
+        head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>'
+        text = f"{head}\n{rows}\n</Collection></VTKFile>\n"
+        with replacing(self._folder / f"{self._name}.pvd") as file:
+            file.write(text.encode())
+
+
+class _Appended:
+    """Arrays of the appended section: declared one after the other, then written in that order."""
+
+    def __init__(self) -> None:
+        self._arrays: list[NDArray[np.generic]] = []
+        self._offset = 0
+
+    def array(self, name: str, values: NDArray[np.generic]) -> str:
+        """Declare an array and return its XML element."""
+        little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+        element = (
+            f'<DataArray type="{_VTK_NAMES[little.dtype.str[1:]]}" Name={quoteattr(name)} '
+            f'NumberOfComponents="{1 if little.ndim == 1 else little.shape[1]}" '
+            f'format="appended" offset="{self._offset}"/>'
+        )
+        self._arrays.append(little)
+        self._offset += 8 + little.nbytes
+        return element
+
+    def write(self, file: BinaryIO) -> None:
+        """Write all arrays, each behind its length."""
+        for values in self._arrays:
+            file.write(np.array(values.nbytes, dtype="<u8").tobytes())
+            file.write(values.data if values.size else b"")
+
+
+def _three(values: NDArray[np.generic], *, vector: bool = False) -> NDArray[np.generic]:
+    """Fill vectors up to three components; scalars and booleans become what VTK knows."""
+    if values.dtype == np.bool_:
+        values = values.astype(np.uint8)
+    if values.ndim == 2 and (vector or values.shape[1] == 2):
+        return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+    return values
+
+
+def _topology(cells: CellTable) -> dict[str, NDArray[np.generic]]:
+    """VTK's connectivity, offsets (ends of the cells) and types."""
+    ends = np.cumsum(np.concatenate([np.full(len(block), block.type.n_nodes, dtype=np.int64) for block in cells]))
+    types = np.concatenate([np.full(len(block), block.type.vtk, dtype=np.uint8) for block in cells])
+    return {"connectivity": np.concatenate([block.nodes.ravel() for block in cells]), "offsets": ends, "types": types}

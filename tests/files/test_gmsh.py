@@ -1,0 +1,201 @@
+"""Gmsh writes, we read: every version and form gives the same mesh, in the file's node order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import read_mesh
+
+gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+
+FORMS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
+
+
+@pytest.fixture
+def model() -> Iterator[Any]:
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("test")
+    yield gmsh.model
+    gmsh.finalize()
+
+
+def save(path: Path, version: float, binary: int) -> Path:
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
+    gmsh.option.setNumber("Mesh.Binary", binary)
+    gmsh.write(str(path))
+    return path
+
+
+def square(model: Any, *, recombine: bool = False) -> None:
+    """The unit square: patches bottom and sides, the corner (0, 0) in both "sides" and "pin"; a half of quads."""
+    left = model.occ.addRectangle(0, 0, 0, 0.5, 1)
+    right = model.occ.addRectangle(0.5, 0, 0, 0.5, 1)
+    model.occ.fragment([(2, left)], [(2, right)])
+    model.occ.synchronize()
+    if recombine:
+        model.mesh.setRecombine(2, right)
+    curves = {tuple(np.round(model.occ.getCenterOfMass(1, tag)[:2], 6)): tag for _, tag in model.getEntities(1)}
+    model.addPhysicalGroup(1, [curves[0.25, 0.0], curves[0.75, 0.0]], name="bottom")
+    model.addPhysicalGroup(1, [curves[0.0, 0.5], curves[1.0, 0.5]], name="sides")
+    model.addPhysicalGroup(1, [curves[0.0, 0.5]], tag=77)  # a curve in two groups, one without a name
+    model.addPhysicalGroup(2, [left, right], name="fluid")
+    model.mesh.setSize(model.getEntities(0), 0.2)
+    model.mesh.generate(2)
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+def test_mixed_2d_mesh_with_overlapping_groups(model: Any, tmp_path: Path, version: float, binary: int) -> None:
+    square(model, recombine=True)
+    mesh = read_mesh(save(tmp_path / "square.msh", version, binary))
+    assert mesh.dimension == 2
+    assert set(mesh.cells) == {"triangle", "quad"}
+    assert set(mesh.patches) == {"bottom", "sides", "77"}
+    x, y = mesh.points.T
+    np.testing.assert_array_equal(mesh.patches["bottom"], np.flatnonzero(y == 0))
+    np.testing.assert_array_equal(mesh.patches["sides"], np.flatnonzero((x == 0) | (x == 1)))
+    np.testing.assert_array_equal(mesh.patches["77"], np.flatnonzero(x == 0))
+    area = sum(_areas(mesh.points[nodes]).sum() for nodes in mesh.cells.values())
+    assert area == pytest.approx(1.0, rel=1e-12)
+
+
+def _areas(polygons: np.ndarray) -> np.ndarray:
+    """Signed areas of (m, k, 2) polygons."""
+    x, y = polygons[..., 0], polygons[..., 1]
+    return 0.5 * (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+def test_same_nodes_cells_and_patches_as_gmsh_and_meshio(
+    model: Any, tmp_path: Path, version: float, binary: int
+) -> None:
+    meshio = pytest.importorskip("meshio")
+    box = model.occ.addBox(0, 0, 0, 1, 2, 3)
+    model.occ.synchronize()
+    faces = [tag for _, tag in model.getEntities(2)]
+    model.addPhysicalGroup(2, faces[:2], name="moving wall")
+    model.addPhysicalGroup(2, faces[2:], name="outer")
+    model.addPhysicalGroup(3, [box], name="fluid")
+    model.mesh.setSize(model.getEntities(0), 0.8)
+    model.mesh.generate(3)
+    path = save(tmp_path / "box.msh", version, binary)
+    mesh = read_mesh(path)
+    theirs = meshio.read(path)
+    np.testing.assert_array_equal(mesh.points, theirs.points)  # the order of the file, to the bit
+    np.testing.assert_array_equal(mesh.cells["tetra"], theirs.cells_dict["tetra"])
+    tag, _ = theirs.field_data["moving wall"]
+    physical = theirs.cell_data_dict["gmsh:physical"]["triangle"]
+    np.testing.assert_array_equal(
+        mesh.patches["moving wall"], np.unique(theirs.cells_dict["triangle"][physical == tag])
+    )
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+def test_elements_without_a_group_stand_beside_those_in_groups(model: Any, tmp_path: Path, binary: int) -> None:
+    """SaveAll writes every element; version 2.2 then has no groups at all, which Gmsh documents."""
+    gmsh.option.setNumber("Mesh.SaveAll", 1)
+    square(model)
+    mesh = read_mesh(save(tmp_path / "all.msh", 4.1, binary))
+    assert set(mesh.patches) == {"bottom", "sides", "77"}
+    assert _areas(mesh.points[mesh.cells["triangle"]]).sum() == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+def test_second_order_cells_are_refused(model: Any, tmp_path: Path, version: float, binary: int) -> None:
+    square(model)
+    model.mesh.setOrder(2)
+    with pytest.raises(InvalidInput, match=r"square\.msh: .*first-order"):
+        read_mesh(save(tmp_path / "square.msh", version, binary))
+
+
+def test_a_mirrored_surface_is_renumbered(model: Any, tmp_path: Path) -> None:
+    square(model)
+    model.mesh.reverse([(2, tag) for _, tag in model.getEntities(2)])
+    mesh = read_mesh(save(tmp_path / "mirrored.msh", 4.1, 0))
+    assert (_areas(mesh.points[mesh.cells["triangle"]]) > 0).all()
+
+
+def test_a_surface_in_space_is_refused(model: Any, tmp_path: Path) -> None:
+    model.occ.addSphere(0, 0, 0, 1)
+    model.occ.synchronize()
+    model.mesh.generate(2)
+    with pytest.raises(InvalidInput, match="coordinate z varies"):
+        read_mesh(save(tmp_path / "sphere.msh", 4.1, 1))
+
+
+def test_sparse_unordered_tags_big_endian_and_wedges(tmp_path: Path) -> None:
+    """A file no Gmsh on this machine writes: version 4.1, big-endian, sparse tags in no order, parametric nodes."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]], dtype=">f8")
+    tags = np.array([10**12, 7, 500, 3, 9, 8], dtype=">u8")
+
+    def ints(*values: int) -> bytes:
+        return np.array(values, dtype=">i4").tobytes()
+
+    def sizes(*values: int) -> bytes:
+        return np.array(values, dtype=">u8").tobytes()
+
+    parametric = np.hstack([points, np.full((6, 2), 0.5)]).astype(">f8")
+    path = tmp_path / "big.msh"
+    path.write_bytes(
+        b"$MeshFormat\n4.1 1 8\n" + ints(1) + b"\n$EndMeshFormat\n$Comments\nhello $ there\n$EndComments\n"
+        b"$Nodes\n" + sizes(1, 6, 3, 10**12) + ints(2, 1, 1) + sizes(6) + tags.tobytes() + parametric.tobytes()
+        + b"\n$EndNodes\n$Elements\n" + sizes(1, 1, 1, 1) + ints(3, 1, 6) + sizes(1) + sizes(1) + tags.tobytes()
+        + b"\n$EndElements\n"
+    )  # fmt: skip
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.cells["wedge"], [[0, 1, 2, 3, 4, 5]])
+    assert mesh.patches == {}
+
+
+HEADER = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "does not begin with"),
+        ("hello", "does not begin with"),
+        ("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n", "version 4.0"),
+        (HEADER, "no cells"),
+        (HEADER + "$Nodes\n2\n1 0 0 0\n2 1 0 0\n", "malformed"),
+        (HEADER + "$Nodes\n3\n1 0 0 0\n2 1 0 0\n$EndNodes\n", "ends before"),
+        (HEADER + "$Nodes\n1\n1 0 zero 0\n$EndNodes\n", "malformed"),
+        (HEADER + "$Nodes\n2\n1 0 0 0\n1 1 0 0\n$EndNodes\n", "node 1 appears twice"),
+        (HEADER + "$Nodes\n1\n1 0 0 0\n$EndNodes\n$Elements\n1\n1 2 0 1 5 6\n$EndElements\n", "names node 5"),
+        (HEADER + "$Nodes\n1\n1 0 0 0\n$EndNodes\n$Elements\n1\n1 2 0 1 1\n$EndElements\n", "ends before"),
+        (HEADER + "$Nodes\n1\n1 nan 0 0\n$EndNodes\n$Elements\n1\n1 2 0 1 1 1\n$EndElements\n", "node 0 has x = nan"),
+        ("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$PartitionedEntities\n$EndPartitionedEntities\n", "partitioned"),
+    ],
+)
+def test_damaged_files_give_one_clear_line(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "damaged.msh"
+    path.write_text(content)
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_mesh(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_a_long_ascii_file_of_changing_types_is_read_in_runs(tmp_path: Path) -> None:
+    """Version 2.2 has no blocks: 700 triangles in runs of all lengths, between lines of another type."""
+    rows, triangles = [], 0
+    for run in range(37):
+        for _ in range(run):
+            triangles += 1
+            rows.append(f"{len(rows) + 1} 2 2 5 1 1 2 3")
+        rows.append(f"{len(rows) + 1} 1 2 6 1 1 2")
+    text = (
+        HEADER + '$PhysicalNames\n1\n1 6 "edge"\n$EndPhysicalNames\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n'
+    )
+    path = tmp_path / "runs.msh"
+    path.write_text(text + f"$Elements\n{len(rows)}\n" + "\n".join(rows) + "\n$EndElements\n")
+    mesh = read_mesh(path)
+    assert len(mesh.cells["triangle"]) == triangles == 666
+    np.testing.assert_array_equal(mesh.patches["edge"], [0, 1])

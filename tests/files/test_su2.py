@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import read_mesh
+
+SQUARE = """% two triangles and a quad, element and node numbers at the ends as older writers leave them
+NDIME= 2
+NELEM= 3
+5 0 1 4 0
+5 0 4 3 1
+9 1 2 5 4 2
+NPOIN= 6 6
+0.0 0.0 0
+0.5 0.0 1
+1.0 0.0 2   % a comment
+0.0 1.0 3
+0.5 1.0 4
+1.0 1.0 5
+NMARK= 3
+MARKER_TAG= lower wall
+MARKER_ELEMS= 2
+3 0 1
+3 1 2
+MARKER_TAG= far
+MARKER_ELEMS= 1
+3 2 5
+SEND_RECV= 0
+MARKER_TAG= pin
+MARKER_ELEMS= 1
+1 3
+"""
+
+
+def su2(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "mesh.su2"
+    path.write_text(text)
+    return path
+
+
+def test_markers_keep_their_names(tmp_path: Path) -> None:
+    mesh = read_mesh(su2(tmp_path, SQUARE))
+    assert {name: list(nodes) for name, nodes in mesh.patches.items()} == {
+        "lower wall": [0, 1, 2],
+        "far": [2, 5],
+        "pin": [3],
+    }
+    np.testing.assert_array_equal(mesh.cells["triangle"], [[0, 1, 4], [0, 4, 3]])
+    np.testing.assert_array_equal(mesh.cells["quad"], [[1, 2, 5, 4]])
+    np.testing.assert_array_equal(mesh.points[4], [0.5, 1.0])
+
+
+def test_three_dimensions_and_every_cell_type(
+    tmp_path: Path, all_solids: tuple[np.ndarray, dict[str, np.ndarray]]
+) -> None:
+    points, cells = all_solids
+    codes = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
+    rows = [f"{codes[name]} {' '.join(map(str, row))}" for name, nodes in cells.items() for row in nodes]
+    text = f"NDIME= 3\nNPOIN= {len(points)}\n" + "\n".join(" ".join(map(repr, map(float, p))) for p in points)
+    text += f"\nNELEM= {len(rows)}\n" + "\n".join(rows) + "\nNMARK= 1\nMARKER_TAG= base\nMARKER_ELEMS= 1\n9 0 3 2 1\n"
+    mesh = read_mesh(su2(tmp_path, text))
+    np.testing.assert_array_equal(mesh.points, points)
+    assert set(mesh.cells) == set(cells)
+    for name, nodes in cells.items():
+        np.testing.assert_array_equal(mesh.cells[name], nodes)
+    np.testing.assert_array_equal(mesh.patches["base"], [0, 1, 2, 3])
+
+
+def test_gmsh_writes_we_read(tmp_path: Path) -> None:
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        for _, tag in gmsh.model.getEntities(2):
+            gmsh.model.addPhysicalGroup(2, [tag], name=f"side {tag}")
+        gmsh.model.addPhysicalGroup(3, [1], name="fluid")
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / "box.su2"))
+        gmsh.write(str(tmp_path / "box.msh"))
+    finally:
+        gmsh.finalize()
+    ours, reference = read_mesh(tmp_path / "box.su2"), read_mesh(tmp_path / "box.msh")
+    assert len(ours.cells["tetra"]) == len(reference.cells["tetra"])
+    assert {name.replace(" ", "_"): len(nodes) for name, nodes in ours.patches.items()} == {
+        name.replace(" ", "_"): len(nodes) for name, nodes in reference.patches.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("NDIME= 2", "NDIME= two", "malformed"),
+        ("NELEM= 3", "NELEM= 300", "only"),
+        ("5 0 1 4 0", "5 0 1", "triangle with 2 nodes"),
+        ("5 0 1 4 0", "22 0 1 4 0", "element type 22"),
+        ("5 0 1 4 0", "5 0 1 9 0", "row 0 names node 9"),
+        ("0.5 1.0 4", "0.5 one 4", "malformed"),
+        ("0.5 1.0 4", "0.5 nan 4", "node 4 has y = nan"),
+        ("NDIME= 2", "NZONE= 2\nNDIME= 2", "2 zones"),
+    ],
+)
+def test_damaged_files_give_one_clear_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_mesh(su2(tmp_path, SQUARE.replace(old, new)))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_empty_file_has_no_cells(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no cells"):
+        read_mesh(su2(tmp_path, ""))
