@@ -25,10 +25,10 @@ STATE_PREFIX = b"mesh-motion state 1\n"
 
 
 def request_digest(message: Message) -> bytes:
-    """32 bytes: BLAKE2b over the type and all fields but ``client``, ``sequence`` and ``epoch``."""
+    """32 bytes: SHA-256 over the type and all fields but ``client``, ``sequence`` and ``epoch``."""
     schema = schema_of(type(message))
     values = {spec.name: plain(getattr(message, spec.name)) for spec in schema.fields if spec.name != "epoch"}
-    digest = hashlib.blake2b(msgpack.packb([schema.kind, _sorted(values)]), digest_size=32)
+    digest = hashlib.sha256(msgpack.packb([schema.kind, _sorted(values)]))
     for spec in schema.arrays:
         array = getattr(message, spec.name)
         if array is None:

@@ -1,0 +1,236 @@
+"""Writes the golden vectors: ``python -m mesh_motion_protocol.vectors.generate``.
+
+The valid ones come from :mod:`.samples` and from headers packed by hand that a sender may also write; the invalid ones
+are a valid message with one thing wrong.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.limits import CONTAINER_ITEMS, HEADER_DEPTH
+from mesh_motion_protocol.messages import Message
+from mesh_motion_protocol.schema import schema_of
+from mesh_motion_protocol.vectors.samples import MESSAGES
+
+__all__ = ["invalid_cases", "plain_message", "render", "valid_cases"]
+
+_BY_TYPE = {message.type: message for message in MESSAGES}
+Frames = list[bytes]
+Header = dict[str, Any]
+
+
+def plain_message(message: Message) -> dict[str, Any]:
+    """A message as JSON values: binary as ``{"hex": …}``, arrays as ``{"dtype", "shape", "values"}``."""
+    schema = schema_of(type(message))
+    arrays = {spec.name: _plain_array(getattr(message, spec.name)) for spec in schema.arrays}
+    return {
+        "type": schema.kind,
+        "client": _plain(message.client),
+        "sequence": message.sequence,
+        "fields": {spec.name: _plain(getattr(message, spec.name)) for spec in schema.fields},
+        "arrays": {name: array for name, array in arrays.items() if array is not None},
+    }
+
+
+def valid_cases() -> list[dict[str, Any]]:
+    """Frames that are messages. ``canonical``: encoding the message gives the same frames."""
+    cases = [_valid(message.type.lower(), _frames(message), canonical=True) for message in MESSAGES]
+    for name, frames in _variants():
+        cases.append(_valid(name, frames, canonical=False))
+    return cases
+
+
+def invalid_cases() -> list[dict[str, Any]]:
+    """Frames that are no messages, with the error code and why."""
+    cases = [*_broken_headers(), *_broken_keys(), *_broken_fields(), *_broken_arrays()]
+    return [
+        {"name": name, "frames": [frame.hex() for frame in frames], "error": code, "why": why}
+        for name, frames, code, why in cases
+    ]
+
+
+def render(cases: list[dict[str, Any]]) -> str:
+    """The file's text: one case a line, so that a change shows as a line."""
+    return "[\n" + ",\n".join(json.dumps(case, ensure_ascii=False) for case in cases) + "\n]\n"
+
+
+def _valid(name: str, frames: Frames, *, canonical: bool) -> dict[str, Any]:
+    message = plain_message(decode(frames))
+    return {"name": name, "canonical": canonical, "frames": [f.hex() for f in frames], "message": message}
+
+
+def _frames(message: Message) -> Frames:
+    return [bytes(frame) for frame in encode(message)]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return {"hex": value.hex()}
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list) else value
+
+
+def _plain_array(array: Any) -> dict[str, Any] | None:
+    if array is None:
+        return None
+    return {"dtype": array.dtype.str, "shape": list(array.shape), "values": array.ravel().tolist()}
+
+
+def _header(kind: str, change: Callable[[Header], Any] | None = None) -> Header:
+    """The header of the sample of this type, changed in one place."""
+    header: Header = msgpack.unpackb(encode(_BY_TYPE[kind])[0], strict_map_key=False)
+    if change is not None:
+        change(header)
+    return header
+
+
+def _changed(kind: str, change: Callable[[Header], Any]) -> Frames:
+    return [msgpack.packb(_header(kind, change)), *_frames(_BY_TYPE[kind])[1:]]
+
+
+def _without(key: str) -> Callable[[Header], Any]:
+    return lambda header: header.pop(key)
+
+
+def _field(kind: str, name: str, value: Any) -> Frames:
+    return _changed(kind, lambda header: header["fields"].update({name: value}))
+
+
+def _array(kind: str, key: str, value: Any) -> Frames:
+    return _changed(kind, lambda header: header["arrays"][0].update({key: value}))
+
+
+def _variants() -> Iterable[tuple[str, Frames]]:
+    """Other spellings that a receiver must take."""
+    narrow = np.array([[0.5, -0.25], [0.125, 3.0]], dtype="<f4").tobytes()
+    yield "move-f4-is-widened", [_array("MOVE", "dtype", "<f4")[0], narrow]
+    yield "joined-i4-is-widened", [_array("JOINED", "dtype", "<i4")[0], np.array([2, 3], "<i4").tobytes()]
+    yield "defaults-left-out", _changed("OPEN", lambda header: header.update(fields={"dimension": 3}))
+    yield "optional-array-left-out", [_changed("JOINED", lambda header: header.update(arrays=[]))[0]]
+    yield "empty-array-has-no-frame", [_array("MOVE", "shape", [0, 2])[0]]
+    yield "keys-in-another-order", [msgpack.packb(dict(reversed(_header("PING").items())))]
+    yield "unknown-field-in-a-reply-is-ignored", _field("COMMITTED", "from_a_later_version", 1)
+    ping, wide = _frames(_BY_TYPE["PING"])[0], b"\xa8sequence\xd3" + (7).to_bytes(8, "big")
+    yield "integer-in-64-bits", [ping.replace(b"\xa8sequence\x07", wide)]
+    yield "largest-sequence", _changed("PING", lambda header: header.update(sequence=2**63 - 1))
+    yield "integer-where-a-number-is-asked", _field("MOVED", "seconds", {"total": 1})
+
+
+def _broken_headers() -> Iterable[tuple[str, Frames, str, str]]:
+    """Frame 0 itself."""
+    ping = _frames(_BY_TYPE["PING"])[0]
+    code = "INVALID_ARGUMENT.HEADER"
+    yield "empty-header", [b""], code, "frame 0 has no byte"
+    yield "not-a-map", [msgpack.packb([1, 2])], code, "frame 0 is an array"
+    yield "cut-off", [ping[:-1]], code, "the map ends too early"
+    yield "trailing-byte", [ping + b"\xc0"], code, "a byte behind the map"
+    yield "reserved-byte", [b"\xc1"], code, "0xc1 is never used in msgpack"
+    yield "key-twice", [b"\x87" + ping[1:] + b"\xa1v\x01"], code, "the key v comes twice"
+    yield "binary-key", [ping.replace(b"\xa1v", b"\xc4\x01v")], code, "keys are text"
+    yield "integer-key", [ping.replace(b"\xa1v", b"\x01")], code, "keys are text"
+    yield "bad-utf-8", [ping.replace(b"\xa4PING", b"\xa4PI\xff\xfe")], code, "text is UTF-8"
+    yield "extension", [ping.replace(b"\xa4PING", b"\xd4\x05\x00")], code, "no extension types"
+    yield "timestamp", [ping.replace(b"\xa4PING", b"\xd6\xff\0\0\0\0")], code, "no extension types"
+    yield "deep", [b"\x91" * 2000], code, "nested deeper than the limit"
+    nested: Any = 1
+    for _ in range(HEADER_DEPTH):
+        nested = [nested]
+    yield "one-level-too-deep", _field("OPEN", "settings", {"a": nested}), code, "nested deeper than the limit"
+    yield "declared-huge-array", [b"\xdd\xff\xff\xff\xff"], code, "four billion items announced"
+    yield "declared-huge-map", [b"\xdf\xff\xff\xff\xff"], code, "four billion items announced"
+    yield "declared-huge-text", [b"\xdb\xff\xff\xff\xff"], code, "four billion bytes announced"
+    many = {str(number): 0 for number in range(CONTAINER_ITEMS + 1)}
+    yield "too-many-items", _field("OPEN", "settings", many), code, "a map with more items than the limit"
+
+
+def _broken_keys() -> Iterable[tuple[str, Frames, str, str]]:
+    """The six keys of the header."""
+    code = "INVALID_ARGUMENT.HEADER"
+    for key in ("type", "client", "sequence", "fields", "arrays"):
+        yield f"without-{key}", _changed("PING", _without(key)), code, f"the key {key} is missing"
+    yield "extra-key", _changed("PING", lambda h: h.update(x=1)), code, "exactly six keys"
+    version = "UNIMPLEMENTED.VERSION"
+    yield "without-v", _changed("PING", lambda h: h.pop("v")), version, "v tells the version"
+    yield "version-2", _changed("PING", lambda h: h.update(v=2)), version, "another major version"
+    yield "version-true", _changed("PING", lambda h: h.update(v=True)), version, "true is not 1"
+    yield "unknown-type", _changed("PING", lambda h: h.update(type="PUNG")), "UNIMPLEMENTED.MESSAGE", "no such type"
+    yield "type-number", _changed("PING", lambda h: h.update(type=1)), code, "type is text"
+    yield "client-text", _changed("PING", lambda h: h.update(client="0" * 16)), code, "client is binary"
+    value = "INVALID_ARGUMENT.VALUE"
+    yield "client-short", _changed("PING", lambda h: h.update(client=b"0" * 15)), value, "client has 16 bytes"
+    yield "sequence-0", _changed("PING", lambda h: h.update(sequence=0)), value, "requests count from 1"
+    yield "sequence-negative", _changed("PING", lambda h: h.update(sequence=-1)), value, "requests count from 1"
+    yield "sequence-64-bits", _changed("PING", lambda h: h.update(sequence=2**63)), code, "integers have 63 bits"
+    yield "sequence-float", _changed("PING", lambda h: h.update(sequence=1.0)), code, "sequence is an integer"
+    yield "fields-array", _changed("PING", lambda h: h.update(fields=[])), code, "fields is a map"
+    yield "arrays-map", _changed("PING", lambda h: h.update(arrays={})), code, "arrays is an array"
+
+
+def _broken_fields() -> Iterable[tuple[str, Frames, str, str]]:
+    """Fields of requests."""
+    header, value = "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE"
+    yield "field-missing", _changed("MOVE", lambda h: h["fields"].pop("step")), header, "step has no default"
+    yield "field-unknown", _field("MOVE", "stepp", 1), header, "requests have no unknown fields"
+    yield "field-text", _field("MOVE", "step", "13"), header, "step is an integer"
+    yield "field-bool", _field("MOVE", "step", True), header, "true is not 1"
+    yield "field-nil", _field("MOVE", "step", None), header, "nil is no integer"
+    yield "step-negative", _field("MOVE", "step", -1), value, "steps are not negative"
+    yield "dimension-4", _field("OPEN", "dimension", 4), value, "1, 2 or 3 dimensions"
+    yield "dimension-0", _field("OPEN", "dimension", 0), value, "1, 2 or 3 dimensions"
+    yield "partitions-0", _field("OPEN", "partitions", 0), value, "at least one partition"
+    yield "partition-256", _field("JOIN", "partition", 256), value, "at most 256 partitions"
+    yield "frame-unknown", _field("MOVE", "frame", "absolute"), value, "committed or reference"
+    yield "role-unknown", _field("UPLOAD", "role", "sliding"), value, "no such role"
+    yield "item-unknown", _field("UPLOAD", "item", "faces"), value, "no such item"
+    yield "token-short", _field("JOIN", "token", b"short"), value, "a token has 32 bytes"
+    yield "label-long", _field("OPEN", "label", "x" * 257), value, "a label has at most 256 bytes"
+    yield "settings-array", _field("OPEN", "settings", []), header, "settings is a map"
+    nan = _field("OPEN", "settings", {"support_radius": float("nan")})
+    yield "settings-nan", nan, "INVALID_ARGUMENT.NONFINITE", "numbers in requests are finite"
+
+
+def _broken_arrays() -> Iterable[tuple[str, Frames, str, str]]:
+    """Declarations of arrays and their frames."""
+    dtype, shape, count = (f"INVALID_ARGUMENT.{detail}" for detail in ("DTYPE", "SHAPE", "FRAMES"))
+    header = "INVALID_ARGUMENT.HEADER"
+    for text in ("O", ">f8", "<f2", "float64", "S2147483647", "<i8"):
+        yield f"dtype-{text}", _array("MOVE", "dtype", text), dtype, "displacement is <f8 or <f4"
+    yield "dtype-number", _array("MOVE", "dtype", 8), header, "a dtype is text"
+    yield "shape-text", _array("MOVE", "shape", "2,2"), header, "a shape is an array"
+    yield "shape-rank-1", _array("MOVE", "shape", [4]), shape, "displacement has two axes"
+    yield "shape-rank-3", _array("MOVE", "shape", [2, 2, 1]), shape, "displacement has two axes"
+    yield "shape-negative", _array("MOVE", "shape", [-2, -2]), shape, "lengths are not negative"
+    yield "shape-float", _array("MOVE", "shape", [2.0, 2]), shape, "lengths are integers"
+    yield "shape-4-columns", _array("MOVE", "shape", [1, 4]), shape, "at most three coordinates"
+    yield "shape-overflow", _array("MOVE", "shape", [2**62, 2]), shape, "more rows than any machine holds"
+    yield "shape-large", _array("MOVE", "shape", [2**40, 2]), "RESOURCE_EXHAUSTED.BYTES", "more than message_bytes"
+    yield "frame-missing", _frames(_BY_TYPE["MOVE"])[:1], count, "one frame is declared"
+    yield "frame-extra", [*_frames(_BY_TYPE["MOVE"]), b"x"], count, "one frame is declared"
+    yield "frame-behind-ping", [*_frames(_BY_TYPE["PING"]), b""], count, "no frame is declared"
+    yield "frame-short", [_frames(_BY_TYPE["MOVE"])[0], b"\0" * 31], count, "the shape needs 32 bytes"
+    yield "frame-long", [_frames(_BY_TYPE["MOVE"])[0], b"\0" * 33], count, "the shape needs 32 bytes"
+    yield "array-missing", [_changed("MOVE", lambda h: h.update(arrays=[]))[0]], header, "displacement is required"
+    yield "array-unknown", _array("MOVE", "name", "force"), header, "MOVE has no array force"
+    yield "array-extra-key", _array("MOVE", "order", "F"), header, "exactly name, dtype, shape"
+    twice = _changed("MOVE", lambda h: h.update(arrays=h["arrays"] * 2))
+    yield "array-twice", [*twice, twice[1]], header, "an array is declared twice"
+
+
+def main() -> None:
+    """Write both files beside this module."""
+    here = Path(__file__).parent
+    for name, cases in (("valid", valid_cases()), ("invalid", invalid_cases())):
+        here.joinpath(f"{name}.json").write_text(render(cases), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Request digests tell a repeat from a conflict; the state digest is the one SPEC.md defines."""
+
+import hashlib
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.digests import request_digest, state_digest
+from mesh_motion_protocol.messages import Commit, Move, Open, Upload
+
+MOVE = Move(client=b"c" * 16, sequence=1, session="s", epoch=1, step=1, displacement=np.array([[1.0, 2.0]]))
+
+
+def test_id_and_epoch_are_not_content():
+    again = replace(MOVE, client=b"d" * 16, sequence=2, epoch=5, displacement=MOVE.displacement.copy())
+    assert request_digest(again) == request_digest(MOVE)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"step": 2},
+        {"partition": 1},
+        {"frame": "reference"},
+        {"session": "t"},
+        {"displacement": np.array([[1.0, 2.0000000000000004]])},
+        {"displacement": np.array([[1.0], [2.0]])},
+    ],
+)
+def test_everything_else_is(change):
+    assert request_digest(replace(MOVE, **change)) != request_digest(MOVE)
+
+
+def test_the_type_is_content():
+    commit = Commit(session="s", epoch=1, step=1)
+    assert request_digest(commit) != request_digest(MOVE)
+
+
+def test_the_order_of_a_map_is_not_content():
+    one, two = (
+        Open(dimension=2, settings={"a": 1, "b": {"c": 1, "d": 2}}),
+        Open(dimension=2, settings={"b": {"d": 2, "c": 1}, "a": 1}),
+    )
+    assert request_digest(one) == request_digest(two)
+
+
+def test_an_absent_array_differs_from_an_empty_one():
+    upload = Upload(session="s", epoch=1, item="nodes")
+    assert request_digest(upload) != request_digest(replace(upload, rows=np.empty((0, 2))))
+
+
+def test_state_digest_is_the_sha256_of_the_text_in_the_spec():
+    points = np.array([[0.0, 1.0], [2.0, 3.0], [4.0, -5.5]])
+    text = b"mesh-motion state 1\n" + struct.pack("<3q", 12, 3, 2) + struct.pack("<6d", 0, 1, 2, 3, 4, -5.5)
+    assert state_digest(12, points) == hashlib.sha256(text).digest()
+    assert state_digest(12, np.asfortranarray(points)) == state_digest(12, points)
