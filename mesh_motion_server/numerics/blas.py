@@ -1,0 +1,50 @@
+"""Linear algebra that is bitwise the same for any number of threads.
+
+A threaded BLAS splits its sums by the threads it finds, and spins while others compute. So matrices are cut into fixed
+tiles, each tile is computed by one thread of a BLAS limited to one, and the tiles are spread over Python threads (NumPy
+releases the interpreter lock in matrix products).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import cache
+
+import numba
+from threadpoolctl import ThreadpoolController
+
+__all__ = ["for_each_tile", "one_blas_thread"]
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    """Finding the loaded BLAS libraries takes milliseconds: once."""
+    import scipy.linalg  # noqa: F401, PLC0415  SciPy's own BLAS must be loaded to be found
+
+    return ThreadpoolController()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit every loaded BLAS to one thread, and restore."""
+    with _controller().limit(limits=1, user_api="blas"):
+        yield
+
+
+def for_each_tile(task: Callable[[int, int], None], size: int, tile: int) -> None:
+    """Call ``task(first, last)`` for every tile of ``range(size)``, on as many threads as the compiled kernels use."""
+    tiles = [(first, min(first + tile, size)) for first in range(0, size, tile)]
+    threads = min(len(tiles), int(numba.get_num_threads()))
+    if threads <= 1:
+        _run_all(task, tiles)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for future in [pool.submit(task, *bounds) for bounds in tiles]:
+            future.result()
+
+
+def _run_all(task: Callable[[int, int], None], tiles: Iterable[tuple[int, int]]) -> None:
+    for first, last in tiles:
+        task(first, last)

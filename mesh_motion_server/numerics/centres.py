@@ -1,0 +1,135 @@
+"""Control points laid out for the compiled sums: sorted by the cells of a uniform grid, one array a coordinate.
+
+With a compact basis only centres closer than R count. If R is small against the extent of the centres, a grid of cells
+of side R finds them: those near a point lie in the 3ᵈ cells around it, and the three along x are one run of the sorted
+arrays. Otherwise the grid has a single cell and every centre is visited: a direct sum.
+
+The layout depends on the control points and the radius only, never on where it is evaluated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.kernels import Basis
+
+__all__ = ["CentreLayout", "padded", "pairs_fraction"]
+
+#: A run of a few centres costs about as much as thirty of a long one; below this gain the direct sum is faster.
+_WORTHWHILE_FRACTION = 0.5
+#: Bound on the grid's size, in cells per centre: surfaces leave most cells of their box empty.
+_CELLS_PER_CENTRE = 16
+#: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
+_SLACK = 1.0 + 1e-6
+
+
+def padded(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) contiguous copy of (n, d) points; missing coordinates are zero."""
+    n, d = points.shape
+    if d == 3:
+        return np.ascontiguousarray(points, dtype=np.float64)
+    out = np.zeros((n, 3))
+    out[:, :d] = points
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class CentreLayout:
+    """Sorted centres and the grid that finds them.
+
+    Attributes
+    ----------
+    order : (nc,) int64 array
+        Row ``j`` of the sorted arrays is control point ``order[j]``.
+    coordinates : (3, nc) array
+    origin : (3,) array
+    inverse_side : float
+        0 for a single cell.
+    shape : (3,) int64 array
+        Cells along each axis.
+    starts : (n_cells + 1,) int64 array
+        First sorted centre of each cell, x fastest.
+    """
+
+    order: NDArray[np.int64]
+    coordinates: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    inverse_side: float
+    shape: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+    @classmethod
+    def build(cls, control_points: NDArray[np.float64], basis: Basis, support_radius: float) -> CentreLayout:
+        """Lay out (nc, d) control points; by cells where the basis is compact and that saves half the pairs."""
+        points = padded(control_points)
+        if basis.compact:
+            by_cells = _sorted_by_cells(points, support_radius * _SLACK)
+            if pairs_fraction(by_cells) < _WORTHWHILE_FRACTION:
+                return by_cells
+        return _single_cell(points)
+
+    @property
+    def n_centres(self) -> int:
+        return self.order.size
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether every centre is visited for every point."""
+        return self.starts.size == 2
+
+    def sort(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, nc) sorted rows of (nc, k) weights."""
+        return np.ascontiguousarray(weights[self.order].T)
+
+    def grid(self) -> tuple[NDArray[np.float64], float, NDArray[np.int64], NDArray[np.int64]]:
+        """The grid's arguments of the compiled sums."""
+        return self.origin, self.inverse_side, self.shape, self.starts
+
+
+def pairs_fraction(layout: CentreLayout) -> float:
+    """Mean fraction of all centres that lie in the cells around a centre: what a sum by cells visits at most."""
+    counts = np.diff(layout.starts).reshape(tuple(layout.shape[::-1]))
+    around = counts
+    for axis in range(3):
+        around = around + _shifted(around, axis, 1) + _shifted(around, axis, -1)
+    return float(np.sum(counts * around)) / float(layout.n_centres) ** 2
+
+
+def _shifted(counts: NDArray[np.int64], axis: int, step: int) -> NDArray[np.int64]:
+    """Counts moved one cell along an axis, zeros entering."""
+    out = np.zeros_like(counts)
+    target, source = [slice(None)] * 3, [slice(None)] * 3
+    target[axis], source[axis] = (slice(1, None), slice(None, -1)) if step > 0 else (slice(None, -1), slice(1, None))
+    out[tuple(target)] = counts[tuple(source)]
+    return out
+
+
+def _single_cell(points: NDArray[np.float64]) -> CentreLayout:
+    n = len(points)
+    return CentreLayout(
+        order=np.arange(n),
+        coordinates=np.ascontiguousarray(points.T),
+        origin=np.zeros(3),
+        inverse_side=0.0,
+        shape=np.ones(3, dtype=np.int64),
+        starts=np.array([0, n], dtype=np.int64),
+    )
+
+
+def _sorted_by_cells(points: NDArray[np.float64], side: float) -> CentreLayout:
+    """Sort by cells of at least the given side; wider ones where there would be too many."""
+    origin = points.min(axis=0)
+    extent = points.max(axis=0) - origin
+    limit = _CELLS_PER_CENTRE * len(points)
+    while np.prod(np.floor(extent / side) + 1.0) > limit:
+        side *= 2.0
+    shape = (np.floor(extent / side) + 1.0).astype(np.int64)
+    cells = np.minimum(np.floor((points - origin) * (1.0 / side)).astype(np.int64), shape - 1)
+    number = (cells[:, 2] * shape[1] + cells[:, 1]) * shape[0] + cells[:, 0]
+    order = np.argsort(number, kind="stable")
+    starts = np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
+    np.cumsum(np.bincount(number, minlength=int(np.prod(shape))), out=starts[1:])
+    return CentreLayout(order, np.ascontiguousarray(points[order].T), origin, 1.0 / side, shape, starts)

@@ -1,0 +1,107 @@
+"""The enrichment functions H1, H2, H3 about an enrichment point, thesis (4.5)–(4.8) and (5.1)–(5.3).
+
+With φ Wendland's C2 function of r/R_l and ρ = x − x_c, component m of each is
+
+- ``H1_m = ρ_m φ``, the thesis' choice: linear near its point, gone at R_l;
+- ``H2_m = ∂φ/∂x_m = −20 ρ_m (R_l − r)³ / R_l⁵``;
+- ``H3_m = ∂φ/∂x_m φ``.
+
+All vanish at their point and beyond R_l. (4.7) as printed has ρ² for ρ and R_l − r³ for (R_l − r)³; the forms here are
+the ones its figures and Table 4.1 were made with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+
+__all__ = ["ENRICHMENT_FUNCTIONS", "gradients", "values"]
+
+Array = NDArray[np.float64]
+
+
+def _h1(xi: Array, _radius: float) -> tuple[Array, Array]:
+    """H1_m = ρ_m f(ξ): f and f'(ξ)/ξ."""
+    t = np.maximum(0.0, 1.0 - xi)
+    return t**4 * (4.0 * xi + 1.0), -20.0 * t**3
+
+
+def _h2(xi: Array, radius: float) -> tuple[Array, Array]:
+    """H2_m = ρ_m f(ξ), f = −20 (1 − ξ)³ / R_l²; f' / ξ is multiplied by a vanishing ρ_m ρ_j at ξ = 0."""
+    t = np.maximum(0.0, 1.0 - xi)
+    return -20.0 * t**3 / radius**2, 60.0 * t**2 / np.where(xi > 0.0, xi, 1.0) / radius**2
+
+
+def _h3(xi: Array, radius: float) -> tuple[Array, Array]:
+    """H3 = H2 φ: the product rule on both factors."""
+    f1, slope1 = _h1(xi, radius)
+    f2, slope2 = _h2(xi, radius)
+    return f2 * f1, slope2 * f1 + f2 * slope1
+
+
+#: Name → (f, f'/ξ) of ``H_m = ρ_m f(ξ)``, as functions of ξ = r/R_l and R_l.
+ENRICHMENT_FUNCTIONS: dict[str, Callable[[Array, float], tuple[Array, Array]]] = {"H1": _h1, "H2": _h2, "H3": _h3}
+
+
+def values(kind: str, points: Array, centre: Array, radius: float) -> Array:
+    """The d components of an enrichment function.
+
+    Parameters
+    ----------
+    kind : {"H1", "H2", "H3"}
+    points : (n, d) array, mesh length unit
+    centre : (d,) array, mesh length unit
+        x_c.
+    radius : float, mesh length unit
+        R_l.
+
+    Returns
+    -------
+    (n, d) array
+        ``[i, m] = H_m(points[i])``.
+
+    Raises
+    ------
+    InvalidInput
+        If the kind is unknown or the radius is not finite and positive.
+    """
+    rho, f, _ = _radial(kind, points, centre, radius)
+    return rho * f[:, None]
+
+
+def gradients(kind: str, points: Array, centre: Array, radius: float) -> Array:
+    """Gradients of the d components: ``f δ_mj + ρ_m ρ_j f'/(ξ R_l²)``.
+
+    Parameters as in :func:`values`.
+
+    Returns
+    -------
+    (n, d, d) array
+        ``[i, m, j] = ∂H_m/∂x_j (points[i])``.
+
+    Raises
+    ------
+    InvalidInput
+        As :func:`values`.
+    """
+    rho, f, slope = _radial(kind, points, centre, radius)
+    out = rho[:, :, None] * rho[:, None, :] * (slope / radius**2)[:, None, None]
+    diagonal = np.arange(rho.shape[1])
+    out[:, diagonal, diagonal] += f[:, None]
+    return out
+
+
+def _radial(kind: str, points: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:
+    """(n, d) ρ, (n,) f(ξ), (n,) f'(ξ)/ξ."""
+    if kind not in ENRICHMENT_FUNCTIONS:
+        raise InvalidInput(f"unknown enrichment function {kind!r}", hint=f"known are {', '.join(ENRICHMENT_FUNCTIONS)}")
+    if not (np.isfinite(radius) and radius > 0.0):
+        raise InvalidInput(f"expected a finite enrichment radius > 0, got {radius!r}")
+    rho = np.asarray(points, dtype=np.float64) - np.asarray(centre, dtype=np.float64)
+    xi = np.sqrt(np.sum(rho * rho, axis=1)) / radius
+    f, slope = ENRICHMENT_FUNCTIONS[kind](xi, radius)
+    return rho, f, slope

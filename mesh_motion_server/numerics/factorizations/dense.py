@@ -1,0 +1,116 @@
+"""Cholesky factorization of a dense matrix, by panels of its lower triangle.
+
+Left-looking: panel j is assembled, loses the products of the panels before it, and is divided by its own diagonal
+block's factor. Only panels are stored, together half of the square matrix; nothing else of that size is ever allocated.
+The library's own factorization of orders near 18 000 can crash a process; here it sees blocks of a few hundred rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.blas import for_each_tile, one_blas_thread
+
+__all__ = ["PanelCholesky"]
+
+Array = NDArray[np.float64]
+
+#: Columns a panel: wide enough for full speed of the products, narrow enough that the diagonal blocks cost little.
+_PANEL = 384
+#: Rows a tile: one task of one thread.
+_TILE = 1024
+#: A pivot this small against the diagonal carries no correct digit.
+_LOST = 64 * float(np.finfo(float).eps)
+
+
+class PanelCholesky:
+    """``A = L Lᵀ`` with L in panels of columns.
+
+    Parameters
+    ----------
+    order : int
+        n.
+    panel : callable
+        ``panel(first, last)`` gives a fresh (n − first, last − first) array: columns first … last of A, from the
+        diagonal down.
+
+    Raises
+    ------
+    NumericalError
+        If a pivot vanishes against the diagonal of A: nothing of it is left but rounding.
+    """
+
+    name = "dense"
+
+    def __init__(self, order: int, panel: Callable[[int, int], Array]) -> None:
+        self._bounds = [(first, min(first + _PANEL, order)) for first in range(0, order, _PANEL)]
+        self._panels: list[Array] = []
+        with one_blas_thread():
+            for first, last in self._bounds:
+                self._panels.append(self._eliminate(panel(first, last), first, last))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factor."""
+        return sum(panel.nbytes for panel in self._panels)
+
+    def _eliminate(self, block: Array, first: int, last: int) -> Array:
+        """Turn columns of A into columns of L."""
+        width = last - first
+        largest = float(np.max(np.diag(block)))
+        earlier = [panel[first - start :] for panel, (start, _) in zip(self._panels, self._bounds, strict=False)]
+
+        def subtract(top: int, bottom: int) -> None:
+            for left in earlier:
+                block[top:bottom] -= left[top:bottom] @ left[:width].T
+
+        for_each_tile(subtract, len(block), _TILE)
+        diagonal = _factor_block(block[:width], _LOST * largest)
+        block[:width] = diagonal
+
+        def divide(top: int, bottom: int) -> None:
+            rows = slice(width + top, width + bottom)
+            block[rows] = solve_triangular(diagonal, block[rows].T, lower=True, check_finite=False).T
+
+        for_each_tile(divide, len(block) - width, _TILE)
+        return block
+
+    def solve(self, values: Array) -> Array:
+        """(n, k) solution of ``A x = values``."""
+        x = np.array(values, dtype=np.float64)
+        with one_blas_thread():
+            for panel, (first, last) in zip(self._panels, self._bounds, strict=True):
+                width = last - first
+                x[first:last] = solve_triangular(panel[:width], x[first:last], lower=True, check_finite=False)
+                x[last:] -= panel[width:] @ x[first:last]
+            for panel, (first, last) in zip(self._panels[::-1], self._bounds[::-1], strict=True):
+                width = last - first
+                x[first:last] -= panel[width:].T @ x[last:]
+                x[first:last] = solve_triangular(
+                    panel[:width], x[first:last], lower=True, trans="T", check_finite=False
+                )
+        return x
+
+
+def _factor_block(block: Array, smallest: float) -> Array:
+    """Lower Cholesky factor of a diagonal block whose pivots are all larger than ``smallest``."""
+    try:
+        factor = np.linalg.cholesky(block)
+    except np.linalg.LinAlgError:
+        raise _singular() from None
+    if float(np.min(np.diag(factor))) ** 2 <= smallest:
+        raise _singular()
+    return np.asarray(factor, dtype=np.float64)
+
+
+def _singular() -> NumericalError:
+    return NumericalError(
+        "the interpolation matrix is singular to working precision",
+        code="FAILED_PRECONDITION",
+        hint="take a smaller support radius or a less smooth basis, or separate control points that nearly coincide",
+    )

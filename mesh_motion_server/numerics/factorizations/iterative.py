@@ -1,0 +1,145 @@
+"""Preconditioned conjugate gradients for many control points, in memory proportional to their number.
+
+The matrix is applied by the same compiled sums that evaluate the interpolant, or, where each row has few entries,
+stored in sparse rows; the preconditioner is a factorized sparse approximate inverse (``preconditioner.py``). All
+right-hand sides advance together, so the matrix is visited once an iteration.
+
+Rounding lets the recurrences' residual drift from the true one: the true residual is formed at the end, and solved for
+again while that helps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.assembly import sparse_matrix
+from mesh_motion_server.numerics.centres import CentreLayout, pairs_fraction
+from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
+from mesh_motion_server.numerics.kernels import Basis
+from mesh_motion_server.numerics.summation import sum_values
+
+__all__ = ["ConjugateGradients"]
+
+Array = NDArray[np.float64]
+
+#: Residual, relative to the right-hand side, at which a solution is good to rounding for weights of moderate size.
+_TOLERANCE = 1e-12
+#: A residual that refinement cannot push below this is an error: snapping the boundary would then show.
+_ACCEPTED = 1e-8
+_MAX_ITERATIONS = 1000
+#: Iterations without halving the best residual: rounding has taken over.
+_PATIENCE = 25
+_REFINEMENTS = 3
+#: Rows stored as a sparse matrix up to this memory; beyond it, and for a direct sum, entries are computed when needed.
+_STORED_BYTES = 300e6
+
+
+class ConjugateGradients:
+    """Solver by conjugate gradients.
+
+    Parameters
+    ----------
+    layout : CentreLayout
+    basis : Basis
+        Positive definite.
+    support_radius : float
+    """
+
+    name = "iterative"
+
+    def __init__(self, layout: CentreLayout, basis: Basis, support_radius: float) -> None:
+        self._order = layout.order
+        self._points = np.ascontiguousarray(layout.coordinates.T)
+        self._precondition = SparseInverse(self._points, basis, support_radius)
+        self._apply, self._stored = _operator(layout, self._points, basis, support_radius)
+        self.iterations = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the preconditioner, the coordinates and the stored rows."""
+        return self._precondition.nbytes + self._points.nbytes + self._order.nbytes + self._stored
+
+    def solve(self, values: Array) -> Array:
+        """(n, k) solution, rows in the caller's order.
+
+        Raises
+        ------
+        NumericalError
+            If the residual stays above 1e-8 of the right-hand side.
+        """
+        rhs = np.ascontiguousarray(values[self._order])
+        scale = np.sqrt(np.sum(rhs * rhs, axis=0))
+        scale[scale == 0.0] = 1.0
+        x = np.zeros_like(rhs)
+        residual, error = rhs, 1.0
+        self.iterations = 0
+        for _ in range(_REFINEMENTS):
+            trial = x + self._conjugate_gradients(residual, scale)
+            trial_residual = rhs - self._apply(trial)
+            trial_error = _largest(trial_residual, scale)
+            if not trial_error < error:
+                break
+            x, residual, error = trial, trial_residual, trial_error
+            if error <= _TOLERANCE:
+                break
+        if error > _ACCEPTED:
+            raise NumericalError(
+                f"the iterative solution of the interpolation stopped at a relative residual of {error:.1e}",
+                hint="take a smaller support radius, or solver = 'dense'",
+            )
+        out = np.empty_like(x)
+        out[self._order] = x
+        return out
+
+    def _conjugate_gradients(self, rhs: Array, scale: Array) -> Array:
+        """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""
+        x, r = np.zeros_like(rhs), rhs.copy()
+        z = self._precondition(r)
+        p, rz = z.copy(), np.sum(r * z, axis=0)
+        best, since = np.inf, 0
+        for _ in range(_MAX_ITERATIONS):
+            ap = self._apply(p)
+            alpha = _ratio(rz, np.sum(p * ap, axis=0))
+            x += alpha * p
+            r -= alpha * ap
+            self.iterations += 1
+            error = _largest(r, scale)
+            best, since = (error, 0) if error < best / 2.0 else (best, since + 1)
+            if error <= _TOLERANCE / 4.0 or since >= _PATIENCE:
+                break
+            z = self._precondition(r)
+            rz, before = np.sum(r * z, axis=0), rz
+            p = z + _ratio(rz, before) * p
+        return x
+
+
+def _ratio(a: Array, b: Array) -> Array:
+    """``a / b`` by columns; 0 where a column is solved."""
+    safe = np.where(b > 0.0, b, 1.0)
+    return np.where(b > 0.0, a / safe, 0.0)
+
+
+def _largest(residual: Array, scale: Array) -> float:
+    return float(np.max(np.sqrt(np.sum(residual * residual, axis=0)) / scale))
+
+
+def _operator(
+    layout: CentreLayout, points: Array, basis: Basis, support_radius: float
+) -> tuple[Callable[[Array], Array], int]:
+    """The product with the interpolation matrix in the layout's order, and the bytes it holds."""
+    entries = 0.0 if layout.is_direct else pairs_fraction(layout) * float(layout.n_centres) ** 2
+    if 0.0 < 12.0 * entries < _STORED_BYTES:
+        matrix = sparse_matrix(layout, basis, support_radius)
+        return matrix.__matmul__, int(matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes)
+
+    def apply(vectors: Array) -> Array:
+        out = np.empty_like(vectors)
+        weights = np.ascontiguousarray(vectors.T)
+        sum_values(basis.code, points, layout.coordinates, weights, 1.0 / support_radius, *layout.grid(), out)
+        return out
+
+    return apply, 0

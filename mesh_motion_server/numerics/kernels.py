@@ -1,0 +1,215 @@
+"""The table of basis functions: thesis Tables 2.1 and 2.2, with what each demands of an interpolation.
+
+A basis is chosen by name. Everything an interpolation must know about it stands in one row of :data:`BASES`: whether
+its support is compact, for which polynomial its matrix is definite, whether a gradient exists at a centre, what the
+support radius means for it. A row that cannot be used stays in the table with the reason.
+
+References
+----------
+A. de Boer, M. S. van der Schoot, H. Bijl, "Mesh deformation based on radial basis function interpolation", Computers &
+Structures 85 (2007) 784–795, Tables 1 and 2. H. Wendland, "Piecewise polynomial, positive definite and compactly
+supported radial functions of minimal degree", Adv. Comput. Math. 4 (1995) 389–396. C. A. Micchelli, "Interpolation of
+scattered data", Constr. Approx. 2 (1986) 11–22. The thesis reproduces de Boer's tables as 2.1 and 2.2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.kernel_functions import CODES, phi, slope
+
+__all__ = ["BASES", "DEFAULT_BASIS", "Basis", "basis_named", "checked_radius", "slopes", "values"]
+
+Definiteness = Literal["positive", "conditionally positive", "conditionally negative", "none"]
+
+DEFAULT_BASIS = "wendland-c2"
+
+
+@dataclass(frozen=True)
+class Basis:
+    """One basis function φ(ξ), ξ = r/R.
+
+    Attributes
+    ----------
+    name : str
+        As in the case file and on the wire.
+    number : int
+        Row of thesis Table 2.1 (1–8) or 2.2 (9–14).
+    formula, derivative : str
+        φ(ξ) and φ'(ξ); for compact functions on 0 ≤ ξ ≤ 1, zero beyond.
+    compact : bool
+        Zero for r > R.
+    definiteness : str
+        Of the matrix φ(|x_i − x_j|) of distinct points in up to three dimensions; "conditionally" means on the vectors
+        orthogonal to polynomials of degree < ``order``.
+    order : int
+        0 for strictly definite functions.
+    gradient_at_centre : bool
+        Whether ∇φ exists at r = 0. Where it does not, no gradient is evaluated with this basis.
+    radius_meaning : str
+        "support", "shape" (a length scale without which the function is undefined or its matrix near-singular) or
+        "free" (the interpolant does not depend on it).
+    unusable : str
+        Why this row cannot be used; empty when it can.
+    source : str
+    """
+
+    name: str
+    number: int
+    formula: str
+    derivative: str
+    compact: bool
+    definiteness: Definiteness
+    order: int
+    gradient_at_centre: bool
+    radius_meaning: Literal["support", "shape", "free"]
+    source: str
+    unusable: str = ""
+
+    @property
+    def code(self) -> int:
+        """Number by which the compiled kernels know the function."""
+        return CODES[self.name]
+
+    @property
+    def needs_polynomial(self) -> bool:
+        """Whether the interpolation matrix is definite only together with a polynomial."""
+        return self.order > 0
+
+
+def _compact(number: int, name: str, formula: str, derivative: str, source: str, *, gradient: bool = True) -> Basis:
+    return Basis(name, number, formula, derivative, True, "positive", 0, gradient, "support", source)
+
+
+_WENDLAND = "thesis Table 2.1; Wendland 1995"
+_DE_BOER = "thesis Table 2.1; de Boer et al. 2007, Table 1"
+_TABLE_22 = "thesis Table 2.2; de Boer et al. 2007, Table 2"
+
+BASES: dict[str, Basis] = {
+    basis.name: basis
+    for basis in (
+        _compact(1, "wendland-c0", "(1-ξ)²", "-2(1-ξ)", _WENDLAND, gradient=False),
+        _compact(2, "wendland-c2", "(1-ξ)⁴(4ξ+1)", "-20ξ(1-ξ)³", _WENDLAND),
+        _compact(3, "wendland-c4", "(1-ξ)⁶(35/3 ξ²+6ξ+1)", "-56/3 ξ(5ξ+1)(1-ξ)⁵", _WENDLAND),
+        _compact(4, "wendland-c6", "(1-ξ)⁸(32ξ³+25ξ²+8ξ+1)", "-22ξ(16ξ²+7ξ+1)(1-ξ)⁷", _WENDLAND),
+        _compact(5, "ctps-c0", "(1-ξ)⁵", "-5(1-ξ)⁴", _DE_BOER, gradient=False),
+        _compact(
+            6,
+            "ctps-c1",
+            "1+80/3 ξ²-40ξ³+15ξ⁴-8/3 ξ⁵+20ξ² log ξ",
+            "ξ(220/3-120ξ+60ξ²-40/3 ξ³+40 log ξ)",
+            f"{_DE_BOER}, with 80/3 where the thesis prints 20/3",
+        ),
+        _compact(7, "ctps-c2a", "1-30ξ²-10ξ³+45ξ⁴-6ξ⁵-60ξ³ log ξ", "ξ(-60-90ξ+180ξ²-30ξ³-180ξ log ξ)", _DE_BOER),
+        _compact(8, "ctps-c2b", "1-20ξ²+80ξ³-45ξ⁴-16ξ⁵+60ξ⁴ log ξ", "ξ(-40+240ξ-120ξ²-80ξ³+240ξ² log ξ)", _DE_BOER),
+        Basis("tps", 9, "ξ² log ξ", "ξ(2 log ξ+1)", False, "conditionally positive", 2, True, "free", _TABLE_22),
+        Basis("mqb", 10, "√(1+ξ²)", "ξ/√(1+ξ²)", False, "conditionally negative", 1, True, "shape", _TABLE_22),
+        Basis("imqb", 11, "1/√(1+ξ²)", "-ξ/(1+ξ²)^(3/2)", False, "positive", 0, True, "shape", _TABLE_22),
+        Basis(
+            "qb",
+            12,
+            "1+ξ²",
+            "2ξ",
+            False,
+            "none",
+            0,
+            True,
+            "shape",
+            _TABLE_22,
+            unusable="it is a polynomial, so that its matrix has rank d + 2 whatever the number of points",
+        ),
+        Basis("iqb", 13, "1/(1+ξ²)", "-2ξ/(1+ξ²)²", False, "positive", 0, True, "shape", _TABLE_22),
+        Basis("gauss", 14, "exp(-ξ²)", "-2ξ exp(-ξ²)", False, "positive", 0, True, "shape", _TABLE_22),
+    )
+}
+
+
+def basis_named(name: str, *, gradient: bool = False) -> Basis:
+    """Look a basis up.
+
+    Parameters
+    ----------
+    name : str
+    gradient : bool
+        Whether gradients at centres will be needed.
+
+    Raises
+    ------
+    InvalidInput
+        If the name is unknown, the basis unusable, or its gradient is needed and does not exist at a centre.
+    """
+    known = ", ".join(key for key, basis in BASES.items() if not basis.unusable)
+    if name not in BASES:
+        raise InvalidInput(f"unknown basis {name!r}", hint=f"known are {known}")
+    basis = BASES[name]
+    if basis.unusable:
+        raise InvalidInput(f"the basis {name!r} cannot interpolate: {basis.unusable}", hint=f"usable are {known}")
+    if gradient:
+        require_gradient(basis)
+    return basis
+
+
+def require_gradient(basis: Basis) -> None:
+    """Raise :class:`InvalidInput` if the basis has no gradient at its centre."""
+    if not basis.gradient_at_centre:
+        raise InvalidInput(
+            f"the basis {basis.name!r} has no gradient at a control point, but one is needed here",
+            hint=f"take {DEFAULT_BASIS!r}",
+        )
+
+
+def checked_radius(radius: float | None, basis: Basis) -> float:
+    """The support radius as a float, after checking it.
+
+    ``None`` is accepted where the interpolant does not depend on it (TPS), and stands for 1.
+
+    Raises
+    ------
+    InvalidInput
+        If the radius is missing, not finite or not positive.
+    """
+    if radius is None:
+        if basis.radius_meaning == "free":
+            return 1.0
+        meaning = {"support": "its support radius", "shape": "a shape parameter (the length scale R of ξ = r/R)"}
+        raise InvalidInput(
+            f"the basis {basis.name!r} needs {meaning[basis.radius_meaning]}", hint="give support_radius"
+        )
+    if not (math.isfinite(radius) and radius > 0.0):
+        raise InvalidInput(f"expected a finite support radius > 0, got {radius!r}", hint="a length of the mesh's unit")
+    return float(radius)
+
+
+@njit(cache=True, error_model="numpy")
+def _map_phi(code: int, xi: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    for i in range(xi.size):
+        out[i] = phi(code, xi[i])
+
+
+@njit(cache=True, error_model="numpy")
+def _map_slope(code: int, xi: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    for i in range(xi.size):
+        out[i] = slope(code, xi[i])
+
+
+def values(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
+    """φ(ξ) of an array of ξ ≥ 0, same shape."""
+    flat = np.ascontiguousarray(xi, dtype=np.float64)
+    out = np.empty_like(flat)
+    _map_phi(basis.code, flat.ravel(), out.ravel())
+    return out
+
+
+def slopes(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
+    """φ'(ξ)/ξ of an array of ξ ≥ 0, same shape; ``∇φ = slopes(ξ) (x − x_j) / R²``."""
+    flat = np.ascontiguousarray(xi, dtype=np.float64)
+    out = np.empty_like(flat)
+    _map_slope(basis.code, flat.ravel(), out.ravel())
+    return out
