@@ -1,0 +1,218 @@
+"""The case file: TOML in, a checked :class:`Case` out, or one line that names the file, the key and what was expected.
+
+All lengths are in the mesh's unit, angles in degrees. Every boundary patch of the mesh needs a role.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import MeshFile, read_mesh
+from mesh_motion_server.settings import MethodSettings
+
+__all__ = ["Case", "CaseFile", "MotionSection", "RigidMotion", "StepsSection", "read_case"]
+
+Role = Literal["moving", "fixed", "slip", "symmetry", "periodic"]
+Vector = Annotated[list[float], Field(min_length=1, max_length=3)]
+
+
+class _Section(BaseModel):
+    """A table of the case file: strict types, no unknown keys, no NaN."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class MeshSection(_Section):
+    """``[mesh]``."""
+
+    file: Annotated[str, Field(min_length=1)]
+
+
+class RigidMotion(_Section):
+    """``rigid``: the rotation about ``centre`` (and ``axis``, in 3D) first, then the translation.
+
+    Step s of S applies s/S of the angle and s/S of the translation.
+    """
+
+    translation: Vector | None = None
+    rotation: float = 0.0
+    centre: Vector | None = None
+    axis: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        if self.rotation and self.centre is None:
+            raise ValueError("a rotation needs 'centre'")
+        if self.axis is not None and not any(self.axis):
+            raise ValueError("'axis' must not be zero")
+        if self.translation is None and not self.rotation:
+            raise ValueError("give 'translation', 'rotation' or both")
+        return self
+
+
+class MotionSection(_Section):
+    """One ``[[motion]]``: the total motion of one patch over the whole case."""
+
+    patch: str
+    rigid: RigidMotion | None = None
+    table: str | None = None
+
+    @model_validator(mode="after")
+    def _has_one_kind(self) -> Self:
+        if (self.rigid is None) == (self.table is None):
+            raise ValueError("give exactly one of 'rigid' and 'table'")
+        return self
+
+
+class StepsSection(_Section):
+    """``[steps]``."""
+
+    count: Annotated[int, Field(ge=1, le=1_000_000)]
+    iterations: Annotated[int, Field(ge=1, le=1000)] = 1
+
+
+class CaseFile(_Section):
+    """The whole file."""
+
+    mesh: MeshSection
+    patches: Annotated[dict[str, Role], Field(min_length=1)]
+    motion: Annotated[list[MotionSection], Field(min_length=1)]
+    steps: StepsSection
+    method: MethodSettings = MethodSettings()
+
+
+@dataclass(frozen=True)
+class Case:
+    """A checked case file and where it lies."""
+
+    path: Path
+    content: CaseFile
+
+    @property
+    def mesh_path(self) -> Path:
+        """The mesh file; a relative name is relative to the case file."""
+        return self.path.parent / self.content.mesh.file
+
+    def read_mesh(self) -> MeshFile:
+        """Read the mesh and hold it against the case.
+
+        Raises
+        ------
+        InvalidInput
+            As :func:`~mesh_motion_server.files.read_mesh`; for a patch without a role, a role for no patch, and a
+            motion whose vectors do not have the mesh's dimension.
+        """
+        mesh = read_mesh(self.mesh_path)
+        roles = self.content.patches
+        if missing := [name for name in mesh.patches if name not in roles]:
+            raise InvalidInput(
+                f"{self.path}: patch {missing[0]!r} of {mesh.path.name} has no role",
+                hint=f'add  {_key(missing[0])} = "fixed"  to [patches]; roles are {", ".join(get_args(Role))}',
+            )
+        if unknown := [name for name in roles if name not in mesh.patches]:
+            known = ", ".join(map(repr, mesh.patches)) or "none"
+            raise InvalidInput(f"{self.path}: {mesh.path.name} has no patch {unknown[0]!r}; its patches are {known}")
+        if empty := [name for name, nodes in mesh.patches.items() if not len(nodes)]:
+            raise InvalidInput(f"{self.path}: patch {empty[0]!r} of {mesh.path.name} has no nodes")
+        for number, motion in enumerate(self.content.motion, start=1):
+            _check_vectors(self.path, number, motion.rigid, mesh.dimension)
+        return mesh
+
+
+def read_case(path: Path | str) -> Case:
+    """Read and check a case file.
+
+    Raises
+    ------
+    InvalidInput
+        If it cannot be read, is no TOML, or does not fit the format: the first offending key with what was expected.
+    """
+    path = Path(path)
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = CaseFile.model_validate(values)
+    except OSError as error:
+        raise InvalidInput(f"{path}: the case file cannot be read: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: not a TOML file: {str(error).splitlines()[0]}") from None
+    except ValidationError as error:
+        raise _first_offender(error, path) from None
+    _check_motions(path, content)
+    return Case(path, content)
+
+
+def _check_motions(path: Path, content: CaseFile) -> None:
+    """A motion belongs to a patch with the role moving."""
+    for number, motion in enumerate(content.motion, start=1):
+        role = content.patches.get(motion.patch)
+        if role is None:
+            known = ", ".join(map(repr, content.patches))
+            raise InvalidInput(f"{path}: motion {number}: unknown patch {motion.patch!r}; [patches] has {known}")
+        if role != "moving":
+            raise InvalidInput(
+                f"{path}: motion {number}: patch {motion.patch!r} has the role {role!r}; only moving patches move"
+            )
+
+
+def _check_vectors(path: Path, number: int, rigid: RigidMotion | None, dimension: int) -> None:
+    """The vectors of a rigid motion have the mesh's dimension."""
+    if rigid is None:
+        return
+    for name in ("translation", "centre"):
+        vector = getattr(rigid, name)
+        if vector is not None and len(vector) != dimension:
+            raise InvalidInput(
+                f"{path}: motion {number}: {name} has {len(vector)} entries, but the mesh is {dimension}D"
+            )
+    if rigid.rotation and dimension == 1:
+        raise InvalidInput(f"{path}: motion {number}: nothing rotates in a 1D mesh")
+    if rigid.rotation and dimension == 3 and rigid.axis is None:
+        raise InvalidInput(f"{path}: motion {number}: a rotation in 3D needs 'axis', for example [0, 0, 1]")
+    if dimension == 2 and rigid.axis is not None and any(rigid.axis[:2]):
+        raise InvalidInput(f"{path}: motion {number}: in 2D the only axis is [0, 0, 1], got {rigid.axis}")
+
+
+def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
+    """One line for the first error: file, key, value, what was expected."""
+    first = error.errors(include_url=False)[0]
+    place = [part for part in first["loc"] if part != "[key]"]
+    where = _place(place) or "the file"
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(_known_keys(place[:-1]))
+        return InvalidInput(f"{path}: unknown key {where}; known here are {known}", details={"key": where})
+    if first["type"] == "missing":
+        return InvalidInput(f"{path}: {where} is missing", details={"key": where})
+    message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    got = "" if isinstance(first["input"], dict | list | BaseModel) else f", got {first['input']!r}"
+    return InvalidInput(f"{path}: {where}: expected {message}{got}", details={"key": where})
+
+
+def _place(location: list[Any]) -> str:
+    """``method.basis``, ``motion[2].rigid.axis``: a key as the file's author thinks of it (entries counted from 1)."""
+    text = ""
+    for part in location:
+        text += f"[{part + 1}]" if isinstance(part, int) else f"{'.' if text else ''}{part}"
+    return text
+
+
+def _known_keys(location: list[Any]) -> list[str]:
+    """The keys of the table at this place."""
+    model: type[BaseModel] = CaseFile
+    for part in location:
+        if isinstance(part, str):
+            annotation = model.model_fields[part].annotation
+            candidates = [annotation, *get_args(annotation)]
+            model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(model.model_fields)
+
+
+def _key(name: str) -> str:
+    """A TOML key: bare if possible, quoted otherwise."""
+    bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if bare else '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'

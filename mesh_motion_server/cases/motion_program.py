@@ -1,0 +1,222 @@
+"""Where every moving node has to be after each step of a case.
+
+A rigid motion with the total angle θ about c and the total translation t displaces a node at X after step s of S by
+
+    u_s(X) = s/S t + (R(s/S θ) - I) (X - c),
+
+so the angle is interpolated, not the matrix, and a body stays rigid in every step. Several motions of one patch add
+their displacements, each taken from the reference coordinates. A node on two moving patches must be told the same by
+both (within 1e-9 of the mesh's extent; the later patch of the case file is then taken at its word), since a mesh cannot
+tear: otherwise the case is refused and the node named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.cases.case import Case, RigidMotion
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import MeshFile
+from mesh_motion_server.files.npz import read_archive
+
+__all__ = ["MotionProgram", "RigidProgram", "TableProgram"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Two patches that share a node may differ by this fraction of the mesh's extent: rounding, not tearing.
+_AGREEMENT = 1e-9
+
+
+class PatchProgram(Protocol):
+    """The motion of one patch."""
+
+    def displacement(self, step: int) -> FloatArray:
+        """(p, d) total displacement of the patch's nodes after a step."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidProgram:
+    """A rigid motion of the nodes at ``points`` (p, d) over ``count`` steps."""
+
+    points: FloatArray
+    motion: RigidMotion
+    count: int
+
+    def displacement(self, step: int) -> FloatArray:
+        dimension = self.points.shape[1]
+        fraction = step / self.count
+        total = np.zeros_like(self.points)
+        if self.motion.translation is not None:
+            total += fraction * np.array(self.motion.translation)
+        if self.motion.rotation:
+            rotation = _rotation(np.deg2rad(fraction * self.motion.rotation), self.motion.axis, dimension)
+            total += (self.points - np.array(self.motion.centre)) @ (rotation - np.eye(dimension)).T
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class TableProgram:
+    """Tabulated total displacements (S, p, d), one for each step."""
+
+    table: FloatArray
+
+    def displacement(self, step: int) -> FloatArray:
+        return self.table[step - 1] if step else np.zeros_like(self.table[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _PatchMotion:
+    """All motions of one moving patch: its name, its nodes' places in the program's nodes (p,), its programs."""
+
+    name: str
+    places: IntArray
+    programs: tuple[PatchProgram, ...]
+
+    def displacement(self, step: int, dimension: int) -> FloatArray:
+        """(p, d) sum over the programs; zero without any."""
+        zero = np.zeros((len(self.places), dimension))
+        return sum((program.displacement(step) for program in self.programs), start=zero)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionProgram:
+    """The motion of all moving nodes of a case.
+
+    Attributes
+    ----------
+    nodes : (k,) int64 array
+        The nodes of all moving patches, ascending, each once.
+    dimension : int
+    count : int
+        Number of steps.
+    patches : tuple
+        One entry for each moving patch, in the order of the case file.
+    """
+
+    nodes: IntArray
+    dimension: int
+    count: int
+    patches: tuple[_PatchMotion, ...]
+
+    @classmethod
+    def of(cls, case: Case, mesh: MeshFile) -> MotionProgram:
+        """Prepare the program of a case on its mesh.
+
+        Raises
+        ------
+        InvalidInput
+            If a table does not fit its patch or the number of steps, or two patches disagree about a node.
+        """
+        moving = [name for name, role in case.content.patches.items() if role == "moving"]
+        nodes = np.unique(np.concatenate([mesh.patches[name] for name in moving]))
+        patches = tuple(
+            _PatchMotion(name, np.searchsorted(nodes, mesh.patches[name]), _programs(case, mesh, name))
+            for name in moving
+        )
+        program = cls(nodes, mesh.dimension, case.content.steps.count, patches)
+        _check_agreement(program, mesh, case.path)
+        return program
+
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Moving patches for which the case has no motion: they stay where they are."""
+        return tuple(patch.name for patch in self.patches if not patch.programs)
+
+    def displacement(self, step: int) -> FloatArray:
+        """(k, d) total displacement, since the reference mesh, of :attr:`nodes` after step 0 … count."""
+        total = np.zeros((len(self.nodes), self.dimension))
+        for patch in self.patches:
+            total[patch.places] = patch.displacement(step, self.dimension)
+        return total
+
+
+def _programs(case: Case, mesh: MeshFile, patch: str) -> tuple[PatchProgram, ...]:
+    """The motions of one patch, in the order of the case file."""
+    nodes, count = mesh.patches[patch], case.content.steps.count
+    programs: list[PatchProgram] = []
+    for motion in case.content.motion:
+        if motion.patch != patch:
+            continue
+        if motion.rigid is not None:
+            programs.append(RigidProgram(mesh.points[nodes], motion.rigid, count))
+        elif motion.table is not None:
+            programs.append(_read_table(case.path.parent / motion.table, patch, nodes, (count, mesh.dimension)))
+    return tuple(programs)
+
+
+def _read_table(path: Path, patch: str, nodes: IntArray, expected: tuple[int, int]) -> TableProgram:
+    """The table of a patch: its rows brought into the order of ``nodes``, its first ``count`` steps."""
+    if not path.is_file():
+        raise InvalidInput(f"{path}: no such motion table", hint="paths in a case file are relative to the case file")
+    arrays = read_archive(path)
+    if set(arrays) != {"node_ids", "displacement"}:
+        raise InvalidInput(f"{path}: expected 'node_ids' and 'displacement', got {', '.join(map(repr, arrays))}")
+    node_ids, displacement = arrays["node_ids"], arrays["displacement"]
+    count, dimension = expected
+    if node_ids.ndim != 1 or node_ids.dtype.kind not in "iu":
+        raise InvalidInput(f"{path}: node_ids: expected integers (n,), got {node_ids.dtype} {node_ids.shape}")
+    wanted = (f"at least {count}", len(node_ids), dimension)
+    fits = displacement.ndim == 3 and displacement.shape[1:] == wanted[1:] and len(displacement) >= count
+    if not fits or displacement.dtype.kind not in "fiu":
+        raise InvalidInput(
+            f"{path}: displacement: expected real numbers (S, n, d) = ({', '.join(map(str, wanted))}), "
+            f"got {displacement.dtype} {displacement.shape}"
+        )
+    table = displacement[:count].astype(np.float64)
+    if not np.isfinite(table).all():
+        step, row, _ = (int(i) for i in np.argwhere(~np.isfinite(table))[0])
+        raise InvalidInput(f"{path}: the displacement of node {int(node_ids[row])} in step {step + 1} is not finite")
+    order = np.argsort(node_ids, kind="stable")
+    _check_nodes(path, patch, node_ids[order].astype(np.int64), nodes)
+    return TableProgram(np.ascontiguousarray(table[:, order]))
+
+
+def _check_nodes(path: Path, patch: str, node_ids: IntArray, nodes: IntArray) -> None:
+    """A table names each node of its patch exactly once (both ascending)."""
+    if np.array_equal(node_ids, nodes):
+        return
+    if len(repeated := node_ids[1:][np.diff(node_ids) == 0]):
+        raise InvalidInput(f"{path}: node {int(repeated[0])} appears twice in node_ids")
+    if len(missing := np.setdiff1d(nodes, node_ids)):
+        raise InvalidInput(f"{path}: node {int(missing[0])} of patch {patch!r} is not in node_ids")
+    foreign = int(np.setdiff1d(node_ids, nodes)[0])
+    raise InvalidInput(f"{path}: node {foreign} in node_ids does not belong to patch {patch!r}")
+
+
+def _check_agreement(program: MotionProgram, mesh: MeshFile, path: Path) -> None:
+    """Refuse two patches that tell a common node different things."""
+    times = np.bincount(np.concatenate([patch.places for patch in program.patches]))
+    shared = np.flatnonzero(times > 1)
+    if not len(shared):
+        return
+    tolerance = _AGREEMENT * float(np.ptp(mesh.points, axis=0).max())
+    for step in range(1, program.count + 1):
+        agreed = program.displacement(step)
+        for patch in program.patches:
+            differs = np.abs(patch.displacement(step, program.dimension) - agreed[patch.places]).max(axis=1) > tolerance
+            if differs.any():
+                place = int(patch.places[np.argmax(differs)])
+                others = [p.name for p in program.patches if place in p.places and p is not patch]
+                raise InvalidInput(
+                    f"{path}: node {int(program.nodes[place])} is on the moving patches {patch.name!r} and "
+                    f"{others[-1]!r}, which move it differently in step {step}",
+                    hint="a mesh cannot tear: give both patches the same motion there",
+                )
+
+
+def _rotation(angle: float, axis: Sequence[float] | None, dimension: int) -> FloatArray:
+    """(d, d) rotation matrix; in 2D about +z (or -z for such an axis), in 3D Rodrigues' formula."""
+    c, s = float(np.cos(angle)), float(np.sin(angle))
+    if dimension == 2:
+        s = -s if axis is not None and axis[2] < 0 else s
+        return np.array([[c, -s], [s, c]])
+    k = np.array(axis, dtype=np.float64) / np.linalg.norm(np.array(axis, dtype=np.float64))
+    cross = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
+    return c * np.eye(3) + s * cross + (1.0 - c) * np.outer(k, k)

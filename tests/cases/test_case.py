@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from mesh_motion_server.cases.case import read_case
+from mesh_motion_server.errors import InvalidInput
+
+
+def test_every_key_of_the_format_is_taken(tmp_path: Path) -> None:
+    """The case file as the format's description prints it."""
+    path = tmp_path / "case.toml"
+    path.write_text("""
+[mesh]
+file = "mesh.msh"          # relative to this file
+[patches]                  # every boundary patch of the mesh has a role
+block = "moving"
+outer = "fixed"
+[[motion]]
+patch = "block"
+rigid = { translation = [-0.2, -0.2], rotation = 60.0, centre = [0.5, 0.5] }
+[[motion]]
+patch = "block"
+table = "motion.npz"
+[steps]
+count = 20
+iterations = 1
+[method]
+basis = "wendland-c2"
+support_radius = 0.5
+displacement = "relative"
+correction = "optimised"
+enrichment_radius = 0.5
+quality_metric = "size-skew"
+quality_threshold = 0.2
+max_enrichment_points = 20
+reduction = "none"
+refuse_below_threshold = true
+""")
+    case = read_case(path)
+    assert case.mesh_path == tmp_path / "mesh.msh"
+    assert case.content.patches == {"block": "moving", "outer": "fixed"}
+    assert case.content.motion[0].rigid is not None
+    assert case.content.motion[1].table == "motion.npz"
+    assert case.content.method.refuse_below_threshold
+
+
+def test_whole_numbers_serve_as_lengths_and_iterations_default_to_one(make_case) -> None:
+    case = read_case(make_case(("[0.05, 0.02]", "[1, 0]"), ("0.6", "2")))
+    assert case.content.method.support_radius == 2.0
+    assert case.content.steps.iterations == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("support_radius", "suport_radius", "unknown key method.suport_radius; known here are basis, support_radius,"),
+        ("[steps]", "[step]", "(unknown key step; known here are mesh|steps is missing)"),
+        ("count = 2", "count = 0", r"steps.count: expected greater than or equal to 1, got 0"),
+        ("count = 2", "count = 2.5", r"steps.count: expected a valid integer.*, got 2.5"),
+        ("count = 2", "count = true", r"steps.count: expected a valid integer, got True"),
+        ("count = 2", "count = 2\niterations = 0", r"steps.iterations: expected greater than or equal to 1"),
+        ("0.6", "-0.5", r"method.support_radius: expected greater than 0, got -0.5"),
+        ("0.6", "nan", r"method.support_radius: expected .*, got nan"),
+        ("0.6", "inf", r"method.support_radius: expected .*, got inf"),
+        ("0.6", '"0.5"', r"method.support_radius: expected a valid number, got '0.5'"),
+        ("0.6", "0.6\nquality_threshold = 1.5", r"method.quality_threshold: .*1.5"),
+        ('"none"', '"best"', r"method.correction: .*one of none, imposed-gradient.*'best'"),
+        ('"none"', '"none"\nreduction = "greedy"', "method.reduction: .*only 'none' is available"),
+        ('"moving"', '"mobile"', r"patches.block: expected 'moving', 'fixed'.* got 'mobile'"),
+        ('patch = "block"', 'patch = "wing"', "motion 1: unknown patch 'wing'"),
+        ('patch = "block"', 'patch = "outer"', "motion 1: patch 'outer' has the role 'fixed'"),
+        ("[0.05, 0.02]", "[nan, 0.02]", r"motion\[1\].rigid.translation\[1\]: expected a finite number, got nan"),
+        ("[0.05, 0.02]", "[]", r"motion\[1\].rigid.translation: expected .*at least 1 item"),
+        (
+            "centre = [0.5, 0.5]",
+            "center = [0.5, 0.5]",
+            "unknown key motion.1..rigid.center; known here are translation",
+        ),
+        (", centre = [0.5, 0.5]", "", "a rotation needs 'centre'"),
+        ("rigid = {", "table = 'm.npz'\nrigid = {", "exactly one of 'rigid' and 'table'"),
+        ("[mesh]", "[mesh", "not a TOML file"),
+        ('file = "mesh.npz"', "", "mesh.file is missing"),
+        ('file = "mesh.npz"', 'file = ""', "mesh.file: expected"),
+        ('file = "mesh.npz"', "file = 3", "mesh.file: expected a valid string, got 3"),
+    ],
+)
+def test_what_does_not_fit_is_named_in_one_line(make_case, old: str, new: str, message: str) -> None:
+    path = make_case((old, new))
+    with pytest.raises(InvalidInput) as caught:
+        read_case(path)
+    text = str(caught.value)
+    assert re.search(message, text)
+    assert text.startswith(f"{path}: ")
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('outer = "fixed"', "", r"patch 'outer' of mesh.npz has no role \(add  outer = \"fixed\"  to \[patches\]"),
+        ('outer = "fixed"', 'outer = "fixed"\nwall = "fixed"', "no patch 'wall'; its patches are 'block', 'outer'"),
+        ("[0.05, 0.02]", "[0.05, 0.02, 0.0]", "translation has 3 entries, but the mesh is 2D"),
+        ("centre = [0.5, 0.5]", "centre = [0.5]", "centre has 1 entries"),
+        ("rotation = 10.0", "rotation = 10.0, axis = [1, 0, 0]", "in 2D the only axis"),
+        ("mesh.npz", "none.npz", "no such mesh file"),
+    ],
+)
+def test_the_case_has_to_fit_its_mesh(make_case, old: str, new: str, message: str) -> None:
+    case = read_case(make_case((old, new)))
+    with pytest.raises(InvalidInput, match=message) as caught:
+        case.read_mesh()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_or_binary_case_file(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="cannot be read: No such file"):
+        read_case(tmp_path / "none.toml")
+    with pytest.raises(InvalidInput, match="cannot be read: Is a directory"):
+        read_case(tmp_path)
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InvalidInput, match="not a TOML file"):
+        read_case(tmp_path / "binary.toml")
