@@ -45,18 +45,20 @@ class Limit:
 LIMITS: dict[str, Limit] = {
     limit.name: limit
     for limit in (
-        Limit("header_bytes", HEADER_BYTES, "bytes", True, "frame 0"),
-        Limit("header_depth", HEADER_DEPTH, "levels", True, "nesting of maps and arrays in frame 0"),
-        Limit("container_items", CONTAINER_ITEMS, "items", True, "one map or array in frame 0"),
-        Limit("frame_bytes", FRAME_BYTES, "bytes", True, "one frame of an array"),
-        Limit("message_bytes", MESSAGE_BYTES, "bytes", False, "all arrays of one message"),
-        Limit("partitions", 256, "partitions", False, "partitions of one session"),
-        Limit("sessions", 64, "sessions", False, "sessions with a worker at the same time"),
-        Limit("session_bytes", 4 * 1024**3, "bytes", False, "uploaded mesh of one session, all partitions"),
-        Limit("replies_remembered", 4, "replies", False, "stored replies for repeated requests, per client"),
-        Limit("collective_wait_seconds", 600, "s", False, "a collective request waits for the other partitions"),
-        Limit("lease_seconds", 3600, "s", False, "a session without any connection keeps its worker"),
-        Limit("drain_seconds", 60, "s", False, "a stopping server lets running requests finish"),
+        Limit("max_header_bytes", HEADER_BYTES, "bytes", True, "frame 0"),
+        Limit("max_header_depth", HEADER_DEPTH, "levels", True, "nesting of maps and arrays in frame 0"),
+        Limit("max_container_items", CONTAINER_ITEMS, "items", True, "one map or array in frame 0"),
+        Limit("max_chunk_bytes", FRAME_BYTES, "bytes", True, "one frame of an array"),
+        Limit("max_message_bytes", MESSAGE_BYTES, "bytes", False, "all arrays of one message"),
+        Limit("max_label_characters", 200, "characters", False, "OPEN's label"),
+        Limit("max_partitions", CONTAINER_ITEMS, "partitions", False, "partitions of one session"),
+        Limit("max_sessions", 64, "sessions", False, "sessions with a worker at the same time"),
+        Limit("max_session_bytes", 4 << 30, "bytes", False, "uploaded mesh of one session, all partitions"),
+        Limit("stored_replies", 8, "replies", False, "replies kept for repeated requests, per client"),
+        Limit("stored_reply_bytes", 256 << 20, "bytes", False, "arrays of all kept replies of a session"),
+        Limit("collective_timeout_ms", 120_000, "ms", False, "a collective request waits for the other partitions"),
+        Limit("lease_ms", 60_000, "ms", False, "a session without any connection keeps its worker"),
+        Limit("drain_ms", 30_000, "ms", False, "a stopping server lets running requests finish"),
     )
 }
 

@@ -26,7 +26,7 @@ _SUMMARY = {"size": _STATISTICS, "skew": _STATISTICS, "size_skew": _STATISTICS, 
 MESSAGES: tuple[m.Message, ...] = (
     m.Hello(**_ID, versions=[[1, 0]], features=[], agent="sample 1.0"),
     m.Welcome(**_ID, version=[1, 0], features=[], server="mesh-motion-server 0.1.0", boot=bytes(range(16, 32)),
-              limits={"header_bytes": 65536}, durability=["full"]),
+              limits={"max_header_bytes": 65536}, durability=["full"]),
     m.Open(**_ID, dimension=2, partitions=1, settings={"support_radius": 0.5}, label="flag", bytes_reserved=4096,
            durability="full"),
     m.Opened(**_ID, session=_SESSION, token=_TOKEN, endpoint=_ENDPOINT, epoch=1),
