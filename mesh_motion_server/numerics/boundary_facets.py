@@ -79,9 +79,9 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
     return _collect(cells, table, np.flatnonzero(multiplicity == 1))
 
 
-def boundary_nodes(facets: dict[str, Ints]) -> Ints:
-    """(b,) node indices of the facets, ascending, each once."""
-    return np.unique(np.concatenate([nodes.ravel() for nodes in facets.values()] or [np.empty(0, dtype=np.int64)]))
+def boundary_nodes(cells: CellTable) -> Ints:
+    """(b,) node indices of the boundary, ascending, each once; raises as :func:`boundary_facets`."""
+    return np.unique(np.concatenate([nodes.ravel() for nodes in boundary_facets(cells).values()]))
 
 
 def _facet_table(cells: CellTable) -> _FacetTable:

@@ -40,16 +40,19 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics import corner_kernels as kernels
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellBlock, CellTable, CellType
+from mesh_motion_server.numerics.quality_summary import QualitySummary, summarize
 
 __all__ = [
     "QUALITY_METRICS",
     "CellQuality",
     "Extremes",
+    "QualitySummary",
     "cell_quality",
     "minimum_quality",
     "quality_extremes",
     "reference_sizes",
     "subset_quality",
+    "summarize",
 ]
 
 Floats = NDArray[np.float64]

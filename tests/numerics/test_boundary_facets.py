@@ -35,13 +35,14 @@ def flux(points: np.ndarray, facets: dict[str, np.ndarray]) -> tuple[np.ndarray,
 @pytest.mark.parametrize("name", CELL_TYPES)
 def test_one_cell_is_bounded_by_its_own_facets_seen_from_outside(name):
     points = ONE_CELL[name]
-    facets = boundary_facets(CellTable.from_arrays({name: np.arange(len(points))[None]}))
+    cells = CellTable.from_arrays({name: np.arange(len(points))[None]})
+    facets = boundary_facets(cells)
     found = [tuple(row) for nodes in facets.values() for row in nodes.tolist()]
     assert sorted(found) == sorted(LOCAL_FACETS[name])
-    assert boundary_nodes(facets).tolist() == list(range(len(points)))
+    assert boundary_nodes(cells).tolist() == list(range(len(points)))
     if CELL_TYPES[name].dimension == 3:
         closed, volume = flux(points, facets)
-        size = reference_sizes(points, CellTable.from_arrays({name: np.arange(len(points))[None]}))[0]
+        size = reference_sizes(points, cells)[0]
         assert closed == pytest.approx(np.zeros(3), abs=1e-15)
         assert volume == pytest.approx(size * CELL_TYPES[name].size_factor)
 

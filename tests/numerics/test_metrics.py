@@ -1,0 +1,213 @@
+"""Known cells have known qualities, whatever their place, angle and scale; what is no number is the worst."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import get_num_threads, set_num_threads
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.metrics import (
+    QUALITY_METRICS,
+    cell_quality,
+    minimum_quality,
+    quality_extremes,
+    reference_sizes,
+    subset_quality,
+)
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+CUBE = np.vstack([np.c_[SQUARE, np.zeros(4)], np.c_[SQUARE, np.ones(4)]])
+TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 3**0.5 / 2]])
+IDEAL = {
+    "line": np.array([[0.0], [1.0]]),
+    "triangle": TRIANGLE,
+    "quad": SQUARE,
+    "tetra": np.vstack([np.zeros(3), CELL_TYPES["tetra"].ideal_array.T]),
+    "hexahedron": CUBE,
+    "wedge": np.vstack([np.c_[TRIANGLE, np.zeros(3)], np.c_[TRIANGLE, np.ones(3)]]),
+    "pyramid": np.vstack([CUBE[:4], [[0.5, 0.5, 0.5**0.5]]]),
+}
+ALL_TYPES = pytest.mark.parametrize("name", CELL_TYPES)
+
+
+def one_cell(name: str) -> CellTable:
+    return CellTable.from_arrays({name: np.arange(CELL_TYPES[name].n_nodes)[None]})
+
+
+def quality_of(name: str, points: np.ndarray, reference: np.ndarray | None = None):
+    cells = one_cell(name)
+    return cell_quality(points, cells, reference_sizes(points if reference is None else reference, cells))
+
+
+def rotation(rng: np.random.Generator, d: int) -> np.ndarray:
+    q, _ = np.linalg.qr(rng.normal(size=(d, d)))
+    q[:, 0] *= np.sign(np.linalg.det(q))
+    return q
+
+
+def grid(n: int) -> tuple[np.ndarray, CellTable]:
+    """(n² nodes, 2 (n - 1)² triangles) of the unit square, perturbed but valid."""
+    rng = np.random.default_rng(3)
+    xy = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), -1).reshape(-1, 2) / (n - 1)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
+    cells = CellTable.from_arrays({"triangle": np.concatenate([np.c_[a, b, c], np.c_[a, c, d]])})
+    return xy + rng.uniform(-0.2, 0.2, xy.shape) / (n - 1), cells
+
+
+@ALL_TYPES
+def test_the_ideal_cell_is_perfect(name):
+    quality = quality_of(name, IDEAL[name])
+    for metric in QUALITY_METRICS:
+        assert quality.metric(metric)[0] == pytest.approx(1.0, abs=4e-15), metric
+    assert not quality.inverted[0]
+
+
+@ALL_TYPES
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1e-6, 1e6))
+def test_position_and_angle_do_not_matter_and_scale_matters_only_for_size(name, seed, scale):
+    rng = np.random.default_rng(seed)
+    d = CELL_TYPES[name].dimension
+    cell = IDEAL[name] + 0.1 * rng.normal(size=IDEAL[name].shape)
+    moved = scale * cell @ rotation(rng, d).T + scale * rng.normal(size=d)
+    before, after = quality_of(name, cell), quality_of(name, moved, reference=cell)
+    assert 0.0 <= before.skew[0] <= 1.0 + 1e-14
+    assert after.skew[0] == pytest.approx(before.skew[0], rel=1e-9, abs=1e-9)
+    assert after.size[0] == pytest.approx(min(scale**d, scale**-d), rel=1e-9)
+    assert after.inverted[0] == before.inverted[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "skew"),
+    [
+        ("triangle", [[0, 0], [1, 0], [0, 1]], 3**0.5 / 2),  # right isosceles
+        ("triangle", [[0, 0], [2, 0], [0, 1]], 2 * 3**0.5 / 5),  # √3·2/(4 + 1)
+        ("quad", [[0, 0], [5, 0], [5, 1], [0, 1]], 1.0),  # right angles are perfect at any aspect ratio
+        ("quad", [[0, 0], [1, 0], [1.5, 3**0.5 / 2], [0.5, 3**0.5 / 2]], 3**0.5 / 2),  # rhombus of 60 degrees
+        ("tetra", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], 3 * 2 ** (1 / 3) / 4.5),  # corner of the cube
+        ("hexahedron", CUBE * [1, 2, 3], 1.0),
+        ("hexahedron", CUBE @ [[1, 0, 0], [0.5, 3**0.5 / 2, 0], [0, 0, 1]], (3**0.5 / 2) ** (2 / 3)),
+        ("wedge", IDEAL["wedge"] * [1, 1, 1e-3], 1.0),  # a boundary layer's prism
+        (
+            "wedge",  # on a right isosceles triangle: angles 90, 45, 45
+            CUBE[[0, 1, 3, 4, 5, 7]],
+            3 / ((3**0.5 / 2) ** (2 / 3) * (1 + 2 * 2 ** (1 / 3))),
+        ),
+        ("pyramid", IDEAL["pyramid"] * [1, 1, 2], 3 * 2 ** (2 / 3) / (1 + 1 + 4)),  # stretches 1, 1, 2
+        ("line", [[0.0], [7.0]], 1.0),
+    ],
+)
+def test_known_skews(name, points, skew):
+    assert quality_of(name, np.array(points, dtype=float)).skew[0] == pytest.approx(skew, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("stretch", "size"), [(1.0, 1.0), (0.5, 0.5), (2.0, 0.5), (-0.5, -0.5), (-1.0, -1.0), (-4.0, -0.25), (0.0, 0.0)]
+)
+@ALL_TYPES
+def test_size_is_the_smaller_of_growth_and_shrinkage_and_knows_the_sign(name, stretch, size):
+    points = IDEAL[name] * np.array([stretch] + [1.0] * (CELL_TYPES[name].dimension - 1))
+    quality = quality_of(name, points, reference=IDEAL[name])
+    assert quality.size[0] == pytest.approx(size, abs=1e-15)
+    assert quality.inverted[0] == (stretch <= 0)
+    assert (quality.skew[0] > 0) == (stretch != 0)
+
+
+def test_the_metrics_are_what_their_names_say():
+    points = TRIANGLE * [0.5, 1.0]
+    quality = quality_of("triangle", points, reference=TRIANGLE)
+    size, skew = quality.size[0], quality.skew[0]
+    assert quality.metric("size-skew")[0] == pytest.approx(np.sqrt(size) * skew)
+    assert quality.metric("size-skew-root")[0] == pytest.approx(np.sqrt(size * skew))
+    assert quality.metric("size-skew-product")[0] == pytest.approx(size * skew)
+    mirrored = quality_of("triangle", points * [-1.0, 1.0], reference=TRIANGLE)
+    for metric in ("size", "size-skew", "size-skew-root", "size-skew-product"):
+        assert mirrored.metric(metric)[0] == pytest.approx(-quality.metric(metric)[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "node", "place"),
+    [("quad", 2, (0.2, 0.2)), ("hexahedron", 6, (0.1, 0.1, 0.1)), ("wedge", 5, (0.5, 0.3, -0.2))],
+)
+def test_a_cell_with_some_inverted_corners_has_no_shape(name, node, place):
+    points = IDEAL[name].copy()
+    points[node] = place
+    quality = quality_of(name, points, reference=IDEAL[name])
+    assert quality.inverted[0]
+    assert quality.size[0] > 0
+    assert quality.skew[0] == 0
+
+
+@ALL_TYPES
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_position_that_is_no_number_is_the_worst(name, value):
+    points = IDEAL[name].copy()
+    points[-1, 0] = value
+    quality = quality_of(name, points, reference=IDEAL[name])
+    assert quality.inverted[0]
+    cells = one_cell(name)
+    for metric in QUALITY_METRICS:
+        assert quality.metric(metric)[0] == -np.inf
+        assert quality_extremes(points, cells, reference_sizes(IDEAL[name], cells), metric) == (-np.inf, 0, 1)
+
+
+@ALL_TYPES
+def test_a_cell_without_extent_is_degenerate_not_unknown(name):
+    quality = quality_of(name, np.zeros_like(IDEAL[name]), reference=IDEAL[name])
+    assert (quality.size[0], quality.skew[0], quality.inverted[0]) == (0.0, 0.0, True)
+
+
+def test_one_pass_over_a_mixed_mesh_agrees_with_the_stored_quality():
+    rng = np.random.default_rng(0)
+    points = np.vstack([IDEAL[name] for name in ("tetra", "hexahedron", "wedge", "pyramid")])
+    first = np.cumsum([0, 4, 8, 6])
+    names = ("tetra", "hexahedron", "wedge", "pyramid")
+    cells = CellTable.from_arrays(
+        {n: f + np.arange(CELL_TYPES[n].n_nodes)[None] for n, f in zip(names, first, strict=True)}
+    )
+    sizes = reference_sizes(points, cells)
+    moved = points + 0.3 * rng.normal(size=points.shape)
+    quality = cell_quality(moved, cells, sizes)
+    for metric in QUALITY_METRICS:
+        values = quality.metric(metric)
+        expected = (values.min(), int(values.argmin()), int(quality.inverted.sum()))
+        assert quality_extremes(moved, cells, sizes, metric) == expected
+    part = subset_quality(moved, cells, sizes, np.array([3, 0, 2]))
+    np.testing.assert_array_equal(part.size, quality.size[[3, 0, 2]])
+    np.testing.assert_array_equal(part.skew, quality.skew[[3, 0, 2]])
+    np.testing.assert_array_equal(part.inverted, quality.inverted[[3, 0, 2]])
+
+
+def test_the_first_of_equal_cells_is_the_worst():
+    points, cells = grid(200)
+    points = np.round(points * 199) / 199
+    assert quality_extremes(points, cells, reference_sizes(points, cells), "size").cell == 0
+
+
+def test_threads_do_not_change_a_bit():
+    points, cells = grid(300)
+    sizes = reference_sizes(points, cells)
+    moved = points + 0.3 * np.sin(3 * points[:, ::-1])
+    before = get_num_threads()
+    try:
+        results = []
+        for threads in (1, before):
+            set_num_threads(threads)
+            quality = cell_quality(moved, cells, sizes)
+            results.append((quality.size.tobytes(), quality.skew.tobytes(), quality.metric("size-skew").tobytes()))
+    finally:
+        set_num_threads(before)
+    assert results[0] == results[1]
+
+
+def test_unknown_names_and_wrong_shapes_are_refused_in_words():
+    points, cells = grid(3)
+    sizes = reference_sizes(points, cells)
+    with pytest.raises(InvalidInput, match="unknown quality metric 'shape'; known are size, skew, size-skew"):
+        minimum_quality(points, cells, sizes, "shape")
+    with pytest.raises(InvalidInput, match=r"expected an array of shape \(n, 2\) for 2D cells, got \(9, 3\)") as caught:
+        cell_quality(np.zeros((9, 3)), cells, sizes)
+    assert caught.value.code == "INVALID_ARGUMENT.SHAPE"
