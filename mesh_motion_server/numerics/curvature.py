@@ -61,10 +61,9 @@ def corner_blocks(
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _symmetric_eigen(a, v):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _symmetric_eigen(a, k, v):  # type: ignore[no-untyped-def]
     """Cyclic Jacobi: a (k, k) becomes diagonal, the columns of v (k, k) the eigenvectors."""
-    k = a.shape[0]
     for i in range(k):
         for j in range(k):
             v[i, j] = 1.0 if i == j else 0.0
@@ -78,11 +77,11 @@ def _symmetric_eigen(a, v):  # type: ignore[no-untyped-def]
             return
         for i in range(1, k):
             for j in range(i):
-                _rotate(a, v, j, i)
+                _rotate(a, v, k, j, i)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _rotate(a, v, i, j):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _rotate(a, v, n, i, j):  # type: ignore[no-untyped-def]
     """One Jacobi rotation that annihilates a[i, j]."""
     if a[i, j] == 0.0:
         return
@@ -92,15 +91,15 @@ def _rotate(a, v, i, j):  # type: ignore[no-untyped-def]
         t = -t
     c = 1.0 / math.sqrt(t * t + 1.0)
     s = t * c
-    for k in range(a.shape[0]):
+    for k in range(n):
         a[k, i], a[k, j] = c * a[k, i] - s * a[k, j], s * a[k, i] + c * a[k, j]
-    for k in range(a.shape[0]):
+    for k in range(n):
         a[i, k], a[j, k] = c * a[i, k] - s * a[j, k], s * a[i, k] + c * a[j, k]
-    for k in range(a.shape[0]):
+    for k in range(n):
         v[k, i], v[k, j] = c * v[k, i] - s * v[k, j], s * v[k, i] + c * v[k, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _signed_svd_2(jac, u, s, v):  # type: ignore[no-untyped-def]
     """Closed form in 2D: J = R(φ) S R(θ), rotations only, s_1 ≥ |s_2|."""
     e, f = 0.5 * (jac[0, 0] + jac[1, 1]), 0.5 * (jac[0, 0] - jac[1, 1])
@@ -113,7 +112,7 @@ def _signed_svd_2(jac, u, s, v):  # type: ignore[no-untyped-def]
     v[0, 0], v[1, 1], v[1, 0], v[0, 1] = math.cos(theta), math.cos(theta), -math.sin(theta), math.sin(theta)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cross(a, i, j, k):  # type: ignore[no-untyped-def]
     """Column k of a (3, 3) = column i × column j."""
     for r in range(3):
@@ -121,13 +120,13 @@ def _cross(a, i, j, k):  # type: ignore[no-untyped-def]
         a[r, k] = a[r1, i] * a[r2, j] - a[r2, i] * a[r1, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _signed_svd_3(jac, u, s, v, gram):  # type: ignore[no-untyped-def]
     """Through the eigenvectors of JᵀJ; only the smallest singular value may be negative."""
     for i in range(3):
         for j in range(3):
             gram[i, j] = jac[0, i] * jac[0, j] + jac[1, i] * jac[1, j] + jac[2, i] * jac[2, j]
-    _symmetric_eigen(gram, v)
+    _symmetric_eigen(gram, 3, v)
     for i in range(2):  # the largest two first
         for j in range(i + 1, 3):
             if gram[j, j] > gram[i, i]:
@@ -152,10 +151,9 @@ def _signed_svd_3(jac, u, s, v, gram):  # type: ignore[no-untyped-def]
             s[2] += u[i, 2] * jac[i, j] * v[j, 2]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _stretch_matrix(s, q, h1, h2, p, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _stretch_matrix(s, q, h1, h2, p, d, out):  # type: ignore[no-untyped-def]
     """out (d, d) = M of the module's text."""
-    d = len(s)
     for i in range(d):
         t_i = 1.0
         for k in range(d):
@@ -170,12 +168,11 @@ def _stretch_matrix(s, q, h1, h2, p, out):  # type: ignore[no-untyped-def]
         out[i, i] += 2.0 / q
 
 
-@njit(cache=True, error_model="numpy")
-def _modes(s, q, h1, h2, p, matrix, vectors, values, pairs):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _modes(s, q, h1, h2, p, d, matrix, vectors, values, pairs):  # type: ignore[no-untyped-def]
     """Eigenvalues (d²) of the modes: first the d stretches (columns of vectors), then two for every pair."""
-    d = len(s)
-    _stretch_matrix(s, q, h1, h2, p, matrix)
-    _symmetric_eigen(matrix, vectors)
+    _stretch_matrix(s, q, h1, h2, p, d, matrix)
+    _symmetric_eigen(matrix, d, vectors)
     for i in range(d):
         values[i] = matrix[i, i]
     mode = d
@@ -193,59 +190,74 @@ def _corner_blocks(  # type: ignore[no-untyped-def]
     points, corners, ideals, weights, floor, p, m, epsilon, least_weight, out
 ):
     n, d = len(corners), points.shape[1]
-    n_modes = d * d
     for block in prange((n + BLOCK - 1) // BLOCK):
-        jac, u, v, z = np.empty((d, d)), np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
-        matrix, vectors, s = np.empty((d, d)), np.empty((d, d)), np.empty(d)
-        values, pairs, mode = np.empty(n_modes), np.zeros((n_modes, 2), np.int64), np.empty(n_modes)
-        total = np.empty((n_modes, n_modes))
+        small, vectors = np.empty((5, d, d)), np.empty((4, d * d))
+        pairs, total = np.zeros((d * d, 2), np.int64), np.empty((d * d, d * d))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
             if weights[c] < least_weight:
                 continue
-            tau, q = jacobian(points, corners[c], ideals[c], jac)
-            h1, h2 = slopes(tau, d, m, epsilon)
-            if d == 3:
-                _signed_svd_3(jac, u, s, v, matrix)
-            elif d == 2:
-                _signed_svd_2(jac, u, s, v)
-            else:
-                u[0, 0], v[0, 0], s[0] = 1.0, 1.0, jac[0, 0]
-            _modes(s, q, h1, h2, p, matrix, vectors, values, pairs)
-            for j in range(d):  # z = P V: the right singular vectors at the edges
-                for k in range(d):
-                    z[j, k] = 0.0
-                    for r in range(d):
-                        z[j, k] += ideals[c, j, r] * v[r, k]
-            total[:] = 0.0
-            for mode_number in range(n_modes):
-                if values[mode_number] > 0.0:
-                    _mode_at_edges(mode_number, u, z, vectors, pairs, mode)
-                    scale = values[mode_number]
-                    for a in range(n_modes):
-                        va = scale * mode[a]
-                        for b in range(a + 1):
-                            total[a, b] += va * mode[b]
             weight = weights[c] + floor
-            for a in range(n_modes):
+            # the literal dimensions let the compiler unroll every small loop
+            if d == 3:
+                _block(points, corners[c], ideals[c], weight, p, m, epsilon, 3, small, vectors, pairs, total, out[c])
+            elif d == 2:
+                _block(points, corners[c], ideals[c], weight, p, m, epsilon, 2, small, vectors, pairs, total, out[c])
+            else:
+                _block(points, corners[c], ideals[c], weight, p, m, epsilon, 1, small, vectors, pairs, total, out[c])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _block(  # type: ignore[no-untyped-def]
+    points, corner, ideal, weight, p, m, epsilon, d, small, long, pairs, total, out
+):
+    """out (d², d²) of one corner; small, long, pairs and total are work space."""
+    u, v, z, matrix, vectors = small[0], small[1], small[2], small[3], small[4]
+    values, mode, s = long[0], long[1], long[2]
+    tau, q = jacobian(points, corner, ideal, d, z)
+    h1, h2 = slopes(tau, d, m, epsilon)
+    if d == 3:
+        _signed_svd_3(z, u, s, v, matrix)
+    elif d == 2:
+        _signed_svd_2(z, u, s, v)
+    else:
+        u[0, 0], v[0, 0], s[0] = 1.0, 1.0, tau
+    _modes(s, q, h1, h2, p, d, matrix, vectors, values, pairs)
+    for j in range(d):  # z = P V: the right singular vectors at the edges
+        for k in range(d):
+            t = 0.0
+            for r in range(d):
+                t += ideal[j, r] * v[r, k]
+            z[j, k] = t
+    for a in range(d * d):
+        for b in range(a + 1):
+            total[a, b] = 0.0
+    for number in range(d * d):
+        if values[number] > 0.0:
+            _mode_at_edges(number, u, z, vectors, pairs, d, mode)
+            scale = weight * values[number]
+            for a in range(d * d):
+                t = scale * mode[a]
                 for b in range(a + 1):
-                    value = np.float32(weight * total[a, b])
-                    out[c, a, b] = value
-                    out[c, b, a] = value
+                    total[a, b] += t * mode[b]
+    for a in range(d * d):
+        for b in range(a + 1):
+            value = np.float32(total[a, b])
+            out[a, b] = value
+            out[b, a] = value
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _mode_at_edges(mode_number, u, z, vectors, pairs, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _mode_at_edges(number, u, z, vectors, pairs, d, out):  # type: ignore[no-untyped-def]
     """out (d²) = a unit mode N of J, taken to the edges: out[j d + i] = Σ_k N_ik P_jk."""
-    d = u.shape[0]
-    if mode_number < d:
+    if number < d:
         for j in range(d):
             for i in range(d):
                 out[j * d + i] = 0.0
                 for k in range(d):
-                    out[j * d + i] += vectors[k, mode_number] * u[i, k] * z[j, k]
+                    out[j * d + i] += vectors[k, number] * u[i, k] * z[j, k]
         return
-    a, b = pairs[mode_number, 0], pairs[mode_number, 1]
-    sign = -1.0 if (mode_number - d) % 2 == 0 else 1.0
+    a, b = pairs[number, 0], pairs[number, 1]
+    sign = -1.0 if (number - d) % 2 == 0 else 1.0
     for j in range(d):
         for i in range(d):
             out[j * d + i] = _ROOT_HALF * (u[i, a] * z[j, b] + sign * u[i, b] * z[j, a])

@@ -151,10 +151,9 @@ def distortion_gradient(
     return gradient
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def jacobian(points, corner, ideal, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def jacobian(points, corner, ideal, d, out):  # type: ignore[no-untyped-def]
     """out (d, d) = J of one corner; returns (τ, q)."""
-    d = points.shape[1]
     if d == 2:
         x0, y0 = points[corner[0], 0], points[corner[0], 1]
         ax, ay = points[corner[1], 0] - x0, points[corner[1], 1] - y0
@@ -167,12 +166,13 @@ def jacobian(points, corner, ideal, out):  # type: ignore[no-untyped-def]
         return a * e - b * c, a * a + b * b + c * c + e * e
     q = 0.0
     for i in range(d):
+        first = points[corner[0], i]
         for k in range(d):
-            s = 0.0
+            t = 0.0
             for j in range(d):
-                s += (points[corner[j + 1], i] - points[corner[0], i]) * ideal[j, k]
-            out[i, k] = s
-            q += s * s
+                t += (points[corner[j + 1], i] - first) * ideal[j, k]
+            out[i, k] = t
+            q += t * t
     if d == 1:
         return out[0, 0], q
     tau = (
@@ -183,7 +183,7 @@ def jacobian(points, corner, ideal, out):  # type: ignore[no-untyped-def]
     return tau, q
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def distortion(tau, q, d, m, epsilon):  # type: ignore[no-untyped-def]
     """ℓ or ℓ_ε of one corner; ``inf`` outside the barrier."""
     if epsilon == 0.0:
@@ -197,7 +197,7 @@ def distortion(tau, q, d, m, epsilon):  # type: ignore[no-untyped-def]
     return math.log(q / d) - (2.0 / d + 0.5) * math.log(chi) + 0.5 * math.log(0.5 * (1.0 + tau * tau))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def slopes(tau, d, m, epsilon):  # type: ignore[no-untyped-def]
     """First and second derivative (h1, h2) of the part of ℓ that depends on τ alone."""
     if epsilon == 0.0:
@@ -210,10 +210,9 @@ def slopes(tau, d, m, epsilon):  # type: ignore[no-untyped-def]
     return h1, b * tau / (s * s * s) + (1.0 - tau * tau) / (1.0 + tau * tau) ** 2
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def cofactor(jac, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def cofactor(jac, d, out):  # type: ignore[no-untyped-def]
     """out (d, d) = cof J = dτ/dJ."""
-    d = jac.shape[0]
     if d == 1:
         out[0, 0] = 1.0
     elif d == 2:
@@ -237,7 +236,10 @@ def _measure(points, corners, ideals, m, epsilon, out):  # type: ignore[no-untyp
         jac = np.empty((d, d))
         top = -np.inf
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            tau, q = jacobian(points, corners[c], ideals[c], jac)
+            if d == 3:
+                tau, q = jacobian(points, corners[c], ideals[c], 3, jac)
+            else:
+                tau, q = jacobian(points, corners[c], ideals[c], d, jac)
             value = distortion(tau, q, d, m, epsilon)
             out[c] = value
             if not value <= top:
@@ -271,21 +273,47 @@ def _soften(values, highest, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def _corner_gradients(points, corners, ideals, weights, m, epsilon, out):  # type: ignore[no-untyped-def]
-    """out (c, d + 1, d) = w dℓ/dx of each corner's nodes, dℓ/dJ = 2 J/q + h1 cof J."""
+    """out (c, d + 1, d) = w dℓ/dx of each corner's nodes."""
     n, d = len(corners), points.shape[1]
     for block in prange((n + BLOCK - 1) // BLOCK):
         jac, cof = np.empty((d, d)), np.empty((d, d))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            tau, q = jacobian(points, corners[c], ideals[c], jac)
-            h1, _ = slopes(tau, d, m, epsilon)
-            cofactor(jac, cof)
-            for i in range(d):
-                first = 0.0
-                for j in range(d):
-                    s = 0.0
-                    for k in range(d):
-                        s += (2.0 * jac[i, k] / q + h1 * cof[i, k]) * ideals[c, j, k]
-                    s *= weights[c]
-                    out[c, j + 1, i] = s
-                    first -= s
-                out[c, 0, i] = first
+            if d == 3:
+                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, 3, jac, cof, out[c])
+            elif d == 2:
+                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, 2, jac, cof, out[c])
+            else:
+                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, 1, jac, cof, out[c])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _gradient(points, corner, ideal, weight, m, epsilon, d, jac, cof, out):  # type: ignore[no-untyped-def]
+    """out (d + 1, d) = w (2 J/q + h1 cof J) Pᵀ at the ends of the edges, minus their sum at node 0."""
+    tau, q = jacobian(points, corner, ideal, d, jac)
+    h1, _ = slopes(tau, d, m, epsilon)
+    cofactor(jac, d, cof)
+    for i in range(d):
+        first = 0.0
+        for j in range(d):
+            t = 0.0
+            for k in range(d):
+                t += (2.0 * jac[i, k] / q + h1 * cof[i, k]) * ideal[j, k]
+            out[j + 1, i] = weight * t
+            first -= weight * t
+        out[0, i] = first
+
+
+def determinants(points: NDArray[np.float64], simplices: CornerSimplices) -> NDArray[np.float64]:
+    """τ (c,) of every corner at the points (n, d)."""
+    out = np.empty(len(simplices))
+    _determinants(points, simplices.nodes, simplices.ideal, out)
+    return out
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _determinants(points, corners, ideals, out):  # type: ignore[no-untyped-def]
+    n, d = len(corners), points.shape[1]
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        jac = np.empty((d, d))
+        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            out[c], _ = jacobian(points, corners[c], ideals[c], d, jac)
