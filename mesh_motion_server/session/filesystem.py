@@ -1,0 +1,161 @@
+"""All that the durable state asks of a file system, small enough to be replaced.
+
+The journal and the store do their input and output through :class:`FileSystem` only. Tests put a model in its place
+that loses power between any two operations, or one whose operations fail: the code under test is then the real one.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+from pathlib import Path
+from typing import Protocol
+
+__all__ = ["FileSystem", "PosixFileSystem", "write_all"]
+
+Buffer = bytes | memoryview
+
+
+class FileSystem(Protocol):
+    """Files by handle, at offsets. Every method may raise OSError."""
+
+    def make_folder(self, path: Path) -> None:
+        """A folder only its owner may enter (0700), parents included; existing ones are kept."""
+
+    def create(self, path: Path, size: int) -> int:
+        """A new empty file, an existing one emptied, with ``size`` bytes reserved that read as zeros; its handle."""
+        ...
+
+    def open(self, path: Path, *, writable: bool = True) -> int:
+        """Handle of an existing file."""
+        ...
+
+    def size(self, handle: int) -> int:
+        """Length in bytes."""
+        ...
+
+    def read(self, handle: int, offset: int, size: int) -> bytes:
+        """Up to ``size`` bytes from ``offset``; fewer only at the end of the file."""
+        ...
+
+    def write(self, handle: int, offset: int, data: Buffer) -> int:
+        """How many bytes were written: possibly fewer than given."""
+        ...
+
+    def sync(self, handle: int) -> None:
+        """The file's content is on the disk (fdatasync)."""
+
+    def close(self, handle: int) -> None:
+        """Give the handle back."""
+
+    def sync_folder(self, path: Path) -> None:
+        """The folder's entries are on the disk."""
+
+    def rename(self, source: Path, target: Path) -> None:
+        """Replace ``target`` atomically."""
+
+    def remove(self, path: Path) -> None:
+        """Remove a file if it exists."""
+
+    def exists(self, path: Path) -> bool:
+        """Whether a file is there."""
+        ...
+
+    def lock(self, path: Path) -> int:
+        """Handle of a lock file held by this process alone; BlockingIOError if another holds it."""
+        ...
+
+
+def write_all(files: FileSystem, handle: int, offset: int, data: Buffer) -> int:
+    """Write all of ``data`` at ``offset`` whatever the chunks; returns the offset after it."""
+    view = memoryview(data).cast("B")
+    while view:
+        written = files.write(handle, offset, view)
+        if written <= 0:
+            raise OSError(errno.EIO, "a write took no byte")
+        offset, view = offset + written, view[written:]
+    return offset
+
+
+class PosixFileSystem:
+    """The operating system's files."""
+
+    #: Linux transfers at most 2 GiB - 4 KiB in a call.
+    _LARGEST_CALL = 1 << 30
+
+    def make_folder(self, path: Path) -> None:
+        """See :class:`FileSystem`."""
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+
+    def create(self, path: Path, size: int) -> int:
+        """See :class:`FileSystem`."""
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        try:
+            if size:
+                os.posix_fallocate(handle, 0, size)
+        except OSError:
+            os.close(handle)
+            raise
+        return handle
+
+    def open(self, path: Path, *, writable: bool = True) -> int:
+        """See :class:`FileSystem`."""
+        return os.open(path, (os.O_RDWR if writable else os.O_RDONLY) | os.O_CLOEXEC)
+
+    def size(self, handle: int) -> int:
+        """See :class:`FileSystem`."""
+        return os.fstat(handle).st_size
+
+    def read(self, handle: int, offset: int, size: int) -> bytes:
+        """See :class:`FileSystem`."""
+        chunks = []
+        while size > 0:
+            chunk = os.pread(handle, min(size, self._LARGEST_CALL), offset)
+            if not chunk:
+                break
+            chunks.append(chunk)
+            offset, size = offset + len(chunk), size - len(chunk)
+        return chunks[0] if len(chunks) == 1 else b"".join(chunks)
+
+    def write(self, handle: int, offset: int, data: Buffer) -> int:
+        """See :class:`FileSystem`."""
+        return os.pwrite(handle, memoryview(data)[: self._LARGEST_CALL], offset)
+
+    def sync(self, handle: int) -> None:
+        """See :class:`FileSystem`."""
+        os.fdatasync(handle)
+
+    def close(self, handle: int) -> None:
+        """See :class:`FileSystem`."""
+        os.close(handle)
+
+    def sync_folder(self, path: Path) -> None:
+        """See :class:`FileSystem`."""
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+    def rename(self, source: Path, target: Path) -> None:
+        """See :class:`FileSystem`."""
+        source.replace(target)
+
+    def remove(self, path: Path) -> None:
+        """See :class:`FileSystem`."""
+        path.unlink(missing_ok=True)
+
+    def exists(self, path: Path) -> bool:
+        """See :class:`FileSystem`."""
+        return path.exists()
+
+    def lock(self, path: Path) -> int:
+        """See :class:`FileSystem`."""
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(handle)
+            raise
+        return handle

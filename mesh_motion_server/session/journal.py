@@ -1,0 +1,339 @@
+"""The journal of one session: a committed step survives kill -9 and loss of power, bitwise.
+
+Files of a session's folder that belong to it:
+
+``manifest``
+    Append-only hash-chained records (:mod:`~mesh_motion_server.session.records`,
+    :mod:`~mesh_motion_server.session.ledger`), preallocated with zeros. When it is full, ``manifest.new`` is written with
+    a "checkpoint" of all that still matters and renamed over it.
+``slot-0``, ``slot-1``
+    Preallocated. The state of an even step is in slot 0, that of an odd one in slot 1, so that a commit overwrites the
+    older state and the newer one stays whole. At offset 0 the copy of the commit's record, at ``record_area`` the
+    coordinates: those of partition 0, 1, …, each an (n_p, d) row-major array of little-endian doubles in upload order.
+
+A commit writes the slot, syncs, appends the record with its replies, syncs, and only then is it answered. New and
+renamed files are synced with their folder before anything relies on them. After any failed operation nothing is ever
+retried (the kernel may have dropped what it could not write, and a second fsync would say "done"): the journal is
+frozen until another process opens it and reads what is really there.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.filesystem import FileSystem, write_all
+from mesh_motion_server.session.ledger import Commit, Foundation, Ledger, state_digest
+from mesh_motion_server.session.records import PAGE, Record, pack_record, unpack_record
+from mesh_motion_server.session.recovery import Findings, SlotView, examine
+
+__all__ = ["KEPT_COMMITS", "MANIFEST", "Journal", "read_journal", "record_area"]
+
+Buffer = bytes | memoryview
+
+MANIFEST = "manifest"
+_NEXT_MANIFEST = "manifest.new"
+_SLOTS = ("slot-0", "slot-1")
+
+#: Commits whose replies are kept, hence found again after a crash.
+KEPT_COMMITS = 8
+#: Smallest manifest: some 250 commits of one partition.
+_LEAST_CAPACITY = 1 << 20
+#: A manifest holds at least this many records of the largest size beside its checkpoint.
+_LEAST_RECORDS = 16
+
+
+def record_area(partitions: int) -> int:
+    """Bytes reserved for a commit record: a receipt of a few kB and a request id per partition."""
+    return 16 * 1024 + -(-256 * partitions // PAGE) * PAGE
+
+
+class Journal:
+    """The durable side of one session; held by one process.
+
+    Attributes
+    ----------
+    ledger : Ledger
+        What is durable.
+    frozen : bool
+        Whether an operation failed; then everything else is refused.
+    """
+
+    def __init__(self, folder: Path, files: FileSystem, ledger: Ledger, end: int) -> None:
+        self.ledger = ledger
+        self.frozen = False
+        self._folder = folder
+        self._files = files
+        self._end = end
+        self._handles: list[int] = []
+
+    @classmethod
+    def create(cls, folder: Path, files: FileSystem, foundation: Foundation) -> Journal:
+        """Start the journal of a session that was just built; durable on return.
+
+        Raises
+        ------
+        OSError
+            If the disk does not take it; the manifest is then absent.
+        """
+        for name in _SLOTS:
+            handle = files.create(folder / name, foundation.record_area + foundation.state_bytes)
+            files.sync(handle)
+            files.close(handle)
+        capacity = _capacity(foundation)
+        body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": 1}
+        record = _install_manifest(folder, files, pack_record(0, bytes(32), body), capacity)
+        journal = cls(folder, files, Ledger.start(record), record.length)
+        journal._open_files()
+        return journal
+
+    @classmethod
+    def open(cls, folder: Path, files: FileSystem) -> Journal:
+        """Read the journal and repair what a crash left.
+
+        Raises
+        ------
+        JournalError
+            On damage (DATA_LOSS.CHECKSUM), another format, or an operation that failed.
+        """
+        found = read_journal(folder, files)
+        journal = cls(folder, files, found.ledger, found.end)
+        with journal._freezing("opening the journal"):
+            journal._open_files()
+            journal._settle(found)
+        return journal
+
+    def commit(self, entry: Commit, state: Sequence[Buffer]) -> None:
+        """Make a step durable: its coordinates and its replies.
+
+        Parameters
+        ----------
+        entry : Commit
+            Of the step after the last one.
+        state : sequence of contiguous buffers
+            The coordinates; ``foundation.state_bytes`` together.
+
+        Raises
+        ------
+        JournalError
+            RESOURCE_EXHAUSTED.DISK if an operation failed; the journal is then frozen.
+        """
+        self._require_usable()
+        if sum(memoryview(part).nbytes for part in state) != self.ledger.foundation.state_bytes:
+            raise JournalError(f"the state of step {entry.step} has not the size of its slot", code="INTERNAL")
+        with self._freezing(f"committing step {entry.step}"):
+            packed = self._next_record(entry.as_body())
+            if self._end + len(packed) > self.ledger.capacity:
+                self._start_next_manifest()
+                packed = self._next_record(entry.as_body())
+            self._write_slot(entry.step, packed, state)
+            self._append(packed)
+
+    def raise_epoch(self) -> int:
+        """Fence all earlier holders, durably; returns the new epoch.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`commit`.
+        """
+        self._require_usable()
+        with self._freezing("raising the epoch"):
+            if self._end + PAGE > self.ledger.capacity:
+                self._start_next_manifest()
+            self._append(self._next_record({"kind": "epoch", "epoch": self.ledger.epoch + 1}))
+        return self.ledger.epoch
+
+    def read_state(self) -> bytes:
+        """The coordinates of the last committed step (≥ 1), verified.
+
+        Raises
+        ------
+        JournalError
+            DATA_LOSS.CHECKSUM if they do not match their digest.
+        """
+        last = self.ledger.commits[-1]
+        area = self.ledger.foundation.record_area
+        handle = self._handles[1 + last.step % 2]
+        state = self._files.read(handle, area, self.ledger.foundation.state_bytes)
+        if state_digest(last.step, [state]) != last.digest:
+            raise JournalError(
+                f"the coordinates of committed step {last.step} do not match their digest",
+                hint="restore the session's folder from a backup, or discard the session",
+                details={"step": last.step},
+            )
+        return state
+
+    def close(self) -> None:
+        """Give the files back; idempotent."""
+        while self._handles:
+            self._files.close(self._handles.pop())
+
+    def _open_files(self) -> None:
+        self._handles = []
+        for name in (MANIFEST, *_SLOTS):
+            self._handles.append(self._files.open(self._folder / name))
+
+    def _next_record(self, body: dict[str, object]) -> bytes:
+        last = self.ledger.last
+        return pack_record(last.sequence + 1, last.checksum, body)
+
+    def _write_slot(self, step: int, packed: bytes, state: Sequence[Buffer]) -> None:
+        """The record's copy and the coordinates, synced."""
+        area = self.ledger.foundation.record_area
+        if len(packed) > area:
+            raise JournalError(f"the record of step {step} takes {len(packed)} bytes of {area}", code="INTERNAL")
+        handle = self._handles[1 + step % 2]
+        write_all(self._files, handle, 0, packed)
+        offset = area
+        for part in state:
+            offset = write_all(self._files, handle, offset, part)
+        self._files.sync(handle)
+
+    def _append(self, packed: bytes) -> None:
+        """The record at the manifest's end, synced; then the ledger says so."""
+        write_all(self._files, self._handles[0], self._end, packed)
+        self._files.sync(self._handles[0])
+        self._advance(_own(packed))
+
+    def _advance(self, record: Record) -> None:
+        self.ledger = self.ledger.after(record, KEPT_COMMITS)
+        self._end += record.length
+
+    def _start_next_manifest(self) -> None:
+        """Replace the full manifest by one that starts with a checkpoint."""
+        capacity = _capacity(self.ledger.foundation)
+        packed = self._next_record(self.ledger.checkpoint_body(capacity))
+        record = _install_manifest(self._folder, self._files, packed, capacity)
+        self._files.close(self._handles[0])
+        self._handles[0] = self._files.open(self._folder / MANIFEST)
+        self.ledger = Ledger.start(record)
+        self._end = record.length
+
+    def _settle(self, found: Findings) -> None:
+        """Make durable what was read, and clean up after a crash; a crash in between is settled again.
+
+        What was read may be in the page cache only, left there by a write whose sync failed, and a sync alone would not
+        write it again: so the last record and its slot are written anew. Slots are cleaned last, for a torn manifest
+        is judged by them.
+        """
+        last = self.ledger.last
+        packed = pack_record(last.sequence, last.previous, last.body)
+        self._files.sync_folder(self._folder)
+        if last.kind == "commit":
+            self._write_slot(self.ledger.step, packed, [self.read_state()])
+        start = found.end if found.completion else found.end - len(packed)
+        self._end = start + len(packed)
+        rest = bytes(max(0, self.ledger.capacity - self._end)) if found.torn else b""
+        write_all(self._files, self._handles[0], start, packed + rest)
+        self._files.sync(self._handles[0])
+        for number in found.dirty_slots:
+            write_all(self._files, self._handles[1 + number], 0, bytes(self.ledger.foundation.record_area))
+            self._files.sync(self._handles[1 + number])
+        if found.torn and found.completion is None:
+            # the torn record may have been an epoch that somebody was told
+            self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
+        self._files.remove(self._folder / _NEXT_MANIFEST)
+
+    def _require_usable(self) -> None:
+        if self.frozen:
+            raise JournalError(
+                "the journal is frozen since an earlier operation failed",
+                code="RESOURCE_EXHAUSTED.DISK",
+                hint="see to the disk, then resume the session",
+            )
+
+    @contextmanager
+    def _freezing(self, doing: str) -> Iterator[None]:
+        """Freeze on whatever goes wrong, for then it is unknown what is on the disk."""
+        try:
+            yield
+        except BaseException as error:
+            self.frozen = True
+            if not isinstance(error, OSError):
+                raise
+            name = errno.errorcode.get(error.errno or 0, "unknown")
+            raise JournalError(
+                f"{doing}: {error.strerror or error} ({name}); nothing more is written",
+                code="RESOURCE_EXHAUSTED.DISK",
+                hint="see to the disk, then resume the session",
+                details={"errno": name},
+            ) from error
+
+
+def read_journal(folder: Path, files: FileSystem) -> Findings:
+    """Judge the journal in a session's folder; changes nothing.
+
+    Raises
+    ------
+    JournalError
+        On damage, a missing file, or another format.
+    """
+
+    def view_slots(foundation: Foundation) -> tuple[SlotView, SlotView]:
+        even, odd = (_view_slot(folder / name, files, foundation) for name in _SLOTS)
+        return even, odd
+
+    try:
+        return examine(_read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)
+    except OSError as error:
+        raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
+
+
+def _capacity(foundation: Foundation) -> int:
+    """Bytes of a manifest."""
+    return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area)
+
+
+def _own(packed: bytes) -> Record:
+    """The record that was just packed here."""
+    record = unpack_record(packed)
+    if record is None:
+        raise JournalError("a record does not verify right after it was packed", code="INTERNAL")
+    return record
+
+
+def _install_manifest(folder: Path, files: FileSystem, packed: bytes, capacity: int) -> Record:
+    """A manifest that starts with this record, durable under its name."""
+    handle = files.create(folder / _NEXT_MANIFEST, capacity)
+    write_all(files, handle, 0, packed)
+    files.sync(handle)
+    files.close(handle)
+    files.rename(folder / _NEXT_MANIFEST, folder / MANIFEST)
+    files.sync_folder(folder)
+    return _own(packed)
+
+
+def _read_whole(files: FileSystem, path: Path) -> bytes:
+    handle = files.open(path, writable=False)
+    try:
+        return files.read(handle, 0, files.size(handle))
+    finally:
+        files.close(handle)
+
+
+def _view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView:
+    """A slot's record; its coordinates are read only when they are asked for."""
+    area = foundation.record_area
+    head = _read_part(files, path, 0, area)
+    record = unpack_record(head)
+
+    def state_verifies() -> bool:
+        if record is None or record.kind != "commit":
+            return False
+        state = _read_part(files, path, area, foundation.state_bytes)
+        return state_digest(record.body["step"], [state]) == record.body["digest"]
+
+    return SlotView(record, not any(head), state_verifies)
+
+
+def _read_part(files: FileSystem, path: Path, offset: int, size: int) -> bytes:
+    handle = files.open(path, writable=False)
+    try:
+        return files.read(handle, offset, size)
+    finally:
+        files.close(handle)

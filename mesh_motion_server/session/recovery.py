@@ -1,0 +1,151 @@
+"""Reading a journal as a crash, or damage, left it: what is certain, what is to be repaired, what must be refused.
+
+Writing a commit means: slot, sync, record, sync, answer. So a crash can leave only this:
+
+- a slot that does not verify, and a manifest that ends cleanly: the commit had not got as far as its record;
+- a complete slot, and a record that is missing or torn: the slot's copy of the record completes the manifest;
+- a torn record of an epoch: it was not answered, and the next epoch skips its number.
+
+Anything else is damage and refused: a record that does not verify before one that does, a slot that knows of a record
+the manifest lacks, a torn commit record without its slot, a state whose coordinates do not match their digest. Nothing
+is guessed. Reading changes nothing; :mod:`~mesh_motion_server.session.journal` repairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.ledger import Foundation, Ledger
+from mesh_motion_server.session.records import MAGIC, Record, find_record, unpack_record
+
+__all__ = ["Findings", "SlotView", "examine"]
+
+_FAMILY = MAGIC[:6]
+_HINT = "restore the session's folder from a backup, or discard the session"
+
+
+@dataclass(frozen=True)
+class SlotView:
+    """What is in a slot.
+
+    Attributes
+    ----------
+    record : Record or None
+        The copy of its commit's record, if that verifies.
+    blank : bool
+        Whether the record area holds zeros only: never written, or cleaned.
+    state_verifies : callable
+        Whether the coordinates match the digest in ``record``; reads the whole slot.
+    """
+
+    record: Record | None
+    blank: bool
+    state_verifies: Callable[[], bool]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a journal says.
+
+    Attributes
+    ----------
+    ledger : Ledger
+        Includes the record that is to be completed from a slot.
+    end : int
+        Offset in the manifest at which its records end.
+    completion : Record or None
+        The commit record that a slot has and the manifest lacks.
+    torn : bool
+        Whether the manifest ends in something that is no record.
+    dirty_slots : tuple of int
+        Slots left by a commit that had not got as far as its record.
+    records : tuple of Record
+        Those in the manifest.
+    """
+
+    ledger: Ledger
+    end: int
+    completion: Record | None
+    torn: bool
+    dirty_slots: tuple[int, ...]
+    records: tuple[Record, ...]
+
+
+def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, SlotView]], *, keep: int) -> Findings:
+    """Judge a manifest and its slots.
+
+    Parameters
+    ----------
+    manifest : bytes
+        The whole file.
+    view_slots : callable
+        Opens the slots of the even and of the odd steps, once their layout is known.
+    keep : int
+        How many commits the ledger keeps.
+
+    Raises
+    ------
+    JournalError
+        DATA_LOSS.CHECKSUM on damage, with the place; UNIMPLEMENTED.VERSION on another format.
+    """
+    records, end = _chain(manifest)
+    ledger = Ledger.start(records[0])
+    for record in records[1:]:
+        ledger = ledger.after(record, keep)
+    torn = len(manifest) < ledger.capacity or any(manifest[end:])
+    if (later := find_record(manifest, end)) is not None:
+        raise _damage(f"the record at byte {end} of the manifest does not verify, a later one at {later} does", end)
+    slots = view_slots(ledger.foundation)
+    completion = _completion(slots, ledger)
+    if completion is not None:
+        ledger = ledger.after(completion, keep)
+    dirty = _dirty_slots(slots, ledger)
+    if dirty and torn and completion is None:
+        raise _damage(f"the record at byte {end} of the manifest does not verify and slot {dirty[0]} neither", end)
+    return Findings(ledger, end, completion, torn, dirty, tuple(records))
+
+
+def _chain(manifest: bytes) -> tuple[list[Record], int]:
+    """Records from the start as long as each follows the one before, and where they end."""
+    first = unpack_record(manifest)
+    if first is None:
+        if manifest[:6] == _FAMILY and manifest[:8] != MAGIC:
+            raise JournalError(
+                f"the journal has format {manifest[6]}; this version reads format {MAGIC[6]}",
+                code="UNIMPLEMENTED.VERSION",
+                hint="open it with the version of the server that wrote it",
+            )
+        raise _damage("the first record of the manifest does not verify", 0)
+    records, end = [first], first.length
+    while (record := unpack_record(manifest, end)) is not None and record.follows(records[-1]):
+        records.append(record)
+        end += record.length
+    return records, end
+
+
+def _completion(slots: tuple[SlotView, SlotView], ledger: Ledger) -> Record | None:
+    """The commit record that a complete slot has beyond the manifest."""
+    for number, slot in enumerate(slots):
+        record = slot.record
+        if record is None or record.sequence <= ledger.last.sequence:
+            continue
+        if not record.follows(ledger.last):
+            raise _damage(f"slot {number} knows of record {record.sequence}, the manifest ends with another one", 0)
+        if slot.state_verifies():
+            return record
+    return None
+
+
+def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int, ...]:
+    """Slots that hold neither nothing nor a commit of the ledger's past."""
+    return tuple(
+        number
+        for number, slot in enumerate(slots)
+        if not slot.blank and (slot.record is None or slot.record.sequence > ledger.last.sequence)
+    )
+
+
+def _damage(what: str, offset: int) -> JournalError:
+    return JournalError(f"the journal is damaged: {what}", hint=_HINT, details={"offset": offset})

@@ -1,0 +1,138 @@
+"""Exactly once: the stored replies of recent requests, by (client, sequence).
+
+A repeat with the same content gets the stored reply; with other content ABORTED.CONFLICT. Per client the last K
+replies are kept, all of them within a byte budget; what was dropped answers ABORTED.STALE, for executing it again
+could do harm. A request that failed took no effect and is executed again when it is repeated.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from mesh_motion_server.errors import SessionError
+
+__all__ = ["ReplyTable", "RequestId"]
+
+T = TypeVar("T")
+
+#: Clients remembered at once; the longest silent one is forgotten first.
+_MAX_CLIENTS = 4096
+
+
+@dataclass(frozen=True)
+class RequestId:
+    """What makes two requests the same.
+
+    Attributes
+    ----------
+    client : bytes
+        16-byte UUID of the client.
+    sequence : int
+    content : bytes
+        sha256 of all that the request says, except its epoch: a repeat after RESUME is the same request.
+    """
+
+    client: bytes
+    sequence: int
+    content: bytes
+
+
+@dataclass
+class _Stored(Generic[T]):
+    """A request's content, and its reply once there is one."""
+
+    content: bytes
+    reply: T | None = None
+    nbytes: int = 0
+
+
+@dataclass
+class _Client(Generic[T]):
+    """One client's recent requests by sequence; ``floor``: the highest sequence that was dropped."""
+
+    stored: OrderedDict[int, _Stored[T]] = field(default_factory=OrderedDict)
+    floor: int = 0
+
+
+class ReplyTable(Generic[T]):
+    """Stored replies of recent requests.
+
+    Parameters
+    ----------
+    per_client : int
+        How many replies are kept per client.
+    byte_budget : int
+        What all replies may take together; the newest one of a client is always kept.
+    """
+
+    def __init__(self, per_client: int, byte_budget: int) -> None:
+        self._per_client = per_client
+        self._budget = byte_budget
+        self._clients: OrderedDict[bytes, _Client[T]] = OrderedDict()
+        self._nbytes = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all stored replies."""
+        return self._nbytes
+
+    def find(self, request: RequestId) -> T | None:
+        """The stored reply, or None when the request is to be executed.
+
+        Raises
+        ------
+        SessionError
+            ABORTED.CONFLICT: the request id was used for something else. ABORTED.STALE: too old to know.
+        """
+        client = self._clients.get(request.client)
+        if client is None:
+            return None
+        known = client.stored.get(request.sequence)
+        if known is not None:
+            return self._same(known, request).reply
+        if request.sequence <= client.floor:
+            raise SessionError(
+                f"request {request.sequence} is older than the replies kept ({client.floor + 1} and later)",
+                code="ABORTED.STALE",
+                hint="number new requests upwards; ask STATUS where the session stands",
+                details={"sequence": request.sequence, "oldest": client.floor + 1},
+            )
+        return None
+
+    def store(self, request: RequestId, reply: T | None, nbytes: int = 0) -> None:
+        """Remember a request and its reply; None: it failed and may be repeated with the same content only."""
+        client = self._clients.setdefault(request.client, _Client())
+        self._clients.move_to_end(request.client)
+        previous = client.stored.pop(request.sequence, None)
+        self._nbytes += nbytes - (previous.nbytes if previous else 0)
+        client.stored[request.sequence] = _Stored(request.content, reply, nbytes)
+        self._shrink(client)
+
+    def _same(self, known: _Stored[T], request: RequestId) -> _Stored[T]:
+        """The stored entry, if the request repeats it."""
+        if known.content == request.content:
+            return known
+        raise SessionError(
+            f"request {request.sequence} was already made with other content",
+            code="ABORTED.CONFLICT",
+            hint="a new request needs a new sequence number",
+            details={"sequence": request.sequence},
+        )
+
+    def _shrink(self, newest: _Client[T]) -> None:
+        """Drop the oldest: of this client beyond K, of silent clients, then of all while over the budget."""
+        while len(newest.stored) > self._per_client:
+            self._drop_first(newest)
+        while len(self._clients) > _MAX_CLIENTS:
+            _, forgotten = self._clients.popitem(last=False)
+            self._nbytes -= sum(entry.nbytes for entry in forgotten.stored.values())
+        for client in self._clients.values():
+            while self._nbytes > self._budget and len(client.stored) > 1:
+                self._drop_first(client)
+
+    def _drop_first(self, client: _Client[T]) -> None:
+        sequence, entry = client.stored.popitem(last=False)
+        client.floor = max(client.floor, sequence)
+        self._nbytes -= entry.nbytes
