@@ -1,8 +1,8 @@
 """The rigid part of a boundary's motion, and paths that turn with it.
 
 A displacement scaled by t < 1 shrinks a rotating body (to a point, half way through 180°). So a large step is cut
-along the motion of constant twist that its best rigid fit defines: a screw in 3D, an arc about the pole in 2D, a straight
-line without rotation. What is not rigid grows linearly in the frame of the turning body. The end is the given
+along the motion of constant twist that its best rigid fit defines: a screw in 3D, an arc about the pole in 2D, a
+straight line without rotation. What is not rigid grows linearly in the frame of the turning body. The end is the given
 displacement, bitwise.
 
 References

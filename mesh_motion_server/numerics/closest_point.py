@@ -1,0 +1,110 @@
+"""The closest point of a set of segments or triangles.
+
+A k-d tree of the facets' centroids bounds the search: the closest facet's centroid lies no farther away than the
+nearest centroid plus the largest facet's radius. Among those candidates the closest point is exact; ties go to the
+lowest facet.
+
+References
+----------
+C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann 2005, §5.1.5 (closest point on a triangle).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.centres import padded
+
+__all__ = ["FacetSet"]
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy")
+def _dot(a: Array, b: Array) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _on_segment(p: Array, a: Array, b: Array, out: Array) -> None:
+    """Closest point of the segment ab."""
+    ab = b - a
+    length = _dot(ab, ab)
+    t = min(max(_dot(p - a, ab) / length, 0.0), 1.0) if length > 0.0 else 0.0
+    for i in range(3):
+        out[i] = a[i] + t * ab[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _on_triangle(p: Array, a: Array, b: Array, c: Array, out: Array) -> None:
+    """Closest point of the triangle abc: inside if the barycentric coordinates are positive, else on an edge."""
+    ab, ac, ap = b - a, c - a, p - a
+    d00, d01, d11 = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
+    d20, d21 = _dot(ap, ab), _dot(ap, ac)
+    det = d00 * d11 - d01 * d01
+    if det > 0.0:
+        v, w = (d11 * d20 - d01 * d21) / det, (d00 * d21 - d01 * d20) / det
+        if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
+            for i in range(3):
+                out[i] = a[i] + v * ab[i] + w * ac[i]
+            return
+    best, trial = np.inf, np.empty(3)
+    for side in range(3):
+        _on_segment(p, (a, b, c)[side], (b, c, a)[side], trial)
+        away = p - trial
+        if _dot(away, away) < best:
+            best = _dot(away, away)
+            out[:] = trial
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _closest(
+    points: Array, corners: Array, starts: NDArray[np.int64], candidates: NDArray[np.int64], out: Array
+) -> None:
+    """``out[i]``: the point nearest to ``points[i]`` on the facets ``candidates[starts[i]:starts[i + 1]]``."""
+    for i in prange(points.shape[0]):
+        best, trial = np.inf, np.empty(3)
+        for at in range(starts[i], starts[i + 1]):
+            facet = corners[candidates[at]]
+            if facet.shape[0] == 2:
+                _on_segment(points[i], facet[0], facet[1], trial)
+            else:
+                _on_triangle(points[i], facet[0], facet[1], facet[2], trial)
+            away = points[i] - trial
+            if _dot(away, away) < best:
+                best = _dot(away, away)
+                out[i] = trial
+
+
+class FacetSet:
+    """Segments (2D, or curves in 3D) or triangles.
+
+    Parameters
+    ----------
+    corners : (f, 2 or 3, d) array, mesh length unit
+        f > 0.
+    """
+
+    def __init__(self, corners: Array) -> None:
+        facets, width, self._dimension = corners.shape
+        self._corners = padded(corners.reshape(-1, self._dimension)).reshape(facets, width, 3)
+        centroids = self._corners.mean(axis=1)
+        away = self._corners - centroids[:, None]
+        self._reach = float(np.sqrt(np.max(np.sum(away * away, axis=2))))
+        self._tree = cKDTree(centroids)
+
+    def closest(self, points: Array) -> Array:
+        """(n, d) points of the facets nearest to (n, d) points."""
+        if not len(points):
+            return points.copy()
+        places = padded(points)
+        nearest = self._tree.query(places)[0]
+        lists = self._tree.query_ball_point(places, (nearest + self._reach) * (1.0 + 1e-12), return_sorted=True)
+        starts = np.zeros(len(points) + 1, dtype=np.int64)
+        np.cumsum([len(candidates) for candidates in lists], out=starts[1:])
+        out = np.empty_like(places)
+        _closest(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out)
+        return np.ascontiguousarray(out[:, : self._dimension])

@@ -1,0 +1,210 @@
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.boundary_facets import boundary_facets, boundary_nodes
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.sliding import SlidingSurfaces
+
+
+def grid(*counts):
+    """Points and cells of a structured grid over the unit square or cube, quads or hexahedra."""
+    axes = [np.linspace(0, 1, n + 1) for n in counts]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(counts))
+    index = np.arange(len(points)).reshape([n + 1 for n in counts])
+    if len(counts) == 2:
+        a = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+        return points, CellTable.from_arrays({"quad": np.stack([q.ravel() for q in a], axis=1)})
+    low, high = index[:, :, :-1], index[:, :, 1:]
+    corners = [(s[:-1, :-1], s[1:, :-1], s[1:, 1:], s[:-1, 1:]) for s in (low, high)]
+    return points, CellTable.from_arrays({"hexahedron": np.stack([q.ravel() for s in corners for q in s], axis=1)})
+
+
+def ring(around, across, inner=0.5):
+    """An annulus of quads about the origin with outer radius 1, its outer and inner nodes."""
+    angle = np.arange(around) * 2 * np.pi / around
+    radius = np.linspace(inner, 1, across + 1)
+    points = np.stack([np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))], axis=-1).reshape(-1, 2)
+    index = np.arange(len(points)).reshape(across + 1, around)
+    turned = np.roll(index, -1, axis=1)
+    quads = np.stack([index[:-1], index[1:], turned[1:], turned[:-1]], axis=-1).reshape(-1, 4)
+    return points, CellTable.from_arrays({"quad": quads}), index[-1], index[0]
+
+
+def pipe(around, across, along):
+    """A thick pipe of hexahedra about the z axis, outer radius 1, length 1; nodes [layer, ring, angle]."""
+    flat, cells, _, _ = ring(around, across)
+    z = np.linspace(0, 1, along + 1)
+    points = np.concatenate([np.column_stack([flat, np.full(len(flat), height)]) for height in z])
+    quads = cells.blocks[0].nodes
+    hexahedra = np.concatenate([np.hstack([quads + k * len(flat), quads + (k + 1) * len(flat)]) for k in range(along)])
+    index = np.arange(len(points)).reshape(along + 1, across + 1, around)
+    return points, CellTable.from_arrays({"hexahedron": hexahedra}), index
+
+
+def polygon_distance(points, vertices):
+    """Distance of points to a closed polygon, brute force."""
+    a, b = vertices, np.roll(vertices, -1, axis=0)
+    t = np.einsum("nfi,fi->nf", points[:, None] - a, b - a) / np.sum((b - a) ** 2, axis=1)
+    near = a + np.clip(t, 0, 1)[..., None] * (b - a)
+    return np.min(np.linalg.norm(points[:, None] - near, axis=2), axis=1)
+
+
+class TestPlanar:
+    def test_side_of_a_square_keeps_its_coordinate_bitwise(self):
+        points, cells = grid(6, 6)
+        side = np.flatnonzero(points[:, 0] == 1)
+        surfaces = SlidingSurfaces.build(points, cells, {"side": side}, side[1:-1])
+        pushed = points[side[1:-1]] + [0.2, 0.03]
+        slid = surfaces.project(pushed)
+        assert (slid[:, 0] == 1).all()
+        assert (slid[:, 1] == pushed[:, 1]).all()
+
+    def test_oblique_plane_is_kept_to_rounding(self):
+        points, cells = grid(4, 4, 4)
+        rotation = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+        rotation *= np.sign(np.linalg.det(rotation))
+        side = np.flatnonzero(points[:, 2] == 1)
+        turned = points @ rotation.T + 10.0
+        surfaces = SlidingSurfaces.build(turned, cells, {"top": side}, side)
+        push = 0.1 * np.random.default_rng(1).standard_normal((len(side), 3))
+        slid = surfaces.project(turned[side] + push)
+        normal = rotation[:, 2]
+        assert np.max(np.abs((slid - turned[side]) @ normal)) <= 1e-14 * 10
+        tangential = push - np.outer(push @ normal, normal)
+        assert np.allclose(slid - turned[side], tangential, rtol=0, atol=1e-14 * 10)
+
+    def test_two_planes_leave_their_line_and_three_a_point(self):
+        points, cells = grid(4, 4, 4)
+        sides = {f"{axis}": np.flatnonzero(points[:, axis] == 0) for axis in range(3)}
+        nodes = np.unique(np.concatenate(list(sides.values())))
+        surfaces = SlidingSurfaces.build(points, cells, sides, nodes)
+        slid = surfaces.project(points[nodes] + 0.01)
+        held = points[nodes] == 0
+        assert (slid[held] == 0).all()
+        # on the far rim of a side only its own plane holds: the other sides are not sliding patches
+        assert np.allclose(slid[~held], points[nodes][~held] + 0.01, rtol=0, atol=1e-15)
+
+    def test_a_box_in_one_patch_keeps_its_edges(self):
+        points, cells = grid(3, 4, 5)
+        nodes = boundary_nodes(cells)
+        surfaces = SlidingSurfaces.build(points, cells, {"walls": nodes}, nodes)
+        slid = surfaces.project(points[nodes] + np.random.default_rng(0).uniform(-0.1, 0.1, (len(nodes), 3)))
+        on_wall = (points[nodes] == 0) | (points[nodes] == 1)
+        assert (slid[on_wall] == points[nodes][on_wall]).all()
+        assert (slid[~on_wall] != points[nodes][~on_wall]).all()
+
+    def test_oblique_planes_meet_in_their_line(self):
+        points, cells = grid(4, 4)
+        sheared = points @ np.array([[1.0, 0.3], [0.4, 1.0]])
+        left, bottom = np.flatnonzero(points[:, 0] == 0), np.flatnonzero(points[:, 1] == 0)
+        nodes = np.union1d(left, bottom)
+        surfaces = SlidingSurfaces.build(sheared, cells, {"l": left, "b": bottom}, nodes)
+        slid = surfaces.project(sheared[nodes] + 0.05)
+        corner = np.flatnonzero(nodes == np.intersect1d(left, bottom)[0])
+        assert np.allclose(slid[corner], 0, atol=1e-15)
+
+    def test_a_node_off_its_plane_by_file_precision_keeps_its_own_offset(self):
+        points, cells = grid(4, 4)
+        rough = points.astype(np.float32).astype(np.float64)
+        rough += 1e-8 * np.random.default_rng(0).standard_normal(points.shape)
+        side = np.flatnonzero(points[:, 0] == 0)[1:-1]
+        surfaces = SlidingSurfaces.build(rough, cells, {"s": np.flatnonzero(points[:, 0] == 0)}, side)
+        assert np.allclose(surfaces.project(rough[side]), rough[side], rtol=0, atol=1e-16)
+
+    def test_in_one_dimension_an_end_stays(self):
+        points = np.linspace(0, 1, 5)[:, None]
+        cells = CellTable.from_arrays({"line": np.stack([np.arange(4), np.arange(1, 5)], axis=1)})
+        surfaces = SlidingSurfaces.build(points, cells, {"end": np.array([4])}, np.array([4]))
+        assert surfaces.project(np.array([[0.7]])) == 1.0
+
+
+class TestCurved:
+    def test_circle_nodes_stay_on_the_polygon(self):
+        points, cells, outer, _ = ring(64, 2)
+        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        push = 0.05 * np.random.default_rng(0).standard_normal((len(outer), 2))
+        slid = surfaces.project(points[outer] + push)
+        assert np.max(polygon_distance(slid, points[outer])) < 1e-15
+        assert np.max(np.linalg.norm(slid - points[outer], axis=1)) > 0.05  # they do slide
+
+    def test_circle_of_fine_facets_is_kept_to_a_millionth_of_the_domain(self):
+        points, cells, outer, _ = ring(3000, 1)
+        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        slid = surfaces.project(points[outer] * 1.01 + [0.002, 0.001])
+        assert np.max(np.abs(np.linalg.norm(slid, axis=1) - 1)) < 1e-6 * 2
+
+    def test_rotation_along_the_circle_is_reproduced(self):
+        points, cells, outer, _ = ring(720, 1)
+        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        c, s = np.cos(0.2), np.sin(0.2)
+        goal = points[outer] @ np.array([[c, s], [-s, c]])
+        sagitta = 1 - np.cos(np.pi / 720)
+        assert np.max(np.linalg.norm(surfaces.project(goal) - goal, axis=1)) <= sagitta * (1 + 1e-9)
+
+    def test_repeated_projection_does_not_drift(self):
+        points, cells, outer, _ = ring(48, 1)
+        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        places = points[outer]
+        for _ in range(50):
+            places = surfaces.project(places + [0.003, 0.0])
+            places = surfaces.project(places - [0.003, 0.0])
+        assert np.max(polygon_distance(places, points[outer])) < 1e-15
+
+    def test_pipe_nodes_stay_on_its_facets_and_rims_on_their_circle(self):
+        points, cells, index = pipe(48, 2, 6)
+        outer, end = np.unique(index[:, -1]), np.unique(index[-1])
+        nodes = np.union1d(outer, end)
+        surfaces = SlidingSurfaces.build(points, cells, {"outer": outer, "end": end}, nodes)
+        push = 0.02 * np.random.default_rng(0).standard_normal((len(nodes), 3))
+        slid = surfaces.project(points[nodes] + push)
+        place = dict(zip(nodes.tolist(), slid, strict=True))
+        mantle = np.array([place[n] for n in np.setdiff1d(outer, end)])
+        lid = np.array([place[n] for n in np.setdiff1d(end, outer)])
+        rim = np.array([place[n] for n in np.intersect1d(outer, end)])
+        polygon = points[index[0, -1]][:, :2]
+        assert np.max(polygon_distance(mantle[:, :2], polygon)) < 1e-15
+        assert (lid[:, 2] == 1).all()
+        assert np.max(polygon_distance(rim[:, :2], polygon)) < 1e-15
+        assert np.max(np.abs(rim[:, 2] - 1)) < 1e-15
+
+    def test_triangles_and_quads_of_one_surface_work_together(self):
+        points, cells, index = pipe(24, 1, 2)
+        hexahedra = cells.blocks[0].nodes
+        # the upper layer as wedges: its mantle is triangulated by the diagonals of quads seen from above
+        lower, upper = hexahedra[: len(hexahedra) // 2], hexahedra[len(hexahedra) // 2 :]
+        wedges = np.concatenate([upper[:, [0, 1, 2, 4, 5, 6]], upper[:, [0, 2, 3, 4, 6, 7]]])
+        mixed = CellTable.from_arrays({"hexahedron": lower, "wedge": wedges})
+        assert set(boundary_facets(mixed)) == {"quad", "triangle"}
+        outer = np.unique(index[:, -1])
+        surfaces = SlidingSurfaces.build(points, mixed, {"o": outer}, outer)
+        slid = surfaces.project(points[outer] * [1.02, 1.02, 1.0])
+        assert np.max(polygon_distance(slid[:, :2], points[index[0, -1]][:, :2])) < 1e-15
+
+    def test_corner_between_curved_sides_stays(self):
+        points, cells, outer, inner = ring(8, 1)  # an octagon turns by 45° at each corner: eight planes
+        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        assert np.allclose(surfaces.project(points[outer] + 0.01), points[outer], rtol=0, atol=1e-15)
+
+
+def test_project_refuses_another_shape():
+    points, cells = grid(3, 3)
+    side = np.flatnonzero(points[:, 0] == 0)
+    surfaces = SlidingSurfaces.build(points, cells, {"s": side}, side)
+    with pytest.raises(InvalidInput, match=r"expected positions of shape \(4, 2\)"):
+        surfaces.project(points)
+
+
+def test_a_node_without_facets_is_named():
+    points, cells = grid(3, 3)
+    with pytest.raises(InvalidInput, match="node 1 of the sliding patch 's' lies on no boundary facet"):
+        SlidingSurfaces.build(points, cells, {"s": np.array([1])}, np.array([1]))
+
+
+def test_projection_is_bitwise_repeatable():
+    points, cells, outer, _ = ring(200, 1)
+    push = points[outer] + 0.03
+    first, second = (
+        SlidingSurfaces.build(points, cells, {"o": outer}, outer).project(push).tobytes() for _ in range(2)
+    )
+    assert first == second
