@@ -1,0 +1,177 @@
+"""Is this mesh usable? Every error names the first offender and the way out; what is only odd becomes a warning.
+
+A mesh is checked once, when a session is built; everything behind this trusts the result. The checks go from cheap and
+basic to dependent ones, so the first error is the one to mend first: shapes and numbers, node indices, the cells'
+geometry, the patches, the boundary.
+
+Boundary nodes in no patch are allowed: they follow the interpolation like interior nodes, and no correction moves
+them. That is rarely wanted at a wall, hence the warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.coincidence import first_coincident_pair
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.patch_check import check_patches, patch_warnings
+from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.support_radius import suggest_support_radius
+
+__all__ = ["check_mesh", "suggest_support_radius"]
+
+# A skew that only rounding keeps from 0; cells of a boundary layer with aspect ratio 10⁶ are at 10⁻⁶ and pass.
+_FLAT_SKEW = 1e-10
+
+
+def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
+    """Refuse an unusable mesh, and list what looks odd about a usable one.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+    patches : mapping of name to Patch
+
+    Returns
+    -------
+    list of str
+        Warnings: orphan nodes, patch nodes inside the mesh, boundary nodes without a patch, patches that share nodes.
+
+    Raises
+    ------
+    InvalidInput
+        ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is no number; ``.MESH_DEGENERATE`` for node
+        indices out of range, repeated nodes in a cell, inverted or flat cells, facets of more than two cells, and
+        boundary nodes that coincide; plain for patches (unknown role, no or repeated nodes, nothing moving).
+    """
+    _check_points(points, cells.dimension)
+    _check_indices(len(points), cells)
+    _check_geometry(points, cells)
+    check_patches(len(points), patches)
+    boundary = boundary_nodes(cells)
+    _check_coincidence(points, np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()])))
+    return [*_orphans(len(points), cells), *patch_warnings(boundary, patches)]
+
+
+def _check_points(points: NDArray[np.float64], dimension: int) -> None:
+    """Shape (n, d), n > 0, every coordinate finite."""
+    if points.ndim != 2 or points.shape[1] != dimension or not len(points):
+        raise InvalidInput(
+            f"points: expected an array of shape (n, {dimension}) with n > 0 for {dimension}D cells, "
+            f"got {points.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"shape": list(points.shape), "dimension": dimension},
+        )
+    finite = np.isfinite(points)
+    if not finite.all():
+        node, axis = (int(i) for i in np.argwhere(~finite)[0])
+        count = int(len(points) - np.count_nonzero(finite.all(axis=1)))
+        raise InvalidInput(
+            f"node {node}: coordinate {'xyz'[axis]} is {points[node, axis]}, expected a finite number"
+            f" ({count} such node{'s' if count > 1 else ''})",
+            code="INVALID_ARGUMENT.NONFINITE",
+            details={"node": node, "axis": "xyz"[axis], "value": str(points[node, axis]), "count": count},
+        )
+
+
+@njit(cache=True)
+def _first_repetition(nodes: NDArray[np.int64]) -> int:
+    """Number of the first row with a repeated entry, or -1."""
+    m, k = nodes.shape
+    for e in range(m):
+        for i in range(k):
+            for j in range(i):
+                if nodes[e, i] == nodes[e, j]:
+                    return int(e)
+    return -1
+
+
+def _check_indices(n: int, cells: CellTable) -> None:
+    """Every node index in range, no node twice in a cell."""
+    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+        if block.nodes.min() < 0 or block.nodes.max() >= n:
+            row, place = (int(i) for i in np.argwhere((block.nodes < 0) | (block.nodes >= n))[0])
+            raise InvalidInput(
+                f"cell {first + row} ({block.type.name}): node index {block.nodes[row, place]} is out of range, "
+                f"expected 0 to {n - 1}",
+                code="INVALID_ARGUMENT.MESH_DEGENERATE",
+                hint="node indices start at 0" if block.nodes.max() == n else "",
+                details={"cell": first + row, "index": int(block.nodes[row, place]), "nodes": n},
+            )
+        row = _first_repetition(block.nodes)
+        if row >= 0:
+            raise InvalidInput(
+                f"cell {first + row} ({block.type.name}) names a node twice: {block.nodes[row].tolist()}",
+                code="INVALID_ARGUMENT.MESH_DEGENERATE",
+                hint="split collapsed cells into types of their own, for example wedge or pyramid",
+                details={"cell": first + row, "nodes": block.nodes[row].tolist()},
+            )
+
+
+def _check_geometry(points: NDArray[np.float64], cells: CellTable) -> None:
+    """Every corner determinant positive, no cell flat."""
+    quality = cell_quality(points, cells, reference_sizes(points, cells))
+    bad = quality.inverted | ~(quality.skew > _FLAT_SKEW)
+    if not bad.any():
+        return
+    cell, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
+    block, row = cells.locate(cell)
+    corners = points[block.nodes[row][block.type.corner_array]]
+    determinants = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    size = block.type.size_factor * float(determinants.sum())
+    raise InvalidInput(
+        f"cell {cell} ({block.type.name}, nodes {block.nodes[row].tolist()}) is "
+        f"{'inverted or degenerate' if quality.inverted[cell] else 'flat'}: its smallest corner determinant is "
+        f"{determinants.min():.4g}, expected a positive one; its size is {size:.4g}"
+        f" ({count} such cell{'s' if count > 1 else ''} of {len(cells)})",
+        code="INVALID_ARGUMENT.MESH_DEGENERATE",
+        hint=_inversion_hint(cells, bad, count),
+        details={"cell": cell, "determinant": float(determinants.min()), "size": size, "count": count},
+    )
+
+
+def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_], count: int) -> str:
+    """What a mesh with these bad cells most likely suffers from."""
+    if count == len(cells):
+        return "all cells are inverted: their node order is mirrored, reverse it"
+    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+        if bad[first : first + len(block)].all():
+            return f"all cells of type {block.type.name!r} are: their node order differs from VTK's and Gmsh's"
+    return "mesh the domain anew, or repair these cells"
+
+
+def _check_coincidence(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> None:
+    """No two boundary or patch nodes at the same place: the interpolation matrix would be singular."""
+    pair = first_coincident_pair(points[nodes], float(np.ptp(points, axis=0).max()))
+    if pair is None:
+        return
+    a, b = sorted(int(nodes[i]) for i in pair)
+    distance = float(np.linalg.norm(points[a] - points[b]))
+    raise InvalidInput(
+        f"the boundary nodes {a} and {b} are at the same place, {points[a].tolist()} (distance {distance:.3g})",
+        code="INVALID_ARGUMENT.MESH_DEGENERATE",
+        hint="merge them; a surface without thickness has to be given a thickness",
+        details={"nodes": [a, b], "distance": distance},
+    )
+
+
+def _orphans(n: int, cells: CellTable) -> list[str]:
+    """A warning for nodes in no cell."""
+    used = np.zeros(n, dtype=bool)
+    for block in cells:
+        used[block.nodes] = True
+    orphans = np.flatnonzero(~used)
+    if not len(orphans):
+        return []
+    return [
+        f"{len(orphans)} node{'s belong' if len(orphans) > 1 else ' belongs'} to no cell, the first is node "
+        f"{orphans[0]}; they are moved like interior nodes and judged by no cell"
+    ]

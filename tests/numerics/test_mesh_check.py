@@ -1,0 +1,187 @@
+"""Each way a mesh can be unusable is refused by name, number and way out; what is only odd is said and kept."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh_check import check_mesh
+from mesh_motion_server.numerics.roles import Patch
+
+
+@dataclass
+class Mesh:
+    """A 4 × 4 grid of 32 triangles on the unit square: the left side moves, the others are fixed."""
+
+    points: np.ndarray = field(
+        default_factory=lambda: np.stack(np.meshgrid(*[np.arange(5) / 4] * 2), -1).reshape(-1, 2)
+    )
+    cells: dict[str, np.ndarray] = field(default_factory=dict)
+    patches: dict[str, Patch] = field(default_factory=dict)
+
+    def __post_init__(self):
+        i = np.arange(25).reshape(5, 5)
+        a, b, c, d = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, 1:].ravel(), i[1:, :-1].ravel()
+        self.cells["triangle"] = np.concatenate([np.c_[a, b, c], np.c_[a, c, d]])
+        x, y = self.points.T
+        self.patches["left"] = Patch("moving", np.flatnonzero((x == 0) & (y > 0) & (y < 1)))
+        self.patches["others"] = Patch("fixed", np.flatnonzero((x == 1) | (y == 0) | (y == 1)))
+
+    def check(self) -> list[str]:
+        return check_mesh(self.points, CellTable.from_arrays(self.cells), self.patches)
+
+
+@pytest.fixture
+def mesh() -> Mesh:
+    return Mesh()
+
+
+def refused(mesh: Mesh, message: str) -> InvalidInput:
+    with pytest.raises(InvalidInput, match=message) as caught:
+        mesh.check()
+    return caught.value
+
+
+def test_a_good_mesh_passes_without_a_word(mesh):
+    assert mesh.check() == []
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_coordinate_that_is_no_number(mesh, value):
+    mesh.points[7, 1] = mesh.points[9, 0] = value
+    error = refused(mesh, f"node 7: coordinate y is {value}, expected a finite number \\(2 such nodes\\)")
+    assert error.code == "INVALID_ARGUMENT.NONFINITE"
+    assert error.details == {"node": 7, "axis": "y", "value": str(value), "count": 2}
+
+
+@pytest.mark.parametrize("shape", [(25, 3), (50,), (0, 2)])
+def test_points_of_another_dimension(mesh, shape):
+    mesh.points = np.zeros(shape)
+    assert refused(mesh, r"expected an array of shape \(n, 2\)").code == "INVALID_ARGUMENT.SHAPE"
+
+
+@pytest.mark.parametrize(("index", "hint"), [(25, "start at 0"), (-1, ""), (2**40, "")])
+def test_a_node_index_out_of_range(mesh, index, hint):
+    mesh.cells["triangle"][3, 2] = index
+    error = refused(mesh, rf"cell 3 \(triangle\): node index {index} is out of range, expected 0 to 24")
+    assert error.code == "INVALID_ARGUMENT.MESH_DEGENERATE"
+    assert error.details == {"cell": 3, "index": index, "nodes": 25}
+    assert hint in error.hint
+
+
+def test_a_node_twice_in_a_cell(mesh):
+    mesh.cells["quad"] = np.array([[0, 1, 6, 0]])
+    error = refused(mesh, r"cell 32 \(quad\) names a node twice: \[0, 1, 6, 0\]")
+    assert error.details["cell"] == 32
+
+
+def test_an_inverted_cell_is_named_with_its_determinant(mesh):
+    mesh.cells["triangle"][5] = mesh.cells["triangle"][5][[0, 2, 1]]
+    error = refused(mesh, r"cell 5 .*is inverted or degenerate.* -0.0625,.* its size is -0.03125 \(1 such cell of 32\)")
+    assert error.code == "INVALID_ARGUMENT.MESH_DEGENERATE"
+    assert error.details == {"cell": 5, "determinant": -0.0625, "size": -0.03125, "count": 1}
+    assert "mirrored" not in error.hint
+
+
+def test_a_mesh_with_all_cells_inverted_is_told_to_reverse_them(mesh):
+    mesh.cells["triangle"] = mesh.cells["triangle"][:, ::-1]
+    assert "reverse" in refused(mesh, r"\(32 such cells of 32\)").hint
+
+
+def test_one_cell_type_in_another_order_is_told_so(mesh):
+    mesh.points = np.vstack([mesh.points, [[1.25, 0], [1.25, 0.25], [1.25, 0.5]]])
+    mesh.cells["quad"] = np.array([[4, 9, 26, 25], [9, 14, 27, 26]])
+    assert "type 'quad'" in refused(mesh, r"cell 32 \(quad").hint
+
+
+def test_a_flat_cell(mesh):
+    mesh.points = np.vstack([mesh.points, [[0.125, -1e-13]]])
+    mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], [[0, 25, 1]]])
+    refused(mesh, r"cell 32 .*is flat")
+
+
+def test_a_cell_with_one_corner_inverted(mesh):
+    mesh.points = np.vstack([mesh.points, [[1.25, 0], [1.05, 0.2]]])
+    mesh.points[26] = (1.01, 0.01)
+    mesh.cells["quad"] = np.array([[4, 25, 26, 9]])
+    assert refused(mesh, r"cell 32 \(quad").details["size"] > 0
+
+
+def test_an_overlapping_cell(mesh):
+    mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], mesh.cells["triangle"][9]])
+    refused(mesh, r"belongs to 3 cells")
+
+
+def test_boundary_nodes_at_the_same_place(mesh):
+    mesh.points = np.vstack([mesh.points, [[1.0, 0.25], [1.25, 0.25], [1.25, 0.5]]])
+    mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], [[25, 26, 27]]])
+    error = refused(mesh, r"boundary nodes 9 and 25 are at the same place, \[1.0, 0.25\] \(distance 0\)")
+    assert error.details == {"nodes": [9, 25], "distance": 0.0}
+
+
+def test_boundary_nodes_at_nearly_the_same_place(mesh):
+    mesh.points = np.vstack([mesh.points, [[1.0, 0.25 + 1e-13], [1.25, 0.25], [1.25, 0.5]]])
+    mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], [[25, 26, 27]]])
+    assert refused(mesh, "boundary nodes 9 and 25").details["distance"] == pytest.approx(1e-13, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("patch", "message", "details"),
+    [
+        (
+            Patch("wobbling", np.array([0])),
+            "patch 'new': unknown role 'wobbling'; known are moving",
+            {"role": "wobbling"},
+        ),
+        (Patch("fixed", np.array([], dtype=int)), "patch 'new' has no nodes", {}),
+        (Patch("fixed", np.array([3, 25])), "node id 25 is out of range, expected 0 to 24", {"node": 25, "nodes": 25}),
+        (Patch("fixed", np.array([3, -1])), "node id -1 is out of range", {"node": -1, "nodes": 25}),
+        (Patch("fixed", np.array([3, 1, 1, 3])), "patch 'new' names node 3 twice", {"node": 3}),
+        (Patch("fixed", np.array([[3]])), r"vector of integers, got shape \(1, 1\)", {}),
+        (Patch("fixed", np.array([0.5])), "vector of integers, got .* float64", {}),
+    ],
+)
+def test_unusable_patches(mesh, patch, message, details):
+    mesh.patches["new"] = patch
+    assert refused(mesh, message).details == {"patch": "new", **details}
+
+
+def test_nothing_moves(mesh):
+    mesh.patches["left"] = Patch("fixed", mesh.patches["left"].nodes)
+    refused(mesh, r"no patch has the role 'moving' \(patches: 'left', 'others'\)")
+    mesh.patches = {}
+    refused(mesh, r"\(patches: none\)")
+
+
+def test_orphan_nodes_are_noticed(mesh):
+    mesh.points = np.vstack([mesh.points, [[2.0, 2.0]]])
+    assert mesh.check() == [
+        "1 node belongs to no cell, the first is node 25; they are moved like interior nodes and judged by no cell"
+    ]
+
+
+def test_odd_patches_are_noticed(mesh):
+    mesh.patches["others"] = Patch("fixed", np.array([0, 1, 12, 5, 10]))
+    inside, uncovered, shared = mesh.check()
+    assert inside == "patch 'others': 1 node is not on the boundary of the mesh, the first is node 12"
+    assert uncovered.startswith("11 boundary nodes are in no patch, the first is node 2; nothing holds them")
+    assert shared == "patches 'left' (moving) and 'others' (fixed) share 2 nodes, the first is node 5; moving wins"
+
+
+@pytest.mark.parametrize("name", ["tetra", "hexahedron", "wedge", "pyramid", "line"])
+def test_every_cell_type_is_checked(name):
+    kind = CELL_TYPES[name]
+    d = kind.dimension
+    corner = np.hstack([np.zeros((d, 1)), kind.ideal_array]).T
+    if not kind.is_simplex:
+        corner = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+        corner = {"hexahedron": corner, "wedge": corner[[0, 1, 3, 4, 5, 7]], "pyramid": corner[:5]}[name].astype(float)
+    cells = CellTable.from_arrays({name: np.arange(kind.n_nodes)[None]})
+    patches = {"all": Patch("moving", np.arange(kind.n_nodes))}
+    assert check_mesh(corner, cells, patches) == []
+    mirrored = corner * ([-1.0] + [1.0] * (d - 1))
+    with pytest.raises(InvalidInput, match="inverted") as caught:
+        check_mesh(mirrored, cells, patches)
+    assert "reverse" in caught.value.hint
