@@ -73,13 +73,16 @@ class EnrichedInterpolant:
 
     def displacement(self, x: Array) -> Array:
         """(n,) displacement at (n,) places, thesis (4.10)."""
-        phi, h = _values(x, self.boundary, self.enrichment_points, self.settings)
-        return np.sum(phi * self.weights, axis=1) + np.sum(h * self.coefficients, axis=1)
+        return self._sum(*_values(x, self.boundary, self.enrichment_points, self.settings))
 
     def gradient(self, x: Array) -> Array:
         """(n,) derivative of the displacement at (n,) places."""
-        phi, h = _derivatives(x, self.boundary, self.enrichment_points, self.settings)
-        return np.sum(phi * self.weights, axis=1) + np.sum(h * self.coefficients, axis=1)
+        return self._sum(*_derivatives(x, self.boundary, self.enrichment_points, self.settings))
+
+    def _sum(self, phi: Array, h: Array) -> Array:
+        """(n,) combination of (n, nb) and (n, nc) functions."""
+        total: Array = np.sum(phi * self.weights, axis=1) + np.sum(h * self.coefficients, axis=1)
+        return total
 
 
 def bracketing_slopes(boundary: Array, displacement: Array, enrichment_points: Array) -> Array:
