@@ -164,7 +164,7 @@ def test_trial_nodes_are_exact_for_an_interpolant():
         np.abs(predict(name, points, cells, sizes, field).size - actual.size).mean()
         for name in ("edge-midpoint-gradient", "centre-gradient")
     )
-    assert edge < 0.2 * centre < 0.01
+    assert edge < 0.3 * centre < 0.01
 
 
 @pytest.mark.parametrize(
