@@ -1,0 +1,14 @@
+"""Sockets and processes: the only place with zmq.
+
+::
+
+    serve ─── supervisor (no sockets)           sessions, workers, RESUME, drain
+                 ├── gateway                    the control endpoint: headers only, forwards what it does not answer
+                 ├── worker  session A          a data endpoint each, its own memory limit
+                 ├── worker  session B
+                 └── worker  (spare)            everything imported, waits for an order
+
+The supervisor talks to its children over socket pairs (:mod:`.channel`). A native crash, an exhausted memory or an
+endless multipart message hurts one session; a gateway that falls is started again on the same endpoint. Children die
+with the supervisor. :mod:`.serve` is the way in.
+"""

@@ -1,0 +1,291 @@
+"""The control requests OPEN, RESUME, LIST, PROBE, and what workers report back: sessions coming, living and going.
+
+No sockets and no processes: workers are started and replies are sent through what the supervisor hands in.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, Probe, Probed, Resume, Resumed
+
+from mesh_motion_server.errors import InvalidInput, MeshMotionError, ResourceError
+from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability
+from mesh_motion_server.transport.processes import Child
+from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook
+from mesh_motion_server.transport.replies import error_reply
+from mesh_motion_server.transport.telemetry import log
+
+__all__ = ["Control"]
+
+#: A worker imports, reads its journal and factorizes within this, seconds.
+_START_SECONDS = 600.0
+#: A live worker that shall take a new holder but computes for the old one has this long, seconds; then it is killed,
+#: for the trial that it computes is lost anyway, and another one resumes from the journal.
+_RECLAIM_SECONDS = 5.0
+
+
+class Control:
+    """Answers control requests and follows the workers.
+
+    Parameters
+    ----------
+    registry : Registry
+    settings : ServerSettings
+    start : callable
+        Order for a worker → the child that has it.
+    send : callable
+        Peer and frame → to the gateway.
+    """
+
+    def __init__(
+        self,
+        registry: Registry,
+        settings: ServerSettings,
+        start: Callable[[dict[str, Any]], Child],
+        send: Callable[[bytes, bytes], None],
+    ) -> None:
+        self.registry = registry
+        self.draining = False
+        self._settings = settings
+        self._start = start
+        self._send = send
+        self._book = RequestBook()
+
+    # --- requests ----------------------------------------------------------------------------------------------------
+
+    def request(self, peer: bytes, frame: bytes) -> None:
+        """Take a control request that the gateway has checked."""
+        request = decode([frame])
+        try:
+            if isinstance(request, List):
+                self._reply(peer, self._list(request))
+            elif isinstance(request, Probe):
+                self._reply(peer, self._probe(request))
+            else:
+                self._once(peer, request)
+        except MeshMotionError as error:
+            self._reply(peer, error_reply(request, error))
+
+    def _once(self, peer: bytes, request: Message) -> None:
+        """OPEN and RESUME execute once per request id."""
+        asked, new = self._book.enter(peer, request)
+        if asked.reply is not None:
+            self._send(peer, asked.reply)
+        if not new:
+            return
+        self._execute(asked)
+
+    def _execute(self, asked: Asked) -> None:
+        try:
+            if self.draining:
+                raise ResourceError("the server is stopping", code="UNAVAILABLE.DRAINING")
+            if isinstance(asked.request, Open):
+                self._open(asked, asked.request)
+            elif isinstance(asked.request, Resume):
+                self._resume(asked, asked.request)
+        except MeshMotionError as error:
+            self._refuse(asked, error)
+
+    def _open(self, asked: Asked, request: Open) -> None:
+        durability = self._check_open(request)
+        session, token = secrets.token_hex(16), secrets.token_bytes(32)
+        child = self._start(
+            {
+                "order": "create",
+                "session": session,
+                "token": token,
+                "dimension": request.dimension,
+                "partitions": request.partitions,
+                "method": request.settings,
+                "label": request.label,
+                "durability": durability,
+            }
+        )
+        live = Live(session, token, request.label, request.partitions, child)
+        self._expect(live, asked)
+        self.registry.live[session] = live
+        log().info("open", session=session, label=request.label, partitions=request.partitions, worker=child.pid)
+
+    def _check_open(self, request: Open) -> str:
+        """Refuse what can be refused before a worker is taken; the durability in force."""
+        limits = self._settings
+        self._check_room()
+        if request.partitions > limits.max_partitions:
+            raise InvalidInput(
+                f"partitions must be at most {limits.max_partitions}, got {request.partitions}",
+                code="INVALID_ARGUMENT.VALUE",
+            )
+        if len(request.label) > limits.max_label_characters:
+            raise InvalidInput(
+                f"label must have at most {limits.max_label_characters} characters, got {len(request.label)}",
+                code="INVALID_ARGUMENT.VALUE",
+            )
+        if request.bytes_reserved > limits.max_session_bytes:
+            raise ResourceError(
+                f"a session may have {limits.max_session_bytes} bytes, {request.bytes_reserved} were asked for"
+            )
+        MethodSettings.from_mapping(request.settings)
+        return check_durability(request.durability)
+
+    def _check_room(self) -> None:
+        if self.registry.working() >= self._settings.max_sessions:
+            raise ResourceError(
+                f"{self._settings.max_sessions} sessions are open, which is the limit of this server",
+                code="RESOURCE_EXHAUSTED.SESSIONS",
+                hint="close one, or raise max_sessions",
+            )
+
+    def _resume(self, asked: Asked, request: Resume) -> None:
+        live = self.registry.authorised(request.session, request.token)
+        if live is None:
+            self._check_room()
+            label, partitions = self.registry.described(request.session)
+            child = self._start({"order": "resume", "session": request.session, "token": request.token})
+            live = Live(request.session, request.token, label, partitions, child)
+            self.registry.live[request.session] = live
+            self._expect(live, asked)
+        elif live.asked is not None:
+            live.queue.append(asked)
+        elif live.status == "dead":
+            self._check_room()
+            self._restart(live, asked)
+        else:
+            live.reclaiming = True
+            live.child.channel.send({"order": "reclaim", "token": request.token})
+            self._expect(live, asked, seconds=_RECLAIM_SECONDS)
+
+    def _restart(self, live: Live, asked: Asked) -> None:
+        """Another worker for a session whose worker is gone, from its journal."""
+        live.status, live.reclaiming = "starting", False
+        live.child = self._start({"order": "resume", "session": live.session, "token": live.token})
+        self._expect(live, asked)
+        log().info("resume", session=live.session, worker=live.child.pid)
+
+    def _expect(self, live: Live, asked: Asked, *, seconds: float = _START_SECONDS) -> None:
+        live.asked, live.deadline = asked, time.monotonic() + seconds
+
+    def _list(self, request: List) -> Listed:
+        sessions, more = self.registry.page(request.after)
+        return Listed(client=request.client, sequence=request.sequence, sessions=sessions, more=more)
+
+    def _probe(self, request: Probe) -> Probed:
+        live = self.registry.authorised(request.session, request.token)
+        worker, epoch, endpoint = (live.status, live.epoch, live.endpoint) if live else ("none", 0, "")
+        return Probed(
+            client=request.client,
+            sequence=request.sequence,
+            session=request.session,
+            worker=worker,
+            epoch=epoch,
+            endpoint=endpoint if worker == "alive" else "",
+        )
+
+    # --- workers -----------------------------------------------------------------------------------------------------
+
+    def heard(self, live: Live, event: dict[str, Any]) -> None:
+        """A worker's report."""
+        kind = event["event"]
+        if kind in ("serving", "reclaimed"):
+            live.status, live.endpoint = "alive", event.get("endpoint", live.endpoint)
+            live.epoch, live.state, live.step = event["epoch"], event["state"], event["step"]
+            self._arrived(live)
+        elif kind == "status":
+            live.epoch, live.state, live.step = event["epoch"], event["state"], event["step"]
+        elif kind == "failed":
+            live.failure = MeshMotionError(
+                event["message"], code=event["code"], hint=event["hint"], details=event["details"]
+            )
+        elif kind == "not_reclaimed":
+            live.child.kill()
+        elif kind == "over":
+            live.over = True
+
+    def _arrived(self, live: Live) -> None:
+        """The worker serves: answer who asked for it, then the next in the queue."""
+        asked, live.asked, live.deadline, live.reclaiming = live.asked, None, None, False
+        if asked is None:
+            return
+        request = asked.request
+        if isinstance(request, Open):
+            reply: Message = Opened(
+                client=request.client,
+                sequence=request.sequence,
+                session=live.session,
+                token=live.token,
+                endpoint=live.endpoint,
+                epoch=live.epoch,
+            )
+        else:
+            reply = Resumed(
+                client=request.client,
+                sequence=request.sequence,
+                session=live.session,
+                endpoint=live.endpoint,
+                epoch=live.epoch,
+                state=live.state,
+                step=live.step,
+            )
+        self._settle(asked, reply)
+        self._next(live)
+
+    def _next(self, live: Live) -> None:
+        while live.queue and live.asked is None:
+            self._execute(live.queue.popleft())
+
+    def gone(self, live: Live, code: int) -> None:
+        """A worker has ended: by an order, by itself, or by an accident."""
+        log().info("worker_ended", session=live.session, worker=live.child.pid, code=code, over=live.over)
+        asked, live.asked, live.deadline = live.asked, None, None
+        _remove_socket(live.endpoint)
+        live.status, live.endpoint = "dead", ""
+        failure, live.failure = live.failure, None
+        if asked is not None and live.reclaiming and not self.draining:
+            self._restart(live, asked)
+            return
+        if asked is not None:
+            self._refuse(asked, failure or _worker_ended(code))
+        if live.over or failure is not None:
+            # Its journal, if it has one, tells the rest.
+            self.registry.live.pop(live.session, None)
+        self._next(live)
+
+    def keep_time(self, now: float) -> None:
+        """Kill workers that did not start or did not take the new holder in time; :meth:`gone` then goes on."""
+        for live in self.registry.live.values():
+            if live.deadline is not None and live.deadline <= now:
+                live.deadline = None
+                live.child.kill()
+
+    def next_deadline(self) -> float | None:
+        """When :meth:`keep_time` will have something to do."""
+        return min((live.deadline for live in self.registry.live.values() if live.deadline), default=None)
+
+    # --- replies -----------------------------------------------------------------------------------------------------
+
+    def _settle(self, asked: Asked, reply: Message) -> None:
+        asked.reply = bytes(encode(reply)[0])
+        self._send(asked.peer, asked.reply)
+
+    def _refuse(self, asked: Asked, error: MeshMotionError) -> None:
+        self._book.forget(asked)
+        self._reply(asked.peer, error_reply(asked.request, error))
+
+    def _reply(self, peer: bytes, reply: Message) -> None:
+        self._send(peer, bytes(encode(reply)[0]))
+
+
+def _remove_socket(endpoint: str) -> None:
+    """A killed worker leaves the file of its ipc endpoint behind."""
+    if endpoint.startswith("ipc://"):
+        Path(endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
+
+
+def _worker_ended(code: int) -> MeshMotionError:
+    how = f"signal {-code}" if code < 0 else f"exit status {code}"
+    return MeshMotionError(f"the session's worker ended while it started ({how})", code="UNAVAILABLE.WORKER")

@@ -1,0 +1,172 @@
+"""Endpoints: which may be listened on, the folder and lock of an ipc endpoint, sockets with every bound set."""
+
+from __future__ import annotations
+
+import fcntl
+import ipaddress
+import os
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+import zmq
+
+from mesh_motion_server.errors import MeshMotionError
+
+__all__ = ["Endpoint", "EndpointError", "bind", "lock_folder", "router"]
+
+#: What fits into the kernel's ``sun_path`` with its closing zero.
+_PATH_BYTES = 107
+#: Longest worker socket name behind the folder of a control endpoint.
+_WORKER_NAME = "/w4194304.ipc"
+
+
+class EndpointError(MeshMotionError):
+    """The server cannot listen there: a wrong, unsafe or occupied endpoint."""
+
+    default_code = "INVALID_ARGUMENT"
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """Where the control endpoint listens.
+
+    Attributes
+    ----------
+    scheme : {"tcp", "ipc"}
+    host : str
+        tcp: the address; empty for ipc.
+    port : int
+        tcp: 0 lets the system choose.
+    path : str
+        ipc: the socket's file.
+    """
+
+    scheme: str
+    host: str = ""
+    port: int = 0
+    path: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> Endpoint:
+        """Read ``tcp://HOST:PORT`` or ``ipc://PATH``.
+
+        Raises
+        ------
+        EndpointError
+            If it is neither, the port is no port, or the path is too long for the kernel.
+        """
+        scheme, separator, rest = text.partition("://")
+        if separator and scheme == "tcp":
+            host, _, port = rest.rpartition(":")
+            if host and port.isdigit() and int(port) <= 65535:
+                return cls("tcp", host=host, port=int(port))
+        if separator and scheme == "ipc" and rest.startswith("/"):
+            return cls("ipc", path=_short_enough(rest))
+        raise EndpointError(
+            f"endpoint must be tcp://HOST:PORT or ipc:///absolute/path, got {text!r}",
+            hint="tcp://127.0.0.1:0 lets the system choose a free port",
+        )
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine reaches it."""
+        if self.scheme == "ipc" or self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host.strip("[]")).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def address(self) -> str:
+        """For a socket to bind to."""
+        if self.scheme == "ipc":
+            return f"ipc://{self.path}"
+        host = "127.0.0.1" if self.host == "localhost" else self.host
+        return f"tcp://{host}:{self.port or '*'}"
+
+    @property
+    def worker_address(self) -> str:
+        """For the data socket of this process: a free port, or a file named after the process."""
+        if self.scheme == "ipc":
+            return f"ipc://{Path(self.path).parent}/w{os.getpid()}.ipc"
+        return Endpoint("tcp", host=self.host).address
+
+
+def _short_enough(path: str) -> str:
+    longest = max(len(os.fsencode(path)), len(os.fsencode(str(Path(path).parent) + _WORKER_NAME)))
+    if longest > _PATH_BYTES:
+        raise EndpointError(
+            f"an ipc path must leave room in {_PATH_BYTES} bytes, {path!r} does not",
+            hint="use a shorter folder, for example under /tmp or /run",
+        )
+    return path
+
+
+def lock_folder(endpoint: Endpoint) -> TextIO | None:
+    """Make an ipc endpoint's folder private and take its lock: binding over a live server would steal its endpoint.
+
+    Returns
+    -------
+    file or None
+        Hold it open as long as the endpoint is used; None for tcp.
+
+    Raises
+    ------
+    EndpointError
+        If others may enter the folder, or a live server holds the lock.
+    """
+    if endpoint.scheme != "ipc":
+        return None
+    folder = Path(endpoint.path).parent
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    status = folder.stat()
+    if status.st_uid != os.geteuid() or stat.S_IMODE(status.st_mode) & 0o077:
+        raise EndpointError(
+            f"the folder {folder} of an ipc endpoint must be yours alone (mode 0700), "
+            f"got mode {stat.S_IMODE(status.st_mode):04o}",
+            hint="chmod 700 it, or use a folder of its own",
+        )
+    lock = open(f"{endpoint.path}.lock", "w", encoding="utf-8")  # noqa: SIM115 - held for the server's life
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.close()
+        raise EndpointError(
+            f"a live server listens on {endpoint.address}", hint="stop it first, or use another path"
+        ) from None
+    return lock
+
+
+def bind(socket: zmq.Socket[bytes], address: str) -> str:
+    """Bind and return where, with the port the system chose."""
+    socket.bind(address)
+    where = socket.getsockopt(zmq.LAST_ENDPOINT)
+    return where.rstrip(b"\0").decode() if isinstance(where, bytes) else address
+
+
+def router(context: zmq.Context[zmq.Socket[bytes]], *, message_bytes: int, queued: int) -> zmq.Socket[bytes]:
+    """A ROUTER socket with every bound set.
+
+    Parameters
+    ----------
+    context : zmq.Context
+    message_bytes : int
+        Largest frame; a peer that announces more is disconnected before memory is taken.
+    queued : int
+        Messages queued per peer and direction.
+    """
+    socket = context.socket(zmq.ROUTER)
+    socket.setsockopt(zmq.MAXMSGSIZE, message_bytes)
+    socket.setsockopt(zmq.RCVHWM, queued)
+    socket.setsockopt(zmq.SNDHWM, queued)
+    socket.setsockopt(zmq.ROUTER_HANDOVER, 0)
+    socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
+    socket.setsockopt(zmq.HANDSHAKE_IVL, 5_000)
+    socket.setsockopt(zmq.HEARTBEAT_IVL, 10_000)
+    socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 30_000)
+    socket.setsockopt(zmq.LINGER, 5_000)
+    socket.setsockopt(zmq.IPV6, 1)
+    return socket

@@ -1,0 +1,114 @@
+"""Children of the supervisor: how they start, what bounds them, and that they never outlive it."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+from dataclasses import dataclass
+
+from mesh_motion_server.transport.channel import Channel
+
+__all__ = ["Child", "die_with_parent", "limit_address_space", "spawn", "wake_on_signals"]
+
+_PR_SET_PDEATHSIG = 1
+
+
+@dataclass(eq=False)
+class Child:
+    """A child process and the line to it."""
+
+    process: subprocess.Popen[bytes]
+    channel: Channel
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self.process.pid
+
+    def kill(self) -> None:
+        """End it at once; its channel then reads as closed."""
+        self.process.kill()
+
+    def reap(self) -> int:
+        """Collect the exit status of a child that has ended or is about to."""
+        self.channel.close()
+        try:
+            return self.process.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+
+def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
+    """Start ``python -m module CHANNEL arguments…``.
+
+    BLAS gets one thread: its sums are then repeatable bit for bit. The kernels' threads are numba's.
+    """
+    channel, theirs = Channel.pair()
+    with theirs:
+        process = subprocess.Popen(
+            [sys.executable, "-m", module, str(theirs.fileno()), *arguments],
+            pass_fds=[theirs.fileno()],
+            env=os.environ | _thread_settings(threads),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+        )
+    return Child(process, channel)
+
+
+def _thread_settings(threads: int) -> dict[str, str]:
+    single = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
+    return dict.fromkeys(single, "1") | {"NUMBA_NUM_THREADS": str(threads or len(os.sched_getaffinity(0)))}
+
+
+def die_with_parent() -> None:
+    """Called first in a child: the kernel kills it when the supervisor dies, however that dies.
+
+    Elsewhere than on Linux the closed channel tells, once the current request is done. The terminal's Ctrl-C is the
+    supervisor's matter.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+
+
+def limit_address_space(allowance: int) -> None:
+    """Bound the address space to what is mapped now plus ``allowance`` bytes.
+
+    Only this stops frames that announce MORE for ever: MAXMSGSIZE and the high-water marks do not count them.
+    """
+    mapped = _mapped_bytes()
+    if mapped:
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        limit = mapped + allowance
+        resource.setrlimit(resource.RLIMIT_AS, (limit if hard < 0 else min(limit, hard), hard))
+
+
+def _mapped_bytes() -> int:
+    """Address space in use, 0 where the system does not tell."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as statm:
+            return int(statm.read().split()[0]) * resource.getpagesize()
+    except OSError:
+        return 0
+
+
+def wake_on_signals(*signals: signal.Signals) -> socket.socket:
+    """A socket that becomes readable with one byte, its number, for each of these signals."""
+    reader, writer = socket.socketpair()
+    for end in (reader, writer):
+        end.setblocking(False)
+    _writers.append(writer)
+    for number in signals:
+        signal.signal(number, lambda *_: None)
+    signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    return reader
+
+
+#: Writing ends stay open as long as the process.
+_writers: list[socket.socket] = []

@@ -1,0 +1,49 @@
+"""Error replies that transport itself gives."""
+
+from __future__ import annotations
+
+from mesh_motion_protocol.errors import ProtocolError, error_code
+from mesh_motion_protocol.messages import ErrorReply, Message
+
+from mesh_motion_server.errors import MeshMotionError
+
+__all__ = ["error_reply", "undecodable", "unexpected"]
+
+
+def error_reply(request: Message, error: MeshMotionError, *, state: str = "") -> ErrorReply:
+    """The reply to a request that raised ``error``."""
+    known = error_code(error.code)
+    return ErrorReply(
+        client=request.client,
+        sequence=request.sequence,
+        code=error.code,
+        message=error.message,
+        hint=error.hint or known.hint,
+        retryable=known.retryable,
+        state=state,
+        details=error.details,
+    )
+
+
+def undecodable(error: ProtocolError, *, state: str = "") -> ErrorReply:
+    """The reply to frames that are no message."""
+    return ErrorReply(
+        client=error.client,
+        sequence=error.sequence,
+        code=error.code,
+        message=error.message,
+        hint=error.hint,
+        retryable=error_code(error.code).retryable,
+        state=state,
+        details=error.details,
+    )
+
+
+def unexpected(request: Message, endpoint: str, *, state: str = "") -> ErrorReply:
+    """The reply to a message that this endpoint does not take."""
+    error = MeshMotionError(
+        f"the {endpoint} endpoint does not take {request.type}",
+        code="UNIMPLEMENTED.MESSAGE",
+        hint="HELLO, OPEN, RESUME, LIST, PROBE go to the control endpoint, all others to the session's data endpoint",
+    )
+    return error_reply(request, error, state=state)

@@ -1,0 +1,107 @@
+"""The way in: check where to listen, start the supervisor, say that the server is ready, serve until stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+from mesh_motion_server import __version__
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock_folder
+from mesh_motion_server.transport.hosting import Hosting
+from mesh_motion_server.transport.supervisor import Supervisor
+from mesh_motion_server.transport.telemetry import configure, log
+
+__all__ = ["EXIT_CONFIGURATION", "EXIT_UNAVAILABLE", "LIFELINE", "serve"]
+
+#: ``EX_CONFIG`` of sysexits.h: the settings ask for something unsafe.
+EXIT_CONFIGURATION = 78
+#: ``EX_UNAVAILABLE``: the endpoint is taken.
+EXIT_UNAVAILABLE = 69
+#: Environment variable with the number of an inherited file descriptor: the server drains when it reads as ended. A
+#: client that starts a private server holds the other end, so that the server never outlives it.
+LIFELINE = "MESH_MOTION_LIFELINE_FD"
+
+
+def serve(
+    settings: ServerSettings,
+    *,
+    insecure: bool = False,
+    ready_file: Path | None = None,
+    level: str = "info",
+    hosting: Hosting | None = None,
+) -> int:
+    """Run a server until SIGTERM, SIGINT or the end of its lifeline.
+
+    Parameters
+    ----------
+    settings : ServerSettings
+        ``endpoint`` is ``tcp://HOST:PORT`` (port 0: the system chooses) or ``ipc:///path``.
+    insecure : bool
+        Listen on an address that other machines reach, without encryption and authentication.
+    ready_file : Path, optional
+        Written, whole at once, when clients may connect: JSON with ``endpoint``, ``pid``, ``boot``, ``version``. The
+        same endpoint goes to standard output in one line, ``ready ENDPOINT``.
+    level : {"debug", "info", "warning", "error"}
+        Of the logs on standard error.
+    hosting : Hosting, optional
+        Other modules for sessions and their store.
+
+    Returns
+    -------
+    int
+        Exit status: 0 after a drain, 69 if the endpoint is taken, 70 if the gateway keeps falling, 78 if the endpoint
+        is wrong or unsafe.
+    """
+    configure("supervisor", level)
+    if ready_file is not None:
+        ready_file.unlink(missing_ok=True)
+    lifeline = os.environ.pop(LIFELINE, None)
+    try:
+        endpoint = _allowed(settings.endpoint, insecure)
+        lock = lock_folder(endpoint)
+    except EndpointError as error:
+        log().error("refused", reason=error.message, hint=error.hint)
+        return EXIT_CONFIGURATION
+    settings = settings.model_copy(update={"state_folder": settings.state_folder.expanduser()})
+    supervisor = Supervisor(settings, hosting or Hosting(), level)
+    try:
+        where = supervisor.start()
+    except EndpointError as error:
+        log().error("refused", reason=error.message, hint=error.hint)
+        return EXIT_UNAVAILABLE
+    _announce(where, supervisor.boot, ready_file)
+    try:
+        return supervisor.run(int(lifeline) if lifeline else None)
+    finally:
+        if ready_file is not None:
+            ready_file.unlink(missing_ok=True)
+        if lock is not None:
+            lock.close()
+
+
+def _allowed(text: str, insecure: bool) -> Endpoint:
+    """The endpoint, if it is local or the caller insists."""
+    endpoint = Endpoint.parse(text)
+    if endpoint.is_local:
+        return endpoint
+    if not insecure:
+        raise EndpointError(
+            f"{text} is reached by other machines, and this server neither encrypts nor authenticates",
+            hint="listen on 127.0.0.1 or ipc and tunnel with ssh; --insecure listens there all the same",
+        )
+    log().warning("insecure", endpoint=text, consequence="whoever reaches this address may open sessions")
+    return endpoint
+
+
+def _announce(endpoint: str, boot: str, ready_file: Path | None) -> None:
+    log().info("ready", endpoint=endpoint, pid=os.getpid(), version=__version__)
+    sys.stdout.write(f"ready {endpoint}\n")
+    sys.stdout.flush()
+    if ready_file is not None:
+        text = json.dumps({"endpoint": endpoint, "pid": os.getpid(), "boot": boot, "version": __version__})
+        partial = ready_file.with_name(ready_file.name + ".part")
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(ready_file)

@@ -1,0 +1,222 @@
+"""The parent of gateway and workers: starts them, hears them, notices their deaths, drains on SIGTERM.
+
+Single-threaded and without sockets of its own; everything it hears comes over its children's channels, as signals, or
+as the end of the lifeline. A child's death shows at once as the end of its channel.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+from mesh_motion_protocol.limits import default_limits
+
+from mesh_motion_server import __version__
+from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
+from mesh_motion_server.transport.control import Control
+from mesh_motion_server.transport.endpoints import EndpointError
+from mesh_motion_server.transport.hosting import Hosting
+from mesh_motion_server.transport.processes import Child, spawn, wake_on_signals
+from mesh_motion_server.transport.registry import Registry
+from mesh_motion_server.transport.telemetry import log
+
+__all__ = ["Supervisor"]
+
+#: A gateway that falls more often than this has a reason that restarting does not cure.
+_GATEWAY_STARTS = 20
+_GATEWAY_FAILED = 70
+
+
+class Supervisor:
+    """Runs one server.
+
+    Parameters
+    ----------
+    settings : ServerSettings
+    hosting : Hosting
+    level : str
+        Log level, handed to the children.
+    """
+
+    def __init__(self, settings: ServerSettings, hosting: Hosting, level: str) -> None:
+        self._settings = settings
+        self._hosting = hosting
+        self._level = level
+        self._selector = selectors.DefaultSelector()
+        self._boot = os.urandom(16)
+        self._endpoint = settings.endpoint
+        self._gateway: Child | None = None
+        self._gateway_starts = 0
+        self._spare: Child | None = None
+        self._killed_at: float | None = None
+        self.boot = self._boot.hex()
+        store = hosting.load_store()(settings.state_folder)
+        self._control = Control(Registry(store), settings, self._start_session, self._to_gateway)
+
+    # --- the server's life -------------------------------------------------------------------------------------------
+
+    def start(self) -> str:
+        """Start gateway and spare worker; returns the endpoint that clients connect to.
+
+        Raises
+        ------
+        EndpointError
+            If the endpoint cannot be bound.
+        """
+        self._start_gateway()
+        self._spare = self._start_worker()
+        return self._endpoint
+
+    def run(self, lifeline: int | None = None) -> int:
+        """Serve until SIGTERM, SIGINT or the end of ``lifeline``, then drain; returns the exit status."""
+        self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
+        if lifeline is not None:
+            self._listen(lifeline, self._lifeline_ended)
+        while not self._finished():
+            for key, _ in self._selector.select(self._patience()):
+                key.data(key.fileobj)
+            now = time.monotonic()
+            self._control.keep_time(now)
+            if self._killed_at is not None and now >= self._killed_at:
+                self._kill_workers()
+        return self._stop()
+
+    def _finished(self) -> bool:
+        working = any(live.status != "dead" for live in self._control.registry.live.values())
+        return self._gateway is None or (self._control.draining and not working)
+
+    def _patience(self) -> float | None:
+        deadlines = [d for d in (self._control.next_deadline(), self._killed_at) if d is not None]
+        return max(0.0, min(deadlines) - time.monotonic()) if deadlines else None
+
+    def _signalled(self, source: socket.socket) -> None:
+        for _ in source.recv(64):
+            self._drain("signal")
+
+    def _lifeline_ended(self, source: int) -> None:
+        if not os.read(source, 64):
+            self._selector.unregister(source)
+            self._drain("lifeline")
+
+    def _drain(self, reason: str) -> None:
+        """No new session; every worker finishes its request and closes its journal. Asked twice: at once."""
+        if self._control.draining:
+            self._kill_workers()
+            return
+        log().info("draining", reason=reason)
+        self._control.draining = True
+        self._killed_at = time.monotonic() + self._settings.drain_seconds
+        if self._spare is not None:
+            self._end(self._spare)
+            self._spare = None
+        for live in self._control.registry.live.values():
+            live.child.channel.send({"order": "drain"})
+
+    def _kill_workers(self) -> None:
+        self._killed_at = None
+        for live in self._control.registry.live.values():
+            if live.status != "dead":
+                log().warning("killed", session=live.session, worker=live.child.pid)
+                live.child.kill()
+
+    def _stop(self) -> int:
+        """End the children that are left."""
+        gateway, self._gateway = self._gateway, None
+        if gateway is None:
+            self._kill_workers()
+            return _GATEWAY_FAILED
+        self._selector.unregister(gateway.channel)
+        gateway.reap()
+        log().info("stopped")
+        return 0
+
+    # --- the gateway -------------------------------------------------------------------------------------------------
+
+    def _start_gateway(self) -> None:
+        self._gateway_starts += 1
+        gateway = spawn("mesh_motion_server.transport.gateway", self._level)
+        limits = default_limits() | self._settings.limits()
+        limits["max_partitions"] = min(limits["max_partitions"], default_limits()["max_partitions"])
+        welcome = {
+            "server": f"mesh-motion-server {__version__}",
+            "boot": self._boot,
+            "limits": limits,
+            "durability": list(DURABILITY_LEVELS),
+        }
+        gateway.channel.send({"endpoint": self._endpoint, "welcome": welcome})
+        answer = gateway.channel.receive()
+        if answer is None or answer["event"] != "bound":
+            gateway.reap()
+            reason = answer["reason"] if answer else "the gateway ended"
+            raise EndpointError(
+                f"cannot listen on {self._endpoint}: {reason}", hint="stop who listens there, or use another endpoint"
+            )
+        self._endpoint = answer["endpoint"]
+        self._gateway = gateway
+        self._listen(gateway.channel, self._gateway_spoke)
+
+    def _gateway_spoke(self, _source: Any) -> None:
+        gateway = self._gateway
+        if gateway is None:
+            return
+        message = gateway.channel.receive()
+        if message is not None:
+            self._control.request(message["peer"], message["frame"])
+            return
+        self._selector.unregister(gateway.channel)
+        log().error("gateway_ended", code=gateway.reap())
+        self._gateway = None
+        if self._gateway_starts < _GATEWAY_STARTS:
+            self._start_gateway()
+
+    def _to_gateway(self, peer: bytes, frame: bytes) -> None:
+        if self._gateway is not None:
+            self._gateway.channel.send({"peer": peer, "frame": frame})
+
+    # --- the workers -------------------------------------------------------------------------------------------------
+
+    def _start_worker(self) -> Child:
+        child = spawn(
+            "mesh_motion_server.transport.worker",
+            self._level,
+            self._hosting.host,
+            self._hosting.store,
+            threads=self._settings.threads,
+        )
+        self._listen(child.channel, lambda _: self._worker_spoke(child))
+        return child
+
+    def _start_session(self, order: dict[str, Any]) -> Child:
+        """Give the order to the spare, which reads it as soon as it has imported everything; start the next spare."""
+        child, self._spare = self._spare or self._start_worker(), None
+        child.channel.send(order | {"settings": self._settings.model_dump_json(), "endpoint": self._endpoint})
+        self._spare = self._start_worker()
+        return child
+
+    def _worker_spoke(self, child: Child) -> None:
+        live = self._control.registry.of(child)
+        message = child.channel.receive()
+        if message is not None:
+            if live is not None:
+                self._control.heard(live, message)
+            return
+        code = self._end(child)
+        if live is not None:
+            self._control.gone(live, code)
+        elif child is self._spare:
+            # Not started again by itself: what cannot be imported now cannot be in a second either.
+            log().error("spare_ended", code=code)
+            self._spare = None
+
+    def _end(self, child: Child) -> int:
+        """Close the line to a worker, which makes a waiting one end, and collect its status."""
+        self._selector.unregister(child.channel)
+        return child.reap()
+
+    def _listen(self, source: Any, heard: Callable[[Any], None]) -> None:
+        self._selector.register(source, selectors.EVENT_READ, heard)

@@ -1,0 +1,266 @@
+"""One session's process: ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE``.
+
+Everything is imported first, then the process waits for its order: create a session, or resume one from its journal.
+From then on one request at a time: frames → message → host → replies → frames. While it computes nobody else is served
+here; whether it still lives is asked at the gateway (PROBE).
+
+The lease holds while any connection is open. Without one the host is told after ``lease_seconds``, and after
+``idle_seconds`` the process ends; the session stays resumable.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import zmq
+import zmq.utils.monitor
+from mesh_motion_protocol.arrays import Buffer
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.limits import FRAME_BYTES
+from mesh_motion_protocol.messages import CONTROL, REPLIES, Message, Ping, Pong
+
+from mesh_motion_server.errors import MeshMotionError, ResourceError
+from mesh_motion_server.service.dispatch import Envelope
+from mesh_motion_server.session.spec import SessionSpec
+from mesh_motion_server.settings import MethodSettings, ServerSettings
+from mesh_motion_server.transport.channel import Channel
+from mesh_motion_server.transport.endpoints import Endpoint, bind, router
+from mesh_motion_server.transport.hosting import Hosting, SessionHost
+from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, wake_on_signals
+from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
+from mesh_motion_server.transport.telemetry import configure, log
+
+__all__ = ["Lease", "Worker", "main"]
+
+#: Whole messages queued per connection: the high-water mark counts messages, whatever their size.
+_QUEUED = 2
+_DATA = REPLIES.keys() - CONTROL
+
+
+class Lease:
+    """Counts open connections of a socket and tells for how long there has been none."""
+
+    def __init__(self, socket: zmq.Socket[bytes], now: float) -> None:
+        self.monitor = socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
+        self._connections = 0
+        self._alone_since = now
+
+    def update(self, now: float) -> None:
+        """Take the monitor's news in."""
+        while self.monitor.poll(0):
+            event = zmq.utils.monitor.recv_monitor_message(self.monitor)["event"]
+            self._connections += 1 if event == zmq.EVENT_HANDSHAKE_SUCCEEDED else -1
+            self._alone_since = now
+
+    def alone(self, now: float) -> float:
+        """Seconds without any connection."""
+        return 0.0 if self._connections > 0 else now - self._alone_since
+
+
+class Worker:
+    """Serves one session's data endpoint.
+
+    Parameters
+    ----------
+    channel : Channel
+        To the supervisor.
+    socket : zmq.Socket
+        Bound ROUTER.
+    host : SessionHost
+    settings : ServerSettings
+    """
+
+    def __init__(
+        self, channel: Channel, socket: zmq.Socket[bytes], host: SessionHost, settings: ServerSettings
+    ) -> None:
+        self._channel = channel
+        self._socket = socket
+        self._host = host
+        self._settings = settings
+        self._lease = Lease(socket, time.monotonic())
+        self._reported: tuple[str, int, int] | None = None
+        self._suspended = False
+        self._over = False
+
+    def run(self, signals: Any) -> None:
+        """Serve until the session is closed, idle for too long, or the supervisor says drain or is gone."""
+        poller = zmq.Poller()
+        for source in (self._socket, self._channel.fileno(), self._lease.monitor, signals.fileno()):
+            poller.register(source, zmq.POLLIN)
+        while not (self._over or self._host.closed):
+            ready = dict(poller.poll(self._patience()))
+            if signals.fileno() in ready:
+                return
+            if self._channel.fileno() in ready:
+                self._obey()
+            elif self._socket in ready:
+                self._receive()
+            self._keep_time()
+            self._report()
+
+    def _patience(self) -> int:
+        """Milliseconds until there may be something to do unasked."""
+        waits = [self._settings.lease_seconds / 4, 15.0]
+        if self._host.next_deadline is not None:
+            waits.append(max(0.0, self._host.next_deadline - time.monotonic()))
+        return math.ceil(1000 * min(waits))
+
+    def _obey(self) -> None:
+        """The supervisor's orders: drain, reclaim."""
+        order = self._channel.receive()
+        if order is None or order["order"] == "drain":
+            self._over = True
+            return
+        try:
+            epoch = self._host.reclaim(order["token"])
+        except MeshMotionError as error:
+            self._channel.send({"event": "not_reclaimed", "reason": error.message})
+            return
+        self._suspended = False
+        self._channel.send(
+            {"event": "reclaimed", "epoch": epoch, "state": str(self._host.state), "step": self._host.step}
+        )
+
+    def _receive(self) -> None:
+        """One request, from frames to the frames of its replies."""
+        peer, *parts = self._socket.recv_multipart(copy=False)
+        started = time.perf_counter()
+        state = str(self._host.state)
+        try:
+            request = decode([part.buffer for part in parts])
+        except ProtocolError as error:
+            log().warning("refused", code=error.code, frames=len(parts))
+            self._send([Envelope(peer.bytes, undecodable(error, state=state))])
+            return
+        except MemoryError:
+            shortage = ProtocolError("no memory for the arrays of the message", code="RESOURCE_EXHAUSTED.MEMORY")
+            self._send([Envelope(peer.bytes, undecodable(shortage, state=state))])
+            return
+        self._send(self._answer(Envelope(peer.bytes, request), state))
+        milliseconds = round(1000 * (time.perf_counter() - started), 3)
+        log().debug("served", request=request.type, sequence=request.sequence, ms=milliseconds, state=str(state))
+
+    def _answer(self, asked: Envelope, state: str) -> Sequence[Envelope]:
+        request = asked.message
+        if isinstance(request, Ping):
+            return [Envelope(asked.peer, Pong(client=request.client, sequence=request.sequence))]
+        if request.type not in _DATA:
+            return [Envelope(asked.peer, unexpected(request, "data", state=state))]
+        self._suspended = False
+        return self._host.handle(asked)
+
+    def _send(self, envelopes: Sequence[Envelope]) -> None:
+        for envelope in envelopes:
+            frames = self._frames(envelope.message)
+            try:
+                self._socket.send_multipart([envelope.peer, *frames], flags=zmq.NOBLOCK, copy=False)
+            except zmq.ZMQError as error:
+                # The peer is gone or does not read: it asks again, by the same request id, when it is back.
+                log().info("undelivered", reply=envelope.message.type, reason=str(error))
+
+    def _frames(self, message: Message) -> list[Buffer]:
+        try:
+            return encode(message)
+        except ProtocolError as error:
+            log().error("unencodable", reply=message.type, reason=error.message)
+            failure = MeshMotionError(f"the reply cannot be put on the wire: {error.message}", code="INTERNAL")
+            return encode(error_reply(message, failure, state=str(self._host.state)))
+
+    def _keep_time(self) -> None:
+        """Collective requests that waited too long, the lease, the end of an idle process."""
+        now = time.monotonic()
+        if self._host.next_deadline is not None and self._host.next_deadline <= now:
+            self._send(self._host.expire(now))
+        self._lease.update(now)
+        alone = self._lease.alone(now)
+        if alone >= self._settings.lease_seconds and not self._suspended:
+            self._suspended = True
+            log().info("lease_ended", state=str(self._host.state), step=self._host.step)
+            self._send(self._host.suspend())
+        self._over = self._over or alone >= self._settings.idle_seconds
+
+    def _report(self) -> None:
+        """Tell the supervisor where the session stands, when that has changed."""
+        now = (str(self._host.state), self._host.step, self._host.epoch)
+        if now != self._reported:
+            self._reported = now
+            self._channel.send({"event": "status", "state": now[0], "step": now[1], "epoch": now[2]})
+
+
+def main(arguments: list[str]) -> int:
+    """Import everything, wait for the order, serve."""
+    die_with_parent()
+    signals = wake_on_signals(signal.SIGTERM)
+    descriptor, level, *modules = arguments
+    channel = Channel.inherited(int(descriptor))
+    configure("worker", level)
+    hosting = Hosting(*modules)
+    hosts, stores = hosting.load_host(), hosting.load_store()
+    order = channel.receive()
+    if order is None or order["order"] == "drain":
+        return 0
+    return _serve(channel, order, hosts, stores, signals)
+
+
+def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, signals: Any) -> int:
+    """From the order to the end of the session's use."""
+    settings = ServerSettings.model_validate_json(order["settings"])
+    limit_address_space(settings.worker_memory_bytes)
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    context.set(zmq.MAX_SOCKETS, 64)
+    socket = router(context, message_bytes=FRAME_BYTES, queued=_QUEUED)
+    try:
+        host = _host(order, hosts, stores(settings.state_folder), settings)
+    except Exception as error:
+        channel.send({"event": "failed"} | _failure(error))
+        return 1
+    try:
+        endpoint = bind(socket, Endpoint.parse(order["endpoint"]).worker_address)
+        channel.send(
+            {"event": "serving", "endpoint": endpoint, "epoch": host.epoch, "state": str(host.state), "step": host.step}
+        )
+        Worker(channel, socket, host, settings).run(signals)
+        channel.send({"event": "over", "closed": host.closed})
+    finally:
+        host.close()
+        socket.disable_monitor()
+        socket.close(linger=5_000)
+        context.term()
+    return 0
+
+
+def _host(order: dict[str, Any], hosts: Any, store: Any, settings: ServerSettings) -> SessionHost:
+    if order["order"] == "resume":
+        resumed: SessionHost = hosts.resume(order["session"], order["token"], store, limits=settings)
+        return resumed
+    spec = SessionSpec(
+        session=order["session"],
+        token=order["token"],
+        dimension=order["dimension"],
+        partitions=order["partitions"],
+        settings=MethodSettings.from_mapping(order["method"]),
+        label=order["label"],
+        durability=order["durability"],
+    )
+    created: SessionHost = hosts.create(spec, store, limits=settings)
+    return created
+
+
+def _failure(error: Exception) -> dict[str, Any]:
+    """What the supervisor needs to answer; an error nobody foresaw is INTERNAL, its trace is logged."""
+    if not isinstance(error, (MeshMotionError, MemoryError)):
+        log().exception("start_failed")
+        return {"code": "INTERNAL", "message": f"{type(error).__name__}: {error}", "hint": "", "details": {}}
+    if isinstance(error, MemoryError):
+        error = ResourceError("the session does not fit into the worker's memory", code="RESOURCE_EXHAUSTED.MEMORY")
+    return {"code": error.code, "message": error.message, "hint": error.hint, "details": error.details}
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

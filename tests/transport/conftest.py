@@ -1,0 +1,157 @@
+"""A server with the fake service in processes of its own, and a bare client."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from pathlib import Path
+
+import pytest
+import zmq
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.messages import Join, Open
+
+HERE = Path(__file__).parent
+PATIENCE = 30.0
+
+
+def wait_until(condition, what, seconds=PATIENCE):
+    """Poll until the condition holds and return what it gave."""
+    deadline = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"{what}: not within {seconds} s"
+        time.sleep(0.01)
+    return value
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+class Server:
+    """The server under test."""
+
+    wait_until, alive = staticmethod(wait_until), staticmethod(alive)
+
+    def __init__(self, folder, *arguments, environment=(), pass_fds=(), **settings):
+        self.folder, self.state = folder, folder / "state"
+        self.ready_file = folder / "ready.json"
+        values = {"endpoint": "tcp://127.0.0.1:0", "state_folder": str(self.state), "threads": 1, **settings}
+        self.ready_file.unlink(missing_ok=True)  # a killed server leaves it behind
+        self.log_path = folder / "log.jsonl"
+        with self.log_path.open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(self.ready_file), *arguments],
+                env=os.environ | {"PYTHONPATH": str(HERE)} | dict(environment),
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                pass_fds=pass_fds,
+            )
+
+    def wait_ready(self):
+        def ready():
+            assert self.process.poll() is None, self.log_path.read_text()
+            return self.ready_file.exists()
+
+        wait_until(ready, "the server is ready")
+        self.endpoint = json.loads(self.ready_file.read_text())["endpoint"]
+        return self
+
+    def logs(self, event):
+        lines = [json.loads(line) for line in self.log_path.read_text().splitlines() if line.startswith("{")]
+        return [line for line in lines if line["event"] == event]
+
+    def children(self):
+        path = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
+        return [int(pid) for pid in path.read_text().split()]
+
+    def stop(self):
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        self.process.stdout.close()
+
+
+class Wire:
+    """A DEALER that asks one question at a time."""
+
+    def __init__(self, context, endpoint):
+        self.socket = context.socket(zmq.DEALER)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.connect(endpoint)
+        self.client, self.sequence = uuid.uuid4().bytes, 0
+
+    def send(self, kind, **fields):
+        if "sequence" not in fields:
+            self.sequence += 1
+        message = kind(**({"client": self.client, "sequence": self.sequence} | fields))
+        self.socket.send_multipart(encode(message))
+
+    def send_frames(self, *frames):
+        self.socket.send_multipart(frames)
+
+    def receive(self, seconds=PATIENCE):
+        assert self.socket.poll(1000 * seconds), "no reply"
+        return decode(self.socket.recv_multipart())
+
+    def ask(self, kind, **fields):
+        self.send(kind, **fields)
+        return self.receive()
+
+
+@pytest.fixture
+def start(tmp_path):
+    servers = []
+
+    def start(*arguments, ready=True, **settings):
+        folder = tmp_path / f"server{len(servers)}" if "folder" not in settings else settings.pop("folder")
+        folder.mkdir(exist_ok=True)
+        servers.append(Server(folder, *arguments, **settings))
+        return servers[-1].wait_ready() if ready else servers[-1]
+
+    yield start
+    for server in servers:
+        if server.process.poll() is None:
+            os.kill(server.process.pid, signal.SIGCONT)
+        server.stop()
+
+
+@pytest.fixture
+def connect():
+    context = zmq.Context()
+    wires = []
+
+    def connect(endpoint):
+        wires.append(Wire(context, endpoint))
+        return wires[-1]
+
+    yield connect
+    for wire in wires:
+        wire.socket.close()
+    context.term()
+
+
+@pytest.fixture
+def open_session(connect):
+    """OPEN on the server's control endpoint and JOIN on the data endpoint."""
+
+    def open_session(server, **fields):
+        opened = connect(server.endpoint).ask(Open, dimension=2, **fields)
+        assert opened.type == "OPENED", opened
+        data = connect(opened.endpoint)
+        at = {"session": opened.session, "epoch": opened.epoch}
+        assert data.ask(Join, **at, token=opened.token).type == "JOINED"
+        return opened, data, at
+
+    return open_session

@@ -1,0 +1,160 @@
+"""A session that computes nothing: what transport's own tests put in place of the real one.
+
+Its state is one small file per session. Labels ask for trouble: ``slow`` holds MOVE until a file named ``go`` lies in
+the state folder, ``crash`` ends the process in MOVE, ``broken`` fails to open, ``bad-reply`` answers with a message
+that cannot be encoded.
+"""
+
+import json
+import os
+import time
+from types import SimpleNamespace
+
+import numpy as np
+from mesh_motion_protocol import messages as m
+
+from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.service.dispatch import Envelope
+
+
+class SessionStore:
+    def __init__(self, root):
+        self.root = root
+        root.mkdir(parents=True, exist_ok=True)
+
+    def path(self, session):
+        return self.root / f"{session}.json"
+
+    def read(self, session):
+        try:
+            return SimpleNamespace(**json.loads(self.path(session).read_text()))
+        except OSError:
+            raise SessionError("no such session", code="NOT_FOUND") from None
+
+    def write(self, session, **values):
+        part = self.root / f"{session}.part"
+        part.write_text(json.dumps({"session": session, **values}))
+        part.replace(self.path(session))
+
+    def sessions(self):
+        return [self.read(path.stem) for path in sorted(self.root.glob("*.json"))]
+
+    def check_token(self, session, token):
+        if self.read(session).token != token.hex():
+            raise SessionError("no such session", code="NOT_FOUND")
+
+
+class SessionHost:
+    def __init__(self, store, **values):
+        self.store, self.values = store, values
+        self.session, self.label, self.epoch, self.step = (values[k] for k in ("session", "label", "epoch", "step"))
+        self.state, self.closed, self.next_deadline = "READY", False, None
+        self.moves = 0
+        self.save()
+
+    @classmethod
+    def create(cls, spec, store, *, limits):
+        if spec.label == "broken":
+            raise InvalidInput("this one does not open", hint="it is a test")
+        return cls(
+            store,
+            session=spec.session,
+            token=spec.token.hex(),
+            label=spec.label,
+            epoch=1,
+            step=0,
+            partitions=spec.partitions,
+            state="READY",
+            dimension=spec.dimension,
+        )
+
+    @classmethod
+    def resume(cls, session, token, store, *, limits):
+        store.check_token(session, token)
+        values = vars(store.read(session))
+        return cls(store, **(values | {"epoch": values["epoch"] + 1}))
+
+    def save(self):
+        self.store.write(**(self.values | {"epoch": self.epoch, "step": self.step}))
+
+    def handle(self, envelope):
+        request = envelope.message
+        identity = {"client": request.client, "sequence": request.sequence}
+        if request.epoch != self.epoch:
+            reply = m.ErrorReply(
+                **identity,
+                code="ABORTED.FENCED",
+                message="fenced",
+                hint="",
+                retryable=False,
+                state=self.state,
+                details={},
+            )
+        else:
+            answers = {
+                "JOIN": self.join,
+                "STATUS": self.status,
+                "MOVE": self.move,
+                "COMMIT": self.commit,
+                "CLOSE": self.close_session,
+            }
+            reply = answers[request.type](request, identity)
+        return [Envelope(envelope.peer, reply)]
+
+    def join(self, request, identity):
+        return m.Joined(**identity, state=self.state, step=self.step, iteration=0)
+
+    def status(self, request, identity):
+        return m.StatusReport(
+            **identity,
+            state=self.state,
+            step=self.step,
+            iteration=self.moves,
+            waiting_for=[],
+            report={"moves": self.moves, "pid": os.getpid()},
+        )
+
+    def move(self, request, identity):
+        self.moves += 1
+        (self.store.root / f"moving-{self.session}").touch()
+        if self.label == "crash":
+            os.abort()
+        while self.label == "slow" and not (self.store.root / "go").exists():
+            time.sleep(0.01)
+        quality = {"bad": object()} if self.label == "bad-reply" else {}
+        return m.Moved(
+            **identity,
+            step=request.step,
+            iteration=self.moves,
+            quality=quality,
+            correction={},
+            caches={},
+            seconds={},
+            warnings=[],
+            displacement=2 * request.displacement,
+            enrichment_points=np.empty((0, 2)),
+        )
+
+    def commit(self, request, identity):
+        self.step = request.step
+        self.save()
+        return m.Committed(**identity, step=self.step, durable_step=self.step, digest=b"d" * 32, quality={})
+
+    def close_session(self, request, identity):
+        self.closed = True
+        return m.Closed(**identity, step=self.step)
+
+    def expire(self, now):
+        return []
+
+    def suspend(self):
+        self.state = "SUSPENDED"
+        return []
+
+    def reclaim(self, token):
+        self.epoch += 1
+        self.save()
+        return self.epoch
+
+    def close(self):
+        (self.store.root / f"closed-{self.session}").touch()

@@ -1,0 +1,15 @@
+"""Runs a server with the fake service: ``python run_server.py SETTINGS_JSON READY_FILE [insecure]``."""
+
+import sys
+from pathlib import Path
+
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.hosting import Hosting
+from mesh_motion_server.transport.serve import serve
+
+if __name__ == "__main__":
+    settings = ServerSettings.model_validate_json(sys.argv[1])
+    hosting = Hosting("fake_service", "fake_service")
+    sys.exit(
+        serve(settings, ready_file=Path(sys.argv[2]), insecure="insecure" in sys.argv, hosting=hosting, level="debug")
+    )

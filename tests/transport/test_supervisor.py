@@ -1,0 +1,316 @@
+"""Real processes and sockets: sessions come and go, workers and servers die, and nobody else notices."""
+
+import os
+import signal
+import socket
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.messages import (
+    Close,
+    Commit,
+    Hello,
+    Join,
+    List,
+    Move,
+    Open,
+    Ping,
+    Probe,
+    Resume,
+    Status,
+)
+
+ONES = np.ones((2, 2))
+
+
+def worker_pid(data, at):
+    return data.ask(Status, **at).report["pid"]
+
+
+def test_hello_tells_version_limits_and_boot(start, connect):
+    server = start()
+    welcome = connect(server.endpoint).ask(Hello, agent="test")
+    assert (welcome.type, welcome.version) == ("WELCOME", [1, 0])
+    assert welcome.limits["max_header_bytes"] == 65536
+    assert len(welcome.boot) == 16
+    assert welcome.durability[0] == "full"
+
+
+def test_hello_of_another_major_version_is_told_ours(start, connect):
+    server = start()
+    refused = connect(server.endpoint).ask(Hello, versions=[[2, 0]])
+    assert refused.code == "UNIMPLEMENTED.VERSION"
+    assert refused.details == {"versions": [[1, 0]]}
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "ipc"])
+def test_a_session_from_open_to_close(start, connect, open_session, scheme, tmp_path):
+    folder = tmp_path / "s"
+    folder.mkdir(mode=0o700)
+    server = start(endpoint="tcp://127.0.0.1:0" if scheme == "tcp" else f"ipc://{folder}/c")
+    opened, data, at = open_session(server, label="beam")
+    assert opened.endpoint.startswith(scheme)
+    assert data.ask(Ping).type == "PONG"
+    moved = data.ask(Move, **at, step=1, displacement=ONES)
+    assert (moved.displacement == 2).all()
+    assert data.ask(Commit, **at, step=1).step == 1
+    control = connect(server.endpoint)
+    server.wait_until(lambda: control.ask(List).sessions[0]["step"] == 1, "the list shows the step")
+    assert control.ask(List).sessions == [
+        {"session": opened.session, "label": "beam", "state": "READY", "step": 1, "partitions": 1, "worker": "alive"}
+    ]
+    assert data.ask(Close, **at).type == "CLOSED"
+    probe = {"session": opened.session, "token": opened.token}
+    server.wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the worker has ended")
+    resumed = control.ask(Resume, **probe)
+    assert (resumed.epoch, resumed.step) == (2, 1)
+
+
+def test_large_arrays_go_both_ways(start, open_session):
+    _, data, at = open_session(start())
+    displacement = np.random.default_rng(1).random((1_500_000, 3))
+    moved = data.ask(Move, **at, step=1, displacement=displacement)
+    assert (moved.displacement == 2 * displacement).all()
+
+
+def test_a_repeated_open_opens_one_session(start, connect):
+    server = start()
+    control = connect(server.endpoint)
+    first = control.ask(Open, dimension=2)
+    again = control.ask(Open, dimension=2, sequence=control.sequence)
+    other = connect(server.endpoint)
+    elsewhere = other.ask(Open, dimension=2, client=control.client, sequence=control.sequence)
+    assert first.session == again.session == elsewhere.session
+    assert len(control.ask(List).sessions) == 1
+    conflict = control.ask(Open, dimension=3, client=control.client, sequence=1)
+    assert conflict.code == "ABORTED.CONFLICT"
+
+
+def test_what_cannot_be_opened_says_why(start, connect):
+    server = start(max_sessions=1, max_session_bytes=1 << 20)
+    control = connect(server.endpoint)
+    assert control.ask(Open, dimension=2, settings={"radius": 1.0}).code.startswith("INVALID_ARGUMENT")
+    assert control.ask(Open, dimension=2, durability="relaxed").code.startswith("INVALID_ARGUMENT")
+    assert control.ask(Open, dimension=2, bytes_reserved=1 << 30).code == "RESOURCE_EXHAUSTED.BYTES"
+    broken = control.ask(Open, dimension=2, label="broken")
+    assert (broken.code, broken.message, broken.hint) == ("INVALID_ARGUMENT", "this one does not open", "it is a test")
+    assert control.ask(Open, dimension=2).type == "OPENED"
+    assert control.ask(Open, dimension=2).code == "RESOURCE_EXHAUSTED.SESSIONS"
+
+
+def test_a_stranger_learns_nothing(start, connect, open_session):
+    server = start()
+    opened, _, _ = open_session(server)
+    control = connect(server.endpoint)
+    for session in (opened.session, "0" * 32):
+        for kind in (Probe, Resume):
+            assert control.ask(kind, session=session, token=b"x" * 32).code == "NOT_FOUND"
+
+
+def test_a_killed_worker_shows_at_once_and_resumes(start, connect, open_session):
+    server = start()
+    opened, data, at = open_session(server)
+    data.ask(Commit, **at, step=3)
+    os.kill(worker_pid(data, at), signal.SIGKILL)
+    control, probe = connect(server.endpoint), {"session": opened.session, "token": opened.token}
+    server.wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells", seconds=5)
+    resumed = control.ask(Resume, **probe)
+    assert (resumed.epoch, resumed.step) == (2, 3)
+    again = connect(resumed.endpoint)
+    assert again.ask(Join, session=opened.session, epoch=2, token=opened.token).step == 3
+
+
+def test_a_crash_in_the_middle_of_a_move_hurts_one_session(start, connect, open_session):
+    server = start()
+    opened, crashing, at = open_session(server, label="crash")
+    _, other, other_at = open_session(server)
+    crashing.send(Move, **at, step=1, displacement=ONES)
+    control = connect(server.endpoint)
+    probe = {"session": opened.session, "token": opened.token}
+    server.wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells", seconds=5)
+    assert (other.ask(Move, **other_at, step=1, displacement=ONES).displacement == 2).all()
+
+
+def test_probe_answers_while_the_worker_computes(start, connect, open_session):
+    server = start()
+    opened, data, at = open_session(server, label="slow")
+    data.send(Move, **at, step=1, displacement=ONES)
+    control = connect(server.endpoint)
+    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    probed = control.ask(Probe, session=opened.session, token=opened.token)
+    assert (probed.worker, probed.epoch, probed.endpoint) == ("alive", 1, opened.endpoint)
+    (server.state / "go").touch()
+    assert data.receive().type == "MOVED"
+
+
+def test_resume_of_a_live_session_fences_the_old_holder(start, connect, open_session):
+    server = start()
+    opened, old, at = open_session(server)
+    pid = worker_pid(old, at)
+    resumed = connect(server.endpoint).ask(Resume, session=opened.session, token=opened.token)
+    assert (resumed.epoch, resumed.endpoint) == (2, opened.endpoint)
+    assert old.ask(Commit, **at, step=1).code == "ABORTED.FENCED"
+    new = connect(resumed.endpoint)
+    assert worker_pid(new, at | {"epoch": 2}) == pid
+
+
+def test_resume_does_not_wait_for_a_computation_nobody_wants(start, connect, open_session):
+    server = start()
+    opened, old, at = open_session(server, label="slow")
+    old.send(Move, **at, step=1, displacement=ONES)
+    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    first, second = connect(server.endpoint), connect(server.endpoint)
+    for control in (first, second):
+        control.send(Resume, session=opened.session, token=opened.token)
+    epochs = [first.receive().epoch, second.receive().epoch]
+    assert sorted(epochs) == [2, 3]
+
+
+def test_kill_9_of_the_server_leaves_no_process_and_no_lost_step(start, connect, open_session):
+    server = start()
+    opened, data, at = open_session(server, label="slow")
+    data.ask(Commit, **at, step=5)
+    data.send(Move, **at, step=6, displacement=ONES)
+    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    children = server.children()
+    assert len(children) == 3
+    server.process.kill()
+    server.wait_until(lambda: not any(map(server.alive, children)), "no orphan is left")
+    server.stop()
+    again = start(folder=server.folder)
+    control = connect(again.endpoint)
+    probe = {"session": opened.session, "token": opened.token}
+    assert control.ask(Probe, **probe).worker == "none"
+    resumed = control.ask(Resume, **probe)
+    assert (resumed.epoch, resumed.step) == (2, 5)
+
+
+def test_the_gateway_comes_back_on_the_same_endpoint(start, connect, open_session):
+    server = start()
+    opened, data, at = open_session(server)
+    gateway = server.children()[0]
+    os.kill(gateway, signal.SIGKILL)
+    assert data.ask(Commit, **at, step=1).step == 1
+    control = connect(server.endpoint)
+    assert control.ask(Probe, session=opened.session, token=opened.token).worker == "alive"
+    server.wait_until(lambda: server.logs("gateway_ended"), "the log tells")
+
+
+def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, open_session):
+    server = start()
+    opened, data, at = open_session(server, label="slow")
+    data.send(Move, **at, step=1, displacement=ONES)
+    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    server.process.send_signal(signal.SIGTERM)
+    server.wait_until(lambda: server.logs("draining"), "draining")
+    refused = connect(server.endpoint).ask(Open, dimension=2)
+    assert (refused.code, refused.retryable) == ("UNAVAILABLE.DRAINING", True)
+    (server.state / "go").touch()
+    assert data.receive().type == "MOVED"
+    assert server.process.wait(10) == 0
+    assert (server.state / f"closed-{opened.session}").exists()
+    assert not server.ready_file.exists()
+
+
+def test_a_drain_is_bounded(start, open_session):
+    server = start(drain_seconds=0.5)
+    opened, data, at = open_session(server, label="slow")
+    data.send(Move, **at, step=1, displacement=ONES)
+    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    began = time.monotonic()
+    server.process.send_signal(signal.SIGTERM)
+    assert server.process.wait(10) == 0
+    assert time.monotonic() - began < 5
+    assert server.logs("killed")
+
+
+def test_the_end_of_the_lifeline_drains(start):
+    reader, writer = os.pipe()
+    server = start(environment={"MESH_MOTION_LIFELINE_FD": str(reader)}, pass_fds=[reader])
+    os.close(reader)
+    os.close(writer)
+    assert server.process.wait(10) == 0
+    assert server.logs("draining")[0]["reason"] == "lifeline"
+
+
+def test_a_session_nobody_is_connected_to_is_suspended_and_then_put_away(start, connect):
+    server = start(lease_seconds=0.2, idle_seconds=1.0)
+    control = connect(server.endpoint)
+    opened = control.ask(Open, dimension=2)
+    server.wait_until(lambda: control.ask(List).sessions[0]["state"] == "SUSPENDED", "suspended")
+    server.wait_until(lambda: control.ask(List).sessions[0]["worker"] == "none", "put away")
+    assert control.ask(Resume, session=opened.session, token=opened.token).epoch == 2
+
+
+def test_a_connection_holds_the_lease(start, connect, open_session):
+    server = start(lease_seconds=0.2, idle_seconds=0.5)
+    _, data, at = open_session(server)
+    opened = connect(server.endpoint).ask(Open, dimension=2)
+    control = connect(server.endpoint)
+    probe = {"session": opened.session, "token": opened.token}
+    server.wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the one without a connection is put away")
+    assert data.ask(Status, **at).state == "READY"
+
+
+def test_a_reply_that_cannot_be_encoded_is_an_error_and_not_the_end(start, open_session):
+    server = start()
+    _, data, at = open_session(server, label="bad-reply")
+    assert data.ask(Move, **at, step=1, displacement=ONES).code == "INTERNAL"
+    assert data.ask(Commit, **at, step=1).type == "COMMITTED"
+
+
+@pytest.mark.parametrize("endpoint", ["tcp://0.0.0.0:0", "tcp://192.0.2.1:5555", "udp://127.0.0.1:1", "tcp://*:5555"])
+def test_an_unsafe_or_wrong_endpoint_exits_78(start, endpoint):
+    server = start(endpoint=endpoint, ready=False)
+    assert server.process.wait(30) == 78
+    assert server.logs("refused")
+
+
+def test_insecure_listens_and_says_so(start, connect):
+    server = start("insecure", endpoint="tcp://0.0.0.0:0")
+    port = server.endpoint.rpartition(":")[2]
+    opened = connect(f"tcp://127.0.0.1:{port}").ask(Open, dimension=2)
+    assert opened.endpoint.startswith("tcp://0.0.0.0:")
+    assert server.logs("insecure")
+
+
+def test_an_occupied_port_exits_69(start):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        server = start(endpoint=f"tcp://127.0.0.1:{taken.getsockname()[1]}", ready=False)
+        assert server.process.wait(30) == 69
+
+
+def test_an_ipc_endpoint_is_not_stolen(start, connect, tmp_path):
+    folder = tmp_path / "s"
+    folder.mkdir(mode=0o700)
+    server = start(endpoint=f"ipc://{folder}/c")
+    thief = start(endpoint=f"ipc://{folder}/c", ready=False)
+    assert thief.process.wait(30) == 78
+    assert connect(server.endpoint).ask(Ping).type == "PONG"
+
+
+def test_an_ipc_folder_open_to_others_exits_78(start, tmp_path):
+    folder = tmp_path / "open"
+    folder.mkdir()
+    folder.chmod(0o755)
+    assert start(endpoint=f"ipc://{folder}/c", ready=False).process.wait(30) == 78
+
+
+def test_the_ready_line_goes_to_standard_output(start):
+    server = start()
+    assert server.process.stdout.readline() == f"ready {server.endpoint}\n"
+
+
+def test_no_socket_file_is_left_by_a_killed_worker(start, connect, open_session, tmp_path):
+    folder = tmp_path / "s"
+    folder.mkdir(mode=0o700)
+    server = start(endpoint=f"ipc://{folder}/c")
+    opened, data, at = open_session(server)
+    path = Path(opened.endpoint.removeprefix("ipc://"))
+    assert path.exists()
+    os.kill(worker_pid(data, at), signal.SIGKILL)
+    server.wait_until(lambda: not path.exists(), "the file is gone")
