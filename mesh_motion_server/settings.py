@@ -49,7 +49,7 @@ class _Strict(BaseModel):
         Raises
         ------
         InvalidInput
-            Naming the first offending key, its value and what was expected.
+            INVALID_ARGUMENT.SETTINGS, naming the first offending key, its value and what was expected.
         """
         try:
             return cls.model_validate(dict(values))
@@ -104,7 +104,7 @@ class ServerSettings(_Strict):
     endpoint: str = "tcp://127.0.0.1:7440"
     state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")
     max_sessions: Annotated[int, Field(ge=1)] = 64
-    max_partitions: Annotated[int, Field(ge=1)] = 1024
+    max_partitions: Annotated[int, Field(ge=1, le=256)] = 256
     max_session_bytes: Annotated[int, Field(ge=1 << 10)] = 4 << 30
     max_header_bytes: Literal[65536] = 65536
     max_chunk_bytes: Annotated[int, Field(ge=1 << 10)] = 16 << 20
@@ -150,6 +150,7 @@ def check_durability(level: str) -> str:
     if level and level not in DURABILITY_LEVELS:
         raise InvalidInput(
             f"durability: {level!r} is not offered; offered are {', '.join(DURABILITY_LEVELS)}",
+            code="INVALID_ARGUMENT.VALUE",
             hint="leave it empty for the default",
         )
     return level or DURABILITY_LEVELS[0]
@@ -161,10 +162,14 @@ def _first_offender(error: ValidationError, model: type[BaseModel]) -> InvalidIn
     key = ".".join(str(part) for part in first["loc"] if str(part) in model.model_fields) or str(first["loc"][0])
     if first["type"] == "extra_forbidden":
         known = ", ".join(model.model_fields)
-        return InvalidInput(f"unknown setting {key!r}; known are {known}", details={"setting": key})
+        return _refused(f"unknown setting {key!r}; known are {known}", {"setting": key})
     value = first["input"]
     message = f"setting {key!r}: expected {_expectation(first['msg'])}, got {value!r}"
-    return InvalidInput(message, details={"setting": key, "value": repr(value)})
+    return _refused(message, {"setting": key, "value": repr(value)})
+
+
+def _refused(message: str, details: dict[str, object]) -> InvalidInput:
+    return InvalidInput(message, code="INVALID_ARGUMENT.SETTINGS", details=details)
 
 
 def _expectation(message: str) -> str:

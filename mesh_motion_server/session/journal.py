@@ -4,12 +4,12 @@ Files of a session's folder that belong to it:
 
 ``manifest``
     Append-only hash-chained records (:mod:`~mesh_motion_server.session.records`,
-    :mod:`~mesh_motion_server.session.ledger`), preallocated with zeros. When it is full, ``manifest.new`` is written with
-    a "checkpoint" of all that still matters and renamed over it.
+    :mod:`~mesh_motion_server.session.ledger`), preallocated with zeros. When it is full, ``manifest.new`` is written
+    with a "checkpoint" of all that still matters and renamed over it.
 ``slot-0``, ``slot-1``
     Preallocated. The state of an even step is in slot 0, that of an odd one in slot 1, so that a commit overwrites the
     older state and the newer one stays whole. At offset 0 the copy of the commit's record, at ``record_area`` the
-    coordinates: those of partition 0, 1, …, each an (n_p, d) row-major array of little-endian doubles in upload order.
+    coordinates: an (n, d) row-major array of little-endian doubles, ascending by global id.
 
 A commit writes the slot, syncs, appends the record with its replies, syncs, and only then is it answered. New and
 renamed files are synced with their folder before anything relies on them. After any failed operation nothing is ever
@@ -20,20 +20,24 @@ frozen until another process opens it and reads what is really there.
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from mesh_motion_protocol.digests import state_digest
+from numpy.typing import NDArray
+
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.filesystem import FileSystem, write_all
-from mesh_motion_server.session.ledger import Commit, Foundation, Ledger, state_digest
+from mesh_motion_server.session.ledger import Commit, Foundation, Ledger
 from mesh_motion_server.session.records import PAGE, Record, pack_record, unpack_record
-from mesh_motion_server.session.recovery import Findings, SlotView, examine
+from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
 
-__all__ = ["KEPT_COMMITS", "MANIFEST", "Journal", "read_journal", "record_area"]
+__all__ = ["KEPT_COMMITS", "MANIFEST", "Journal", "read_journal", "read_ledger", "record_area"]
 
-Buffer = bytes | memoryview
+Floats = NDArray[np.float64]
 
 MANIFEST = "manifest"
 _NEXT_MANIFEST = "manifest.new"
@@ -107,15 +111,15 @@ class Journal:
             journal._settle(found)
         return journal
 
-    def commit(self, entry: Commit, state: Sequence[Buffer]) -> None:
+    def commit(self, entry: Commit, state: Floats) -> None:
         """Make a step durable: its coordinates and its replies.
 
         Parameters
         ----------
         entry : Commit
             Of the step after the last one.
-        state : sequence of contiguous buffers
-            The coordinates; ``foundation.state_bytes`` together.
+        state : (n, d) array, mesh length unit
+            The coordinates, ascending by global id.
 
         Raises
         ------
@@ -123,8 +127,9 @@ class Journal:
             RESOURCE_EXHAUSTED.DISK if an operation failed; the journal is then frozen.
         """
         self._require_usable()
-        if sum(memoryview(part).nbytes for part in state) != self.ledger.foundation.state_bytes:
-            raise JournalError(f"the state of step {entry.step} has not the size of its slot", code="INTERNAL")
+        foundation = self.ledger.foundation
+        if state.shape != (foundation.nodes, foundation.dimension):
+            raise JournalError(f"the state of step {entry.step} does not fit its slot: {state.shape}", code="INTERNAL")
         with self._freezing(f"committing step {entry.step}"):
             packed = self._next_record(entry.as_body())
             if self._end + len(packed) > self.ledger.capacity:
@@ -148,19 +153,18 @@ class Journal:
             self._append(self._next_record({"kind": "epoch", "epoch": self.ledger.epoch + 1}))
         return self.ledger.epoch
 
-    def read_state(self) -> bytes:
-        """The coordinates of the last committed step (≥ 1), verified.
+    def read_state(self) -> Floats:
+        """The coordinates (n, d) of the last committed step (≥ 1), ascending by global id, verified.
 
         Raises
         ------
         JournalError
             DATA_LOSS.CHECKSUM if they do not match their digest.
         """
-        last = self.ledger.commits[-1]
-        area = self.ledger.foundation.record_area
-        handle = self._handles[1 + last.step % 2]
-        state = self._files.read(handle, area, self.ledger.foundation.state_bytes)
-        if state_digest(last.step, [state]) != last.digest:
+        last, foundation = self.ledger.commits[-1], self.ledger.foundation
+        raw = self._files.read(self._handles[1 + last.step % 2], foundation.record_area, foundation.state_bytes)
+        state = _as_state(raw, foundation)
+        if state is None or state_digest(last.step, state) != last.digest:
             raise JournalError(
                 f"the coordinates of committed step {last.step} do not match their digest",
                 hint="restore the session's folder from a backup, or discard the session",
@@ -182,16 +186,14 @@ class Journal:
         last = self.ledger.last
         return pack_record(last.sequence + 1, last.checksum, body)
 
-    def _write_slot(self, step: int, packed: bytes, state: Sequence[Buffer]) -> None:
+    def _write_slot(self, step: int, packed: bytes, state: Floats) -> None:
         """The record's copy and the coordinates, synced."""
         area = self.ledger.foundation.record_area
         if len(packed) > area:
             raise JournalError(f"the record of step {step} takes {len(packed)} bytes of {area}", code="INTERNAL")
         handle = self._handles[1 + step % 2]
         write_all(self._files, handle, 0, packed)
-        offset = area
-        for part in state:
-            offset = write_all(self._files, handle, offset, part)
+        write_all(self._files, handle, area, np.ascontiguousarray(state, dtype="<f8").data.cast("B"))
         self._files.sync(handle)
 
     def _append(self, packed: bytes) -> None:
@@ -225,7 +227,7 @@ class Journal:
         packed = pack_record(last.sequence, last.previous, last.body)
         self._files.sync_folder(self._folder)
         if last.kind == "commit":
-            self._write_slot(self.ledger.step, packed, [self.read_state()])
+            self._write_slot(self.ledger.step, packed, self.read_state())
         start = found.end if found.completion else found.end - len(packed)
         self._end = start + len(packed)
         rest = bytes(max(0, self.ledger.capacity - self._end)) if found.torn else b""
@@ -284,6 +286,20 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
         raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
 
 
+def read_ledger(folder: Path, files: FileSystem) -> Ledger:
+    """What the manifest alone says, for lists: a commit that only its slot completes is not seen.
+
+    Raises
+    ------
+    JournalError
+        On damage of the chain, a missing file, or another format.
+    """
+    try:
+        return sum_up(read_chain(_read_whole(files, folder / MANIFEST))[0], keep=1)
+    except OSError as error:
+        raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
+
+
 def _capacity(foundation: Foundation) -> int:
     """Bytes of a manifest."""
     return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area)
@@ -325,10 +341,19 @@ def _view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotVie
     def state_verifies() -> bool:
         if record is None or record.kind != "commit":
             return False
-        state = _read_part(files, path, area, foundation.state_bytes)
-        return state_digest(record.body["step"], [state]) == record.body["digest"]
+        state = _as_state(_read_part(files, path, area, foundation.state_bytes), foundation)
+        digest: bytes = record.body["digest"]
+        return state is not None and state_digest(record.body["step"], state) == digest
 
     return SlotView(record, not any(head), state_verifies)
+
+
+def _as_state(raw: bytes, foundation: Foundation) -> Floats | None:
+    """(n, d) coordinates, or None when bytes are missing."""
+    if len(raw) != foundation.state_bytes:
+        return None
+    state = np.frombuffer(raw, dtype="<f8").reshape(foundation.nodes, foundation.dimension)
+    return state.astype(np.float64, copy=False)
 
 
 def _read_part(files: FileSystem, path: Path, offset: int, size: int) -> bytes:

@@ -3,8 +3,8 @@
 =============  =======================================================================================================
 kind           body
 =============  =======================================================================================================
-"build"        session, spec and mesh (sha256 of ``spec.json`` and ``mesh.bin``), state_bytes, record_area, capacity,
-               epoch
+"build"        session, spec and mesh (sha256 of ``spec.json`` and ``mesh.bin``), nodes, dimension, record_area,
+               capacity, epoch
 "commit"       step, digest, requests ([client, sequence, content] of each partition), receipt (what the replies say)
 "epoch"        epoch
 "checkpoint"   as "build", and commits: the bodies of the latest commits; first record of a manifest that replaced a
@@ -14,9 +14,6 @@ kind           body
 
 from __future__ import annotations
 
-import hashlib
-import struct
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,27 +21,7 @@ from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.records import Record
 from mesh_motion_server.session.replies import RequestId
 
-__all__ = ["Commit", "Foundation", "Ledger", "state_digest"]
-
-_DIGEST_PREFIX = b"mesh-motion state 1"
-
-
-def state_digest(step: int, coordinates: Iterable[bytes | memoryview]) -> bytes:
-    """sha256 of a committed state, as COMMITTED carries it.
-
-    ``sha256("mesh-motion state 1" ‖ step as unsigned 64-bit little-endian ‖ coordinates)``, the coordinates being those
-    of partition 0, 1, …, each an (n_p, d) row-major array of little-endian doubles in the order of its upload.
-
-    Parameters
-    ----------
-    step : int
-    coordinates : iterable of contiguous byte buffers
-        One per partition, or any other cut of the same bytes.
-    """
-    digest = hashlib.sha256(_DIGEST_PREFIX + struct.pack("<Q", step))
-    for part in coordinates:
-        digest.update(part)
-    return digest.digest()
+__all__ = ["Commit", "Foundation", "Ledger"]
 
 
 @dataclass(frozen=True)
@@ -56,8 +33,8 @@ class Foundation:
     session : str
     spec, mesh : bytes
         sha256 of the files that hold them.
-    state_bytes : int
-        Bytes of one committed state in a slot.
+    nodes, dimension : int
+        Shape of one committed state.
     record_area : int
         Bytes at a slot's start for the copy of its record.
     """
@@ -65,8 +42,14 @@ class Foundation:
     session: str
     spec: bytes
     mesh: bytes
-    state_bytes: int
+    nodes: int
+    dimension: int
     record_area: int
+
+    @property
+    def state_bytes(self) -> int:
+        """Bytes of one committed state in a slot."""
+        return 8 * self.nodes * self.dimension
 
     def as_body(self) -> dict[str, Any]:
         """Its part of a record's body."""
@@ -74,7 +57,8 @@ class Foundation:
             "session": self.session,
             "spec": self.spec,
             "mesh": self.mesh,
-            "state_bytes": self.state_bytes,
+            "nodes": self.nodes,
+            "dimension": self.dimension,
             "record_area": self.record_area,
         }
 
@@ -87,7 +71,7 @@ class Commit:
     ----------
     step : int
     digest : bytes
-        :func:`state_digest` of the state, which is also the checksum of its slot.
+        State digest of :mod:`mesh_motion_protocol.digests`; it is also the checksum of the state's slot.
     requests : tuple of RequestId
         The COMMIT of each partition.
     receipt : bytes

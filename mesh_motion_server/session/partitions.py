@@ -91,6 +91,11 @@ class MergedMesh:
     cell_origins: tuple[_CellOrigin, ...]
 
     @cached_property
+    def id_order(self) -> Ints:
+        """(n,) canonical index of each node, ascending by global id: the order of the durable state."""
+        return np.argsort(self.global_ids)
+
+    @cached_property
     def moving(self) -> Ints:
         """(k,) canonical indices of the moving nodes, ascending."""
         return np.unique(np.concatenate([m[local] for m, local in self._moving_pairs()]))
@@ -163,6 +168,7 @@ class MergedMesh:
         raise InvalidInput(
             f"node with global id {global_id}: partition {there} moves it by {taken[row].tolist()}, "
             f"partition {here} by {rows[row].tolist()}",
+            code="INVALID_ARGUMENT.PARTITION",
             hint="give a shared node the same displacement in every partition",
             details={
                 "global_id": global_id,
@@ -206,7 +212,10 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
     count = len(partition.points)
     if not count:
         raise InvalidInput(
-            f"partition {number} has no nodes", hint="send UPLOAD with item 'nodes'", details={"partition": number}
+            f"partition {number} has no nodes",
+            code="INVALID_ARGUMENT.MESH",
+            hint="send UPLOAD with item 'nodes'",
+            details={"partition": number},
         )
     if len(partition.global_ids) != count:
         raise InvalidInput(
@@ -224,6 +233,7 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
         twice = int(ids[np.argmax(repeats > 1)])
         raise InvalidInput(
             f"partition {number}: global id {twice} is given to more than one node",
+            code="INVALID_ARGUMENT.MESH",
             hint="a global id names one node",
             details={"partition": number, "global_id": twice},
         )
@@ -236,6 +246,7 @@ def _check_range(indices: Ints, count: int, where: str, details: dict[str, objec
         row, value = int(bad[0][0]), int(indices[tuple(bad[0])])
         raise InvalidInput(
             f"{where}, row {row}: node index {value} is not in 0 … {count - 1}",
+            code="INVALID_ARGUMENT.MESH",
             hint="indices are local to the partition and start at 0",
             details=details | {"row": row, "value": value},
         )
@@ -269,6 +280,7 @@ def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) ->
     raise InvalidInput(
         f"node with global id {global_id}: partition {there} has it at {taken[row].tolist()}, partition {here} at "
         f"{given[row].tolist()}, further apart than {limit:.3g}",
+        code="INVALID_ARGUMENT.PARTITION",
         hint="a global id names one node, at the same place in every partition",
         details={
             "global_id": global_id,
@@ -309,6 +321,7 @@ def _check_no_duplicate(nodes: Ints, origin: _CellOrigin) -> None:
     (p, a), (q, b) = places
     raise InvalidInput(
         f"cell {a} of type {origin.type_name!r} in partition {p} is also cell {b} in partition {q}",
+        code="INVALID_ARGUMENT.PARTITION",
         hint="send every cell once, from the partition that owns it",
         details={"type": origin.type_name, "partitions": [p, q], "cells": [a, b]},
     )
@@ -323,6 +336,7 @@ def _merge_patches(partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints
             if patch.role != role:
                 raise InvalidInput(
                     f"patch {name!r} has the role {role!r} in partition {first} and {patch.role!r} in {number}",
+                    code="INVALID_ARGUMENT.PARTITION",
                     hint="give a patch one role in all partitions",
                     details={"patch": name, "partitions": [first, number], "values": [role, patch.role]},
                 )

@@ -13,14 +13,14 @@ is guessed. Reading changes nothing; :mod:`~mesh_motion_server.session.journal` 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.ledger import Foundation, Ledger
 from mesh_motion_server.session.records import MAGIC, Record, find_record, unpack_record
 
-__all__ = ["Findings", "SlotView", "examine"]
+__all__ = ["Findings", "SlotView", "examine", "read_chain", "sum_up"]
 
 _FAMILY = MAGIC[:6]
 _HINT = "restore the session's folder from a backup, or discard the session"
@@ -90,10 +90,8 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     JournalError
         DATA_LOSS.CHECKSUM on damage, with the place; UNIMPLEMENTED.VERSION on another format.
     """
-    records, end = _chain(manifest)
-    ledger = Ledger.start(records[0])
-    for record in records[1:]:
-        ledger = ledger.after(record, keep)
+    records, end = read_chain(manifest)
+    ledger = sum_up(records, keep=keep)
     torn = len(manifest) < ledger.capacity or any(manifest[end:])
     if (later := find_record(manifest, end)) is not None:
         raise _damage(f"the record at byte {end} of the manifest does not verify, a later one at {later} does", end)
@@ -107,8 +105,22 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     return Findings(ledger, end, completion, torn, dirty, tuple(records))
 
 
-def _chain(manifest: bytes) -> tuple[list[Record], int]:
-    """Records from the start as long as each follows the one before, and where they end."""
+def sum_up(records: Sequence[Record], *, keep: int) -> Ledger:
+    """The ledger after these records, of the commits the latest ``keep``."""
+    ledger = Ledger.start(records[0])
+    for record in records[1:]:
+        ledger = ledger.after(record, keep)
+    return ledger
+
+
+def read_chain(manifest: bytes) -> tuple[list[Record], int]:
+    """Records from the start as long as each follows the one before, and where they end.
+
+    Raises
+    ------
+    JournalError
+        If not even the first one verifies.
+    """
     first = unpack_record(manifest)
     if first is None:
         if manifest[:6] == _FAMILY and manifest[:8] != MAGIC:

@@ -1,12 +1,19 @@
-"""What OPEN fixes for a session's whole life."""
+"""What OPEN fixes for a session's whole life, and the form of it that is stored."""
 
 from __future__ import annotations
 
+import hashlib
+import hmac
+import json
 from dataclasses import dataclass, field
+from typing import Any
 
+from mesh_motion_server.errors import JournalError
 from mesh_motion_server.settings import MethodSettings
 
-__all__ = ["SessionSpec"]
+__all__ = ["SessionSpec", "StoredSpec"]
+
+_FORMAT = 1
 
 
 @dataclass(frozen=True)
@@ -33,3 +40,70 @@ class SessionSpec:
     settings: MethodSettings = field(default_factory=MethodSettings)
     label: str = ""
     durability: str = "full"
+
+
+@dataclass(frozen=True)
+class StoredSpec:
+    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here.
+
+    Attributes
+    ----------
+    session, label, durability : str
+    token_sha256 : str
+        Hexadecimal.
+    dimension, partitions : int
+    settings : MethodSettings
+        Defaults filled in, so that a later version with other defaults computes the same.
+    """
+
+    session: str
+    token_sha256: str
+    dimension: int
+    partitions: int
+    settings: MethodSettings
+    label: str
+    durability: str
+
+    @classmethod
+    def of(cls, spec: SessionSpec) -> StoredSpec:
+        """What is stored of a spec."""
+        return cls(
+            session=spec.session,
+            token_sha256=hashlib.sha256(spec.token).hexdigest(),
+            dimension=spec.dimension,
+            partitions=spec.partitions,
+            settings=spec.settings,
+            label=spec.label,
+            durability=spec.durability,
+        )
+
+    def admits(self, token: bytes) -> bool:
+        """Whether this is the session's token; takes the same time for every wrong one."""
+        return hmac.compare_digest(hashlib.sha256(token).hexdigest(), self.token_sha256)
+
+    def to_bytes(self) -> bytes:
+        """The file's content."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        values |= {"format": _FORMAT, "settings": self.settings.model_dump()}
+        return json.dumps(values, indent=1, sort_keys=True, allow_nan=False).encode() + b"\n"
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> StoredSpec:
+        """The inverse of :meth:`to_bytes`.
+
+        Raises
+        ------
+        JournalError
+            If it is not such a content.
+        """
+        try:
+            values: dict[str, Any] = json.loads(data)
+            if values.pop("format") != _FORMAT:
+                raise ValueError("unknown format")
+            return cls(**values | {"settings": MethodSettings.from_mapping(values["settings"])})
+        except Exception as error:
+            raise JournalError(
+                f"the session's spec cannot be read: {error}",
+                hint="restore the session's folder from a backup, or discard the session",
+                details={"file": "spec.json"},
+            ) from error

@@ -123,6 +123,7 @@ class MeshUpload:
         if len(self._piles) > 1:
             raise InvalidInput(
                 f"partition {number} sent no global ids",
+                code="INVALID_ARGUMENT.PARTITION",
                 hint="with more than one partition, UPLOAD item 'global_ids' with one id per node",
                 details={"partition": number},
             )

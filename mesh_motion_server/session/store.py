@@ -1,0 +1,296 @@
+"""Where sessions live on disk: one folder each, held by one process at a time.
+
+::
+
+    STATE FOLDER/sessions/<session id>/      0700
+        lock                                 flock of the process that holds the session
+        spec.json                            what OPEN fixed; only the token's sha256
+        mesh.bin                             the mesh as uploaded
+        manifest, slot-0, slot-1             the journal
+
+The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record. A session without a manifest was never
+built: it is not durable, cannot be resumed, and its folder is removed when nobody holds it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, write_all
+from mesh_motion_server.session.journal import MANIFEST, Journal, read_ledger, record_area
+from mesh_motion_server.session.ledger import Foundation
+from mesh_motion_server.session.mesh_store import read_mesh, write_mesh
+from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.spec import SessionSpec, StoredSpec
+from mesh_motion_server.session.state import State
+
+__all__ = ["SessionFolder", "SessionStore", "StoredSession"]
+
+_SPEC, _MESH, _LOCK = "spec.json", "mesh.bin", "lock"
+_SESSION_ID = re.compile(r"[0-9a-f]{32}")
+
+
+@dataclass(frozen=True)
+class StoredSession:
+    """A session at rest, for lists; holds no secret.
+
+    Attributes
+    ----------
+    session, label : str
+    dimension, partitions, step : int
+    state : State
+        READY, or FAILED when its files do not verify.
+    """
+
+    session: str
+    label: str
+    dimension: int
+    partitions: int
+    step: int
+    state: State
+
+
+class SessionFolder:
+    """One session's folder, held by this process until :meth:`release`.
+
+    Attributes
+    ----------
+    path : Path
+    spec : StoredSpec
+    """
+
+    def __init__(self, path: Path, files: FileSystem, spec: StoredSpec, lock: int) -> None:
+        self.path = path
+        self.spec = spec
+        self._files = files
+        self._lock: int | None = lock
+
+    def build(self, partitions: Sequence[PartitionMesh], nodes: int) -> Journal:
+        """Make the mesh durable and start the journal.
+
+        Raises
+        ------
+        ResourceError
+            RESOURCE_EXHAUSTED.DISK when the disk does not take it; the session is then as before.
+        """
+        try:
+            foundation = Foundation(
+                session=self.spec.session,
+                spec=hashlib.sha256(self.spec.to_bytes()).digest(),
+                mesh=write_mesh(self.path / _MESH, self._files, partitions),
+                nodes=nodes,
+                dimension=self.spec.dimension,
+                record_area=record_area(len(partitions)),
+            )
+            return Journal.create(self.path, self._files, foundation)
+        except OSError as error:
+            raise _disk_error("the session cannot be stored", error) from error
+
+    def load(self) -> tuple[Journal, list[PartitionMesh]]:
+        """Open the journal and read the mesh.
+
+        Raises
+        ------
+        JournalError
+            If anything does not verify.
+        """
+        journal = Journal.open(self.path, self._files)
+        foundation = journal.ledger.foundation
+        if foundation.spec != hashlib.sha256(self.spec.to_bytes()).digest():
+            raise JournalError("the session's spec does not match its digest", details={"file": _SPEC})
+        return journal, read_mesh(self.path / _MESH, self._files, foundation.mesh)
+
+    def release(self) -> None:
+        """Let other processes hold the session; idempotent."""
+        if self._lock is not None:
+            self._files.close(self._lock)
+            self._lock = None
+
+
+class SessionStore:
+    """All sessions under one state folder.
+
+    Parameters
+    ----------
+    root : Path
+        The state folder; ``~`` is expanded, missing folders are made when the first session is.
+    files : FileSystem, optional
+    """
+
+    def __init__(self, root: Path | str, *, files: FileSystem | None = None) -> None:
+        self.root = Path(root).expanduser()
+        self._files = files or PosixFileSystem()
+        self._sessions = self.root / "sessions"
+
+    def create(self, spec: SessionSpec) -> SessionFolder:
+        """A folder for a new session, held by this process.
+
+        Raises
+        ------
+        SessionError
+            If there is a session of this id.
+        ResourceError
+            RESOURCE_EXHAUSTED.DISK when the disk does not take it.
+        """
+        path = self._path(spec.session)
+        stored = StoredSpec.of(spec)
+        try:
+            self._files.make_folder(self._sessions)
+            if self._files.exists(path):
+                raise SessionError(f"there is a session {spec.session!r} already", hint="take a new id")
+            self._files.make_folder(path)
+            folder = SessionFolder(path, self._files, stored, self._files.lock(path / _LOCK))
+            _write_file(self._files, path / _SPEC, stored.to_bytes())
+            self._files.sync_folder(path)
+            self._files.sync_folder(self._sessions)
+        except OSError as error:
+            shutil.rmtree(path, ignore_errors=True)
+            raise _disk_error("the session cannot be stored", error) from error
+        return folder
+
+    def open(self, session: str, token: bytes) -> SessionFolder:
+        """An existing session's folder, held by this process.
+
+        Raises
+        ------
+        SessionError
+            NOT_FOUND alike for an unknown session, a wrong token, and one that was never built;
+            UNAVAILABLE.STARTING while another process holds it.
+        """
+        spec = self.check_token(session, token)
+        path = self._path(session)
+        try:
+            lock = self._files.lock(path / _LOCK)
+        except BlockingIOError as error:
+            raise SessionError(
+                f"session {session} is still held by another process",
+                code="UNAVAILABLE.STARTING",
+                hint="try again in a moment",
+            ) from error
+        except OSError as error:
+            raise _disk_error("the session cannot be opened", error) from error
+        if not self._files.exists(path / MANIFEST):
+            self._files.close(lock)
+            raise _not_found(session)
+        return SessionFolder(path, self._files, spec, lock)
+
+    def check_token(self, session: str, token: bytes) -> StoredSpec:
+        """The spec of a session whose token this is.
+
+        Raises
+        ------
+        SessionError
+            NOT_FOUND alike for an unknown session and a wrong token.
+        """
+        if not _SESSION_ID.fullmatch(session) or not self._files.exists(self._path(session) / _SPEC):
+            raise _not_found(session)
+        spec = self._read_spec(self._path(session))
+        if not spec.admits(token):
+            raise _not_found(session)
+        return spec
+
+    def sessions(self) -> list[StoredSession]:
+        """The sessions that can be resumed, by id; reads the manifests' chains only."""
+        return [self._describe(path) for path in self._folders() if self._files.exists(path / MANIFEST)]
+
+    def discard(self, session: str) -> None:
+        """Delete a session that this process holds, or nobody does; not an error if it is gone.
+
+        Raises
+        ------
+        ResourceError
+            RESOURCE_EXHAUSTED.DISK if the disk fails.
+        """
+        if not _SESSION_ID.fullmatch(session):
+            raise _not_found(session)
+        path = self._path(session)
+        # renamed first: a session that is half deleted by a crash is no session
+        away = path.with_name(f"{session}.discarded")
+        try:
+            if self._files.exists(path):
+                self._files.rename(path, away)
+                self._files.sync_folder(self._sessions)
+        except OSError as error:
+            raise _disk_error("the session cannot be discarded", error) from error
+        shutil.rmtree(away, ignore_errors=True)
+
+    def sweep(self) -> list[str]:
+        """Remove what was half deleted and sessions that were never built and nobody holds; returns their names."""
+        removed = []
+        for path in self._sessions.glob("*.discarded"):
+            shutil.rmtree(path, ignore_errors=True)
+            removed.append(path.name)
+        for path in self._folders():
+            if self._files.exists(path / MANIFEST):
+                continue
+            with contextlib.suppress(OSError):
+                lock = self._files.lock(path / _LOCK)
+                shutil.rmtree(path, ignore_errors=True)
+                self._files.close(lock)
+                removed.append(path.name)
+        return removed
+
+    def _path(self, session: str) -> Path:
+        if not _SESSION_ID.fullmatch(session):
+            raise _not_found(session)
+        return self._sessions / session
+
+    def _folders(self) -> Iterator[Path]:
+        if self._sessions.is_dir():
+            yield from (path for path in sorted(self._sessions.iterdir()) if _SESSION_ID.fullmatch(path.name))
+
+    def _read_spec(self, path: Path) -> StoredSpec:
+        try:
+            return StoredSpec.from_bytes(_read_file(self._files, path / _SPEC))
+        except OSError as error:
+            raise JournalError(f"the session's spec cannot be read: {error.strerror or error}") from error
+
+    def _describe(self, path: Path) -> StoredSession:
+        try:
+            spec = self._read_spec(path)
+            step = read_ledger(path, self._files).step
+        except MeshMotionError:
+            return StoredSession(path.name, "", 0, 0, 0, State.FAILED)
+        return StoredSession(path.name, spec.label, spec.dimension, spec.partitions, step, State.READY)
+
+
+def _not_found(session: str) -> SessionError:
+    return SessionError(
+        f"there is no session {session!r:.40} for this token",
+        code="NOT_FOUND",
+        hint="check the session id and its token; a session that was never built cannot be resumed",
+    )
+
+
+def _disk_error(what: str, error: OSError) -> ResourceError:
+    return ResourceError(
+        f"{what}: {error.strerror or error}",
+        code="RESOURCE_EXHAUSTED.DISK",
+        hint="see to the disk that holds the state folder",
+        details={"errno": error.errno or 0},
+    )
+
+
+def _write_file(files: FileSystem, path: Path, data: bytes) -> None:
+    """A small file, synced."""
+    handle = files.create(path, 0)
+    try:
+        write_all(files, handle, 0, data)
+        files.sync(handle)
+    finally:
+        files.close(handle)
+
+
+def _read_file(files: FileSystem, path: Path) -> bytes:
+    handle = files.open(path, writable=False)
+    try:
+        return files.read(handle, 0, files.size(handle))
+    finally:
+        files.close(handle)
