@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 
-__all__ = ["ROLES", "BoundaryRoles", "Patch"]
+__all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch"]
 
 #: Every role of the wire and the case file.
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
-_SLIDING = ("slip", "symmetry")
+#: Roles whose nodes stay on the surface they started on.
+SLIDING_ROLES = ("slip", "symmetry")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class BoundaryRoles:
                 )
         moving = _nodes(patches, ("moving",))
         fixed = np.setdiff1d(_nodes(patches, ("fixed",)), moving)
-        sliding = np.setdiff1d(_nodes(patches, _SLIDING), np.union1d(moving, fixed))
+        sliding = np.setdiff1d(_nodes(patches, SLIDING_ROLES), np.union1d(moving, fixed))
         if not len(moving):
             raise InvalidInput(
                 "no patch with role 'moving' has a node", hint="give the role 'moving' to the patch that is displaced"

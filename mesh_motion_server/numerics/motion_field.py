@@ -1,0 +1,63 @@
+"""The standard motion as a field, defined anywhere: a sequence of stages, each a rigid motion plus an RBF sum.
+
+Through several stages the deformation gradients multiply, ``B = B_n … B_2 B_1`` with each ``B_i = R_i + ∇S_i`` taken
+where the stages before have moved the point (thesis 3.9–3.12).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.evaluation import Evaluator
+from mesh_motion_server.numerics.interpolant import Interpolant
+from mesh_motion_server.numerics.paths import RigidMotion
+
+__all__ = ["MotionField", "Stage"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """``x → rigid(x) + S(x)``; ``rigid`` None is the identity."""
+
+    rigid: RigidMotion | None
+    interpolant: Interpolant
+
+    def positions(self, points: Floats, evaluator: Evaluator) -> Floats:
+        """(n, d) where the stage puts points (n, d)."""
+        carried = points if self.rigid is None else self.rigid.apply(points)
+        return carried + evaluator.displacement(self.interpolant, points)
+
+    def deformation(self, points: Floats, evaluator: Evaluator) -> Floats:
+        """(n, d, d) deformation gradient B at points (n, d)."""
+        turn = np.eye(points.shape[1]) if self.rigid is None else self.rigid.rotation
+        return turn + evaluator.gradient(self.interpolant, points)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionField:
+    """The displacement field of one or more stages."""
+
+    stages: tuple[Stage, ...]
+    evaluator: Evaluator
+
+    def displacement(self, points: Floats) -> Floats:
+        """(n, d) total displacement of points (n, d), mesh length unit."""
+        moved = points
+        for stage in self.stages:
+            moved = stage.positions(moved, self.evaluator)
+        return moved - points
+
+    def gradient(self, points: Floats) -> Floats:
+        """(n, d, d) gradient of the total displacement, ``[:, i, j] = ∂S_i/∂x_j``."""
+        identity = np.eye(points.shape[1])
+        total, moved = np.broadcast_to(identity, (len(points), *identity.shape)), points
+        for number, stage in enumerate(self.stages, start=1):
+            total = np.einsum("nij,njk->nik", stage.deformation(moved, self.evaluator), total)
+            if number < len(self.stages):
+                moved = stage.positions(moved, self.evaluator)
+        return np.asarray(total - identity)

@@ -1,0 +1,185 @@
+"""Standard RBF motion: the displacement of every node from that of the boundary (thesis §2.1), nothing corrected.
+
+Where it starts and how it gets there is the *displacement* of the method:
+
+relative
+    from the committed mesh, with the displacement since then. Drifts on periodic motion.
+absolute
+    from the reference mesh, with the total displacement. Depends on the boundary alone: no drift.
+reanchored
+    from the reference mesh, through sub-steps along a path that rotates with the body; each sub-step interpolates from
+    the mesh of the one before. Depends on the boundary alone too, and takes larger rotations than ``absolute``.
+
+When every prescribed node moves (no node is fixed or slides), the best rigid motion is taken out first and applied to
+all nodes exactly: a mesh that is only carried along is not deformed at all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.evaluation import Evaluator
+from mesh_motion_server.numerics.factor_source import FactorSource, factorization_of
+from mesh_motion_server.numerics.interpolant import Factorization
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion_field import MotionField, Stage
+from mesh_motion_server.numerics.paths import fit_rigid_motion, substeps
+from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
+from mesh_motion_server.numerics.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.stopwatch import Stopwatch
+
+__all__ = ["StandardMotion", "StandardTrial"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: A re-anchored motion takes a sub-step for each such share of the domain's extent that a boundary node moves …
+_SUBSTEP_FRACTION = 0.025
+#: … and at most this many.
+_MAX_SUBSTEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class StandardTrial:
+    """Where the standard motion would put every node.
+
+    Attributes
+    ----------
+    start : (n, d) array
+        Positions the interpolation started from, mesh length unit.
+    points : (n, d) array
+        Trial positions.
+    field : MotionField
+        The displacement from ``start``, anywhere.
+    factorization : Factorization
+        Of all nodes with a role at ``start``.
+    reused : bool
+        Whether every factorization came from the cache.
+    """
+
+    start: Floats
+    points: Floats
+    field: MotionField
+    factorization: Factorization
+    reused: bool
+
+
+@dataclass(frozen=True, eq=False)
+class StandardMotion:
+    """The standard motion of one mesh.
+
+    Attributes
+    ----------
+    reference : (n, d) array
+        Reference coordinates, mesh length unit.
+    roles : BoundaryRoles
+    method : Method
+        With the support radius filled in.
+    sliding : SlidingSurfaces or None
+        Surfaces on which ``roles.sliding`` stay; None without such nodes.
+    evaluator : Evaluator
+    """
+
+    reference: Floats
+    roles: BoundaryRoles
+    method: Method
+    sliding: SlidingSurfaces | None
+    evaluator: Evaluator
+
+    @classmethod
+    def build(
+        cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method, evaluator: Evaluator
+    ) -> StandardMotion:
+        """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
+        roles = BoundaryRoles.from_patches(patches)
+        sliding = None
+        if len(roles.sliding):
+            surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
+            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding)
+        return cls(points, roles, method, sliding, evaluator)
+
+    def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
+        """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
+
+        Parameters
+        ----------
+        committed : (n, d) array
+            Committed positions, mesh length unit.
+        targets : (k, d) array
+        factors : FactorSource
+        watch : Stopwatch
+            Gains the seconds of ``solve`` and ``displace``.
+        """
+        start = committed if self.method.displacement == "relative" else self.reference
+        points = start
+        solved: list[_Solved] = []
+        for waypoint in self._waypoints(start, targets):
+            points, stage = self._interpolate(points, waypoint, factors, watch)
+            solved.append(stage)
+        return StandardTrial(
+            start,
+            points,
+            MotionField(tuple(s.stage for s in solved), self.evaluator),
+            solved[0].factorization,
+            all(s.reused for s in solved),
+        )
+
+    def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
+        """Positions of the moving nodes after each sub-step; the last are the targets."""
+        if self.method.displacement != "reanchored":
+            return [targets]
+        origin = start[self.roles.moving]
+        furthest = float(np.sqrt(np.max(np.sum((targets - origin) ** 2, axis=1))))
+        stride = _SUBSTEP_FRACTION * float(np.ptp(self.reference, axis=0).max())
+        count = min(max(math.ceil(furthest / stride), 1), _MAX_SUBSTEPS)
+        path = substeps(origin, targets - origin, count)
+        return [*(origin + displacement for displacement in path[:-1]), targets]
+
+    def _interpolate(
+        self, points: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> tuple[Floats, _Solved]:
+        """One interpolation from the mesh ``points`` (n, d): the new positions, and what gave them."""
+        roles = self.roles
+        told = points.copy()
+        told[roles.moving] = targets
+        told[roles.fixed] = self.reference[roles.fixed]
+        reused = True
+        if self.sliding is not None:
+            following = self._solve(points, roles.prescribed, told, factors, watch)
+            with watch.phase("displace"):
+                free = following.stage.positions(points[roles.sliding], self.evaluator)
+                told[roles.sliding] = self.sliding.project(free)
+            reused = following.reused
+        solved = self._solve(points, roles.all, told, factors, watch)
+        with watch.phase("displace"):
+            moved = solved.stage.positions(points, self.evaluator)
+            moved[roles.all] = told[roles.all]
+        return moved, replace(solved, reused=solved.reused and reused)
+
+    def _solve(
+        self, points: Floats, controls: Indices, told: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> _Solved:
+        """The stage that takes the control nodes from ``points`` (n, d) to ``told`` (n, d)."""
+        with watch.phase("solve"):
+            origin, goal = points[controls], told[controls]
+            rigid = None
+            if self.sliding is None and not len(self.roles.fixed):
+                rigid = fit_rigid_motion(origin, goal)
+            factorization, reused = factorization_of(origin, self.method, factors)
+            carried = origin if rigid is None else rigid.apply(origin)
+            return _Solved(Stage(rigid, factorization.solve(goal - carried)), factorization, reused)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A stage, the factorization it was solved with, and whether that came from the cache."""
+
+    stage: Stage
+    factorization: Factorization
+    reused: bool
