@@ -35,7 +35,7 @@ from mesh_motion_server.session.ledger import Commit, Foundation, Ledger
 from mesh_motion_server.session.records import PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
 
-__all__ = ["KEPT_COMMITS", "MANIFEST", "Journal", "read_journal", "read_ledger", "record_area"]
+__all__ = ["KEPT_COMMITS", "MANIFEST", "Journal", "read_journal", "read_ledger", "record_area", "verify_state"]
 
 Floats = NDArray[np.float64]
 
@@ -85,9 +85,7 @@ class Journal:
             If the disk does not take it; the manifest is then absent.
         """
         for name in _SLOTS:
-            handle = files.create(folder / name, foundation.record_area + foundation.state_bytes)
-            files.sync(handle)
-            files.close(handle)
+            _write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
         capacity = _capacity(foundation)
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": 1}
         record = _install_manifest(folder, files, pack_record(0, bytes(32), body), capacity)
@@ -161,16 +159,9 @@ class Journal:
         JournalError
             DATA_LOSS.CHECKSUM if they do not match their digest.
         """
-        last, foundation = self.ledger.commits[-1], self.ledger.foundation
-        raw = self._files.read(self._handles[1 + last.step % 2], foundation.record_area, foundation.state_bytes)
-        state = _as_state(raw, foundation)
-        if state is None or state_digest(last.step, state) != last.digest:
-            raise JournalError(
-                f"the coordinates of committed step {last.step} do not match their digest",
-                hint="restore the session's folder from a backup, or discard the session",
-                details={"step": last.step},
-            )
-        return state
+        step, foundation = self.ledger.step, self.ledger.foundation
+        raw = self._files.read(self._handles[1 + step % 2], foundation.record_area, foundation.state_bytes)
+        return _verified(raw, self.ledger)
 
     def close(self) -> None:
         """Give the files back; idempotent."""
@@ -300,6 +291,31 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
         raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
 
 
+def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
+    """Raise DATA_LOSS.CHECKSUM unless the last committed step's coordinates match their digest."""
+    if not ledger.commits:
+        return
+    foundation = ledger.foundation
+    try:
+        raw = _read_part(files, folder / _SLOTS[ledger.step % 2], foundation.record_area, foundation.state_bytes)
+    except OSError as error:
+        raise JournalError(f"a slot cannot be read: {error.strerror or error}") from error
+    _verified(raw, ledger)
+
+
+def _verified(raw: bytes, ledger: Ledger) -> Floats:
+    """The last committed state (n, d) from its slot's bytes."""
+    last = ledger.commits[-1]
+    state = _as_state(raw, ledger.foundation)
+    if state is None or state_digest(last.step, state) != last.digest:
+        raise JournalError(
+            f"the coordinates of committed step {last.step} do not match their digest",
+            hint="restore the session's folder from a backup, or discard the session",
+            details={"step": last.step},
+        )
+    return state
+
+
 def _capacity(foundation: Foundation) -> int:
     """Bytes of a manifest."""
     return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area)
@@ -315,13 +331,20 @@ def _own(packed: bytes) -> Record:
 
 def _install_manifest(folder: Path, files: FileSystem, packed: bytes, capacity: int) -> Record:
     """A manifest that starts with this record, durable under its name."""
-    handle = files.create(folder / _NEXT_MANIFEST, capacity)
-    write_all(files, handle, 0, packed)
-    files.sync(handle)
-    files.close(handle)
+    _write_new(files, folder / _NEXT_MANIFEST, packed, capacity)
     files.rename(folder / _NEXT_MANIFEST, folder / MANIFEST)
     files.sync_folder(folder)
     return _own(packed)
+
+
+def _write_new(files: FileSystem, path: Path, data: bytes, size: int) -> None:
+    """A new file of this size that starts with ``data``, synced."""
+    handle = files.create(path, size)
+    try:
+        write_all(files, handle, 0, data)
+        files.sync(handle)
+    finally:
+        files.close(handle)
 
 
 def _read_whole(files: FileSystem, path: Path) -> bytes:

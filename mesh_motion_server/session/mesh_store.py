@@ -1,9 +1,9 @@
 """A session's mesh as its partitions uploaded it, in one immutable file.
 
-``mesh.bin``: magic "MMMESH" 01 0a, the header's length (8 bytes, little-endian), the header (a msgpack list with one map
-per partition: nodes, dimension, cells {type: rows}, patches {name: [role, rows]}), zeros up to a multiple of 8, then per
-partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name (64-bit
-integers). Its sha256 stands in the journal's first record.
+``mesh.bin``: magic "MMMESH" 01 0a, the header's length (8 bytes, little-endian), the header (a msgpack list with one
+map per partition: nodes, dimension, cells {type: rows}, patches {name: [role, rows]}), zeros up to a multiple of 8,
+then per partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name
+(64-bit integers). Its sha256 stands in the journal's first record.
 """
 
 from __future__ import annotations

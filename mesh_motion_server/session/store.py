@@ -66,9 +66,11 @@ class SessionFolder:
     spec : StoredSpec
     """
 
-    def __init__(self, path: Path, files: FileSystem, spec: StoredSpec, lock: int) -> None:
+    def __init__(self, path: Path, files: FileSystem, lock: int) -> None:
         self.path = path
-        self.spec = spec
+        raw = _read_file(files, path / _SPEC)
+        self.spec = StoredSpec.from_bytes(raw)
+        self._spec_digest = hashlib.sha256(raw).digest()
         self._files = files
         self._lock: int | None = lock
 
@@ -83,7 +85,7 @@ class SessionFolder:
         try:
             foundation = Foundation(
                 session=self.spec.session,
-                spec=hashlib.sha256(self.spec.to_bytes()).digest(),
+                spec=self._spec_digest,
                 mesh=write_mesh(self.path / _MESH, self._files, partitions),
                 nodes=nodes,
                 dimension=self.spec.dimension,
@@ -103,7 +105,7 @@ class SessionFolder:
         """
         journal = Journal.open(self.path, self._files)
         foundation = journal.ledger.foundation
-        if foundation.spec != hashlib.sha256(self.spec.to_bytes()).digest():
+        if foundation.spec != self._spec_digest:
             raise JournalError("the session's spec does not match its digest", details={"file": _SPEC})
         return journal, read_mesh(self.path / _MESH, self._files, foundation.mesh)
 
@@ -140,20 +142,19 @@ class SessionStore:
             RESOURCE_EXHAUSTED.DISK when the disk does not take it.
         """
         path = self._path(spec.session)
-        stored = StoredSpec.of(spec)
         try:
             self._files.make_folder(self._sessions)
             if self._files.exists(path):
                 raise SessionError(f"there is a session {spec.session!r} already", hint="take a new id")
             self._files.make_folder(path)
-            folder = SessionFolder(path, self._files, stored, self._files.lock(path / _LOCK))
-            _write_file(self._files, path / _SPEC, stored.to_bytes())
+            lock = self._files.lock(path / _LOCK)
+            _write_file(self._files, path / _SPEC, StoredSpec.of(spec).to_bytes())
             self._files.sync_folder(path)
             self._files.sync_folder(self._sessions)
+            return SessionFolder(path, self._files, lock)
         except OSError as error:
             shutil.rmtree(path, ignore_errors=True)
             raise _disk_error("the session cannot be stored", error) from error
-        return folder
 
     def open(self, session: str, token: bytes) -> SessionFolder:
         """An existing session's folder, held by this process.
@@ -164,7 +165,7 @@ class SessionStore:
             NOT_FOUND alike for an unknown session, a wrong token, and one that was never built;
             UNAVAILABLE.STARTING while another process holds it.
         """
-        spec = self.check_token(session, token)
+        self.check_token(session, token)
         path = self._path(session)
         try:
             lock = self._files.lock(path / _LOCK)
@@ -179,7 +180,7 @@ class SessionStore:
         if not self._files.exists(path / MANIFEST):
             self._files.close(lock)
             raise _not_found(session)
-        return SessionFolder(path, self._files, spec, lock)
+        return SessionFolder(path, self._files, lock)
 
     def check_token(self, session: str, token: bytes) -> StoredSpec:
         """The spec of a session whose token this is.

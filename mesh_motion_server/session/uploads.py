@@ -104,6 +104,11 @@ class MeshUpload:
         """
         return [self._mesh(number, pile) for number, pile in enumerate(self._piles)]
 
+    def clear(self) -> None:
+        """Forget all parts."""
+        self._piles = [_Pile() for _ in self._piles]
+        self.nbytes = 0
+
     def _mesh(self, number: int, pile: _Pile) -> PartitionMesh:
         joined = {key: np.concatenate(rows) for key, rows in pile.parts.items()}
         points = joined.get(("nodes", ""), np.empty((0, self._dimension)))

@@ -1,0 +1,170 @@
+"""Read-only inspection of a session's folder: what is in the journal, and what verifies.
+
+Nothing is changed, no lock is taken: it may be used on a live session, of which a commit that is just being written may
+look unfinished.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
+from mesh_motion_server.session.journal import read_journal, verify_state
+from mesh_motion_server.session.mesh_store import read_mesh
+from mesh_motion_server.session.records import Record
+from mesh_motion_server.session.recovery import Findings
+from mesh_motion_server.session.spec import StoredSpec
+
+__all__ = ["Check", "Inspection", "RecordLine", "inspect_session"]
+
+
+@dataclass(frozen=True)
+class RecordLine:
+    """One record of the manifest: its place, what it says, its checksum (hexadecimal)."""
+
+    offset: int
+    sequence: int
+    kind: str
+    says: str
+    checksum: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was verified: its name, the outcome, and what is wrong."""
+
+    name: str
+    passed: bool
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What a session's folder holds.
+
+    Attributes
+    ----------
+    folder, session, label : str
+    dimension, partitions, nodes : int
+    settings : dict
+        The keys of the case file's ``[method]``.
+    step, epoch : int
+        Last committed step and current epoch; -1 if the journal does not say.
+    digest : str
+        State digest of the last committed step, hexadecimal; empty at step 0.
+    state : {"whole", "unfinished", "damaged", "unbuilt"}
+        ``unfinished``: a crash left something that the next RESUME completes or drops without loss.
+    records : tuple of RecordLine
+    checks : tuple of Check
+    """
+
+    folder: str
+    session: str
+    label: str
+    dimension: int
+    partitions: int
+    nodes: int
+    settings: dict[str, Any]
+    step: int
+    epoch: int
+    digest: str
+    state: str
+    records: tuple[RecordLine, ...]
+    checks: tuple[Check, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, as for JSON."""
+        return asdict(self)
+
+
+def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> Inspection:
+    """Look at one session's folder.
+
+    Raises
+    ------
+    JournalError
+        If it is no session's folder at all: it has no readable ``spec.json``.
+    """
+    path, files = Path(folder), files or PosixFileSystem()
+    raw = _read(path / "spec.json")
+    spec = StoredSpec.from_bytes(raw)
+    found, journal_check = _journal(path, files)
+    checks = [journal_check]
+    if found is not None:
+        foundation = found.ledger.foundation
+        checks += [
+            _check("spec", lambda: _compare(hashlib.sha256(raw).digest(), foundation.spec)),
+            _check("mesh", lambda: read_mesh(path / "mesh.bin", files, foundation.mesh)),
+            _check("state", lambda: verify_state(path, files, found.ledger)),
+        ]
+    last = found.ledger.commits[-1] if found is not None and found.ledger.commits else None
+    return Inspection(
+        folder=str(path),
+        session=spec.session,
+        label=spec.label,
+        dimension=spec.dimension,
+        partitions=spec.partitions,
+        nodes=found.ledger.foundation.nodes if found else 0,
+        settings=spec.settings.model_dump(),
+        step=found.ledger.step if found else -1,
+        epoch=found.ledger.epoch if found else -1,
+        digest=last.digest.hex() if last else "",
+        state=_judge(path, found, checks),
+        records=_lines(found.records) if found else (),
+        checks=tuple(checks),
+    )
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise JournalError(
+            f"{path.parent} is no session's folder: {error.strerror or error}",
+            hint="give a folder below STATE FOLDER/sessions",
+        ) from error
+
+
+def _journal(path: Path, files: FileSystem) -> tuple[Findings | None, Check]:
+    try:
+        return read_journal(path, files), Check("journal", passed=True)
+    except JournalError as error:
+        return None, Check("journal", passed=False, message=error.message)
+
+
+def _check(name: str, verify: Callable[[], object]) -> Check:
+    try:
+        verify()
+    except JournalError as error:
+        return Check(name, passed=False, message=error.message)
+    return Check(name, passed=True)
+
+
+def _compare(found: bytes, expected: bytes) -> None:
+    if found != expected:
+        raise JournalError("the session's spec does not match its digest")
+
+
+def _judge(path: Path, found: Findings | None, checks: list[Check]) -> str:
+    if not (path / "manifest").exists():
+        return "unbuilt"
+    if found is None or not all(check.passed for check in checks):
+        return "damaged"
+    return "unfinished" if found.torn or found.completion or found.dirty_slots else "whole"
+
+
+def _lines(records: tuple[Record, ...]) -> tuple[RecordLine, ...]:
+    lines, offset = [], 0
+    for record in records:
+        body = record.body
+        says = f"step {body['step']}" if record.kind == "commit" else f"epoch {body['epoch']}"
+        if record.kind == "checkpoint" and body["commits"]:
+            says += f", step {body['commits'][-1]['step']}"
+        lines.append(RecordLine(offset, record.sequence, record.kind, says, record.checksum.hex()))
+        offset += record.length
+    return tuple(lines)

@@ -1,0 +1,425 @@
+"""One session: the only mutable state of the server.
+
+Every operation computes on values and then swaps one reference, so that a failure in between changes nothing. What was
+computed but not committed is the *trial*; a Move always starts from the committed state, so its answer is a pure
+function of mesh, committed state, displacement and settings.
+
+The displacement that a Move answers with, added to the coordinates of its frame, gives the trial's coordinates bitwise:
+whoever adds up the answers holds the server's coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.digests import state_digest
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
+from mesh_motion_server.session.factors import FactorCache
+from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.ledger import Commit
+from mesh_motion_server.session.model import Model, ModelBuilder
+from mesh_motion_server.session.numbering import UploadView, upload_view
+from mesh_motion_server.session.partitions import MergedMesh, merge
+from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
+from mesh_motion_server.session.store import SessionFolder
+from mesh_motion_server.session.uploads import MeshUpload, Part
+from mesh_motion_server.settings import ServerSettings
+
+__all__ = ["CommitOutcome", "MoveOutcome", "Session"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """Where the session stands; swapped as a whole.
+
+    ``iterations`` counts the Moves of the step; ``trial_lost`` says that a trial may have been dropped unasked.
+    """
+
+    state: State
+    committed: CommittedState | None = None
+    trial: Trial | None = None
+    trial_lost: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Built:
+    """What BUILD makes and nothing changes afterwards, and the journal."""
+
+    mesh: MergedMesh
+    model: Model
+    journal: Journal
+
+
+@dataclass(frozen=True, eq=False)
+class MoveOutcome:
+    """What a Move found.
+
+    Attributes
+    ----------
+    step, iteration : int
+    motion : Motion
+        Of the numerics.
+    displacement : (n, d) array, mesh length unit
+        Canonical order, in the frame of the request.
+    """
+
+    step: int
+    iteration: int
+    motion: Any
+    displacement: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class CommitOutcome:
+    """What a Commit makes durable.
+
+    Attributes
+    ----------
+    step : int
+    digest : bytes
+        State digest, see :mod:`mesh_motion_protocol.digests`.
+    quality : QualitySummary
+        Of the committed coordinates.
+    """
+
+    step: int
+    digest: bytes
+    quality: Any
+
+
+class Session:
+    """A session and its folder.
+
+    Parameters
+    ----------
+    folder : SessionFolder
+        Held by this process.
+    limits : ServerSettings
+    build_model : callable
+    """
+
+    def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
+        self._folder = folder
+        self._build_model = build_model
+        self._now = _Standing(State.NEW)
+        self._built: _Built | None = None
+        self._epoch = 1
+        self.upload = MeshUpload(self.spec.dimension, self.spec.partitions, limits.max_session_bytes)
+        self.factors: FactorCache[Any] = FactorCache(limits.factor_cache_bytes)
+
+    @classmethod
+    def reopen(cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> Session:
+        """A stored session at its last committed step, under a new epoch.
+
+        Raises
+        ------
+        JournalError
+            If what is stored does not verify, or the disk fails.
+        """
+        session = cls(folder, limits, build_model)
+        journal, partitions = folder.load()
+        try:
+            mesh = merge(partitions)
+            model = build_model(mesh.points, mesh.cells, mesh.patches, session.spec.settings.to_method())
+            committed = _restore(journal, mesh)
+            session._epoch = journal.raise_epoch()
+        except BaseException:
+            journal.close()
+            raise
+        session._built = _Built(mesh, model, journal)
+        session._now = _Standing(State.READY, committed, trial_lost=True)
+        return session
+
+    # --- where it stands -------------------------------------------------------------------------------------------
+
+    @property
+    def spec(self) -> StoredSpec:
+        """What OPEN fixed."""
+        return self._folder.spec
+
+    @property
+    def state(self) -> State:
+        """A state of the session table."""
+        return self._now.state
+
+    @property
+    def epoch(self) -> int:
+        """Raised by each RESUME."""
+        return self._epoch
+
+    @property
+    def step(self) -> int:
+        """The last committed step."""
+        return self._now.committed.step if self._now.committed else 0
+
+    @property
+    def iteration(self) -> int:
+        """Moves of the open trial, 0 without one."""
+        return self._now.trial.iteration if self._now.trial else 0
+
+    @property
+    def is_built(self) -> bool:
+        """Whether there is a mesh."""
+        return self._built is not None
+
+    @property
+    def mesh(self) -> MergedMesh:
+        """The mesh; once built."""
+        return self._require_built().mesh
+
+    @property
+    def model(self) -> Model:
+        """The numerics' model of it; once built."""
+        return self._require_built().model
+
+    @property
+    def commits(self) -> tuple[Commit, ...]:
+        """The latest commits, with what was answered to them."""
+        return self._built.journal.ledger.commits if self._built else ()
+
+    def admit(self, operation: Operation) -> State:
+        """The state after ``operation``.
+
+        Raises
+        ------
+        SessionError
+            As the state table says; ABORTED.TRIAL_LOST for a Commit whose trial a restart dropped.
+        """
+        if operation is Operation.COMMIT and self.state is State.READY and self._now.trial_lost:
+            raise SessionError(
+                f"a trial of step {self.step + 1} from before the session was resumed is lost",
+                code="ABORTED.TRIAL_LOST",
+                hint="send the MOVE again, then COMMIT: its answer will be the same",
+                details={"step": self.step + 1},
+            )
+        return admit(self.state, operation)
+
+    def require_next_step(self, step: int) -> None:
+        """Raise FAILED_PRECONDITION.STEP unless ``step`` is the one after the last committed one."""
+        if step != self.step + 1:
+            raise SessionError(
+                f"expected step {self.step + 1} (step {self.step} is committed), got step {step}",
+                code="FAILED_PRECONDITION.STEP",
+                details={"expected": self.step + 1, "got": step},
+            )
+
+    def mesh_warnings(self) -> list[str]:
+        """What the mesh check noticed, in the numbering of the upload."""
+        if not self.model.warnings:
+            return []
+        view = upload_view(self.mesh)
+        return list(self._build_model(view.points, view.cells, view.patches, self.spec.settings.to_method()).warnings)
+
+    def coordinates(self, frame: str) -> Floats:
+        """(n, d) coordinates in canonical order: "committed" or "reference"."""
+        committed = self._now.committed
+        return self.mesh.points if frame == "reference" or committed is None else committed.points
+
+    # --- operations ------------------------------------------------------------------------------------------------
+
+    def add_part(self, partition: int, part: Part) -> int:
+        """Append a part of the mesh; returns the rows of its item and name so far."""
+        state = self.admit(Operation.UPLOAD)
+        rows = self.upload.add(partition, part)
+        self._swap(state=state)
+        return rows
+
+    def build(self) -> None:
+        """The mesh is complete: check it, make it durable.
+
+        Raises
+        ------
+        InvalidInput
+            If it is unusable; in the numbering of the upload.
+        ResourceError
+            If the disk does not take it.
+        """
+        state = self.admit(Operation.BUILD)
+        partitions = self.upload.meshes()
+        mesh = merge(partitions)
+        model = self._model_of(mesh)
+        journal = self._folder.build(partitions, len(mesh.points))
+        self._built = _Built(mesh, model, journal)
+        self._now = _Standing(state, CommittedState(0, mesh.points))
+        self.upload.clear()
+
+    def move(self, frame: str, displacements: Sequence[Floats]) -> MoveOutcome:
+        """Compute a trial.
+
+        Parameters
+        ----------
+        frame : {"committed", "reference"}
+        displacements : one (k_p, d) array per partition, mesh length unit
+            Of the moving nodes, since the frame's coordinates.
+
+        Raises
+        ------
+        InvalidInput
+            If partitions disagree about a node, or a target is not finite.
+        NumericalError
+            If no acceptable motion was found; an earlier trial stays.
+        """
+        state = self.admit(Operation.MOVE)
+        built = self._require_built()
+        base = self.coordinates(frame)
+        told = built.mesh.gather_moving(displacements)
+        moving = built.mesh.moving
+        targets = base[moving] + told
+        if not np.isfinite(targets).all():
+            raise InvalidInput(
+                "a displacement leads out of the floating-point range", code="INVALID_ARGUMENT.NONFINITE"
+            )
+        motion = built.model.move(self.coordinates("committed"), targets, self.factors)
+        displacement = motion.points - base
+        displacement[moving] = told
+        points = base + displacement
+        points.flags.writeable = False
+        trial = Trial(self.step + 1, self.iteration + 1, points)
+        self._swap(state=state, trial=trial, trial_lost=False)
+        return MoveOutcome(trial.step, trial.iteration, motion, displacement)
+
+    def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
+        """Make the trial the committed state, durably.
+
+        Parameters
+        ----------
+        requests : sequence of RequestId
+            The COMMIT of each partition.
+        receipt : callable
+            What the replies say, packed: journaled with the commit.
+
+        Raises
+        ------
+        JournalError
+            If the disk failed; the session is then FROZEN at its last committed step.
+        """
+        state = self.admit(Operation.COMMIT)
+        built, trial = self._require_built(), self._now.trial
+        if trial is None:
+            raise SessionError("there is no trial to commit", hint="send MOVE first")
+        durable = trial.points[built.mesh.id_order]
+        digest = state_digest(trial.step, durable)
+        outcome = CommitOutcome(trial.step, digest, built.model.summary(trial.points))
+        entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
+        self._write(built.journal, entry, durable)
+        self._now = _Standing(state, CommittedState(trial.step, trial.points))
+        return outcome
+
+    def rollback(self) -> None:
+        """Drop the trial, if any."""
+        self._swap(state=self.admit(Operation.ROLLBACK), trial=None, trial_lost=False)
+
+    def resume(self) -> int:
+        """A new holder: raise the epoch durably, drop the trial; returns the epoch.
+
+        Raises
+        ------
+        SessionError
+            If the state does not allow it: the session must be opened anew, in another process.
+        JournalError
+            If the disk failed; the session is then FROZEN.
+        """
+        state = self.admit(Operation.RESUME)
+        if self._built is None:
+            self._epoch += 1
+            return self._epoch
+        try:
+            self._epoch = self._built.journal.raise_epoch()
+        except JournalError:
+            self._swap(state=State.FROZEN)
+            raise
+        self._swap(state=state, trial=None, trial_lost=True)
+        return self._epoch
+
+    def suspend(self) -> None:
+        """The lease ended."""
+        state = self.admit(Operation.LEASE_END)
+        lost = self._now.trial is not None or self._now.trial_lost
+        keep = self._now.trial if state is not State.SUSPENDED else None
+        self._swap(state=state, trial=keep, trial_lost=lost and keep is None)
+
+    def join(self) -> None:
+        """A holder is there (again)."""
+        self._swap(state=self.admit(Operation.JOIN))
+
+    def fail(self) -> None:
+        """Something unforeseen happened where the state may be affected."""
+        self._swap(state=State.FAILED, trial=None)
+
+    def close(self) -> None:
+        """Give files and lock back; idempotent."""
+        self._swap(state=State.CLOSED, trial=None)
+        self.factors.clear()
+        if self._built is not None:
+            self._built.journal.close()
+        self._folder.release()
+
+    # --- inside ----------------------------------------------------------------------------------------------------
+
+    def _swap(self, **changes: Any) -> None:
+        self._now = replace(self._now, **changes)
+
+    def _require_built(self) -> _Built:
+        if self._built is None:
+            raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
+        return self._built
+
+    def _model_of(self, mesh: MergedMesh) -> Model:
+        """The model; what is wrong with the mesh is said in the numbering of the upload."""
+        method = self.spec.settings.to_method()
+        try:
+            return self._build_model(mesh.points, mesh.cells, mesh.patches, method)
+        except InvalidInput:
+            view = upload_view(mesh)
+            try:
+                self._build_model(view.points, view.cells, view.patches, method)
+            except InvalidInput as error:
+                raise _with_places(error, view) from error
+            raise
+
+    def _write(self, journal: Journal, entry: Commit, durable: Floats) -> None:
+        """COMMITTING, and what becomes of a failure."""
+        before = self._now
+        self._swap(state=State.COMMITTING)
+        try:
+            journal.commit(entry, durable)
+        except JournalError:
+            self._now = replace(before, state=State.FROZEN) if journal.frozen else before
+            raise
+        except BaseException:
+            self.fail()
+            raise
+
+
+def _restore(journal: Journal, mesh: MergedMesh) -> CommittedState:
+    """The last committed state in canonical order."""
+    step = journal.ledger.step
+    if not step:
+        return CommittedState(0, mesh.points)
+    points = np.empty_like(mesh.points)
+    points[mesh.id_order] = journal.read_state()
+    points.flags.writeable = False
+    return CommittedState(step, points)
+
+
+def _with_places(error: InvalidInput, view: UploadView) -> InvalidInput:
+    """The error, its node or cell also named by partition."""
+    if len(view.mesh.node_maps) == 1:
+        return error
+    cell, node = error.details.get("cell"), error.details.get("node")
+    place: dict[str, object] = {}
+    if isinstance(cell, int) and 0 <= cell < len(view.cells):
+        place = view.name_cell(cell)
+    elif isinstance(node, int) and 0 <= node < len(view.points):
+        place = view.name_node(node)
+    hint = "; ".join(filter(None, (error.hint, "numbers count all partitions' nodes by global id, cells by partition")))
+    return InvalidInput(error.message, code=error.code, hint=hint, details=error.details | place)
