@@ -1,0 +1,161 @@
+"""The standard motion: exact where it must be, and a function of what it says it is a function of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frame_meshes import rotation, square_frame
+
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.prediction import predict
+from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_server.numerics.stopwatch import Stopwatch
+
+
+def motion_of(mesh, **choices) -> StandardMotion:
+    points, cells, patches = mesh
+    method = Method(**{"support_radius": 0.5, **choices})
+    return StandardMotion.build(points, cells, patches, method, LocalEvaluator())
+
+
+def move(motion: StandardMotion, committed: np.ndarray, targets: np.ndarray) -> StandardTrial:
+    return motion.trial(committed, targets, MakeEachTime(), Stopwatch())
+
+
+def carried(points: np.ndarray, degrees: float, shift: tuple[float, float], centre=(0.5, 0.5)) -> np.ndarray:
+    return (points - centre) @ rotation(degrees).T + centre + shift
+
+
+@pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
+@pytest.mark.parametrize("degrees", [0.0, 37.0, 180.0])
+def test_a_mesh_carried_as_a_whole_is_reproduced(displacement: str, degrees: float) -> None:
+    mesh = square_frame(outer="moving")
+    motion = motion_of(mesh, displacement=displacement)
+    targets = carried(mesh[0][motion.roles.moving], degrees, (0.3, -0.2))
+    trial = move(motion, mesh[0], targets)
+    np.testing.assert_allclose(trial.points, carried(mesh[0], degrees, (0.3, -0.2)), atol=2e-14)
+
+
+def test_told_nodes_are_where_they_were_told_to_be_bitwise() -> None:
+    mesh = square_frame()
+    motion = motion_of(mesh)
+    targets = carried(mesh[0][motion.roles.moving], 20.0, (0.1, 0.05))
+    trial = move(motion, mesh[0], targets)
+    assert np.array_equal(trial.points[motion.roles.moving], targets)
+    assert np.array_equal(trial.points[motion.roles.fixed], mesh[0][motion.roles.fixed])
+
+
+@pytest.mark.parametrize("displacement", ["absolute", "reanchored"])
+def test_no_drift_from_the_reference(displacement: str) -> None:
+    """Whatever was committed before, the boundary alone decides."""
+    mesh = square_frame()
+    motion = motion_of(mesh, displacement=displacement)
+    rest = mesh[0][motion.roles.moving]
+    away = move(motion, mesh[0], carried(rest, 25.0, (0.1, 0.0)))
+    back = move(motion, away.points, rest)
+    assert np.array_equal(back.points, mesh[0])
+
+
+def test_relative_displacement_drifts_on_a_cycle() -> None:
+    """The thesis' Fig. 2.3: it starts each step from the last mesh, and does not come back."""
+    mesh = square_frame()
+    motion = motion_of(mesh, displacement="relative")
+    rest = mesh[0][motion.roles.moving]
+    points = mesh[0]
+    for degrees in (15.0, 30.0, 15.0, 0.0):
+        points = move(motion, points, carried(rest, degrees, (0.0, 0.0))).points
+    assert np.array_equal(points[motion.roles.moving], carried(rest, 0.0, (0.0, 0.0)))
+    assert 1e-5 < np.abs(points - mesh[0]).max() < 0.05
+
+
+def test_reanchoring_takes_a_rotation_that_one_step_cannot() -> None:
+    mesh = square_frame()
+    sizes = reference_sizes(mesh[0], mesh[1])
+    worst = {}
+    for displacement in ("absolute", "reanchored"):
+        motion = motion_of(mesh, displacement=displacement, support_radius=2.5)
+        targets = carried(mesh[0][motion.roles.moving], 100.0, (0.0, 0.0))
+        trial = move(motion, mesh[0], targets)
+        worst[displacement] = cell_quality(trial.points, mesh[1], sizes).metric("size-skew").min()
+    assert worst["absolute"] < 0 < worst["reanchored"]
+
+
+@pytest.mark.parametrize("role", ["slip", "symmetry"])
+def test_sliding_nodes_stay_on_their_sides_and_move_along_them(role: str) -> None:
+    mesh = square_frame(outer=role)
+    motion = motion_of(mesh, support_radius=2.5)
+    trial = move(motion, mesh[0], carried(mesh[0][motion.roles.moving], 0.0, (0.1, 0.0)))
+    outer = mesh[2]["outer"].nodes
+    before, after = mesh[0][outer], trial.points[outer]
+    for axis in (0, 1):
+        for side in (0.0, 1.0):
+            on_side = before[:, axis] == side
+            assert np.array_equal(after[on_side, axis], before[on_side, axis])
+    corners = np.all((before == 0.0) | (before == 1.0), axis=1)
+    assert np.array_equal(after[corners], before[corners])
+    assert np.abs(after - before).max() > 0.01
+
+
+def test_the_field_is_the_motion_of_the_nodes() -> None:
+    mesh = square_frame()
+    motion = motion_of(mesh, displacement="reanchored")
+    trial = move(motion, mesh[0], carried(mesh[0][motion.roles.moving], 70.0, (0.05, 0.0)))
+    assert len(trial.field.stages) > 1
+    np.testing.assert_allclose(mesh[0] + trial.field.displacement(mesh[0]), trial.points, atol=1e-11)
+
+
+def test_gradients_multiply_through_the_stages() -> None:
+    mesh = square_frame()
+    motion = motion_of(mesh, displacement="reanchored")
+    trial = move(motion, mesh[0], carried(mesh[0][motion.roles.moving], 70.0, (0.05, 0.0)))
+    at, h = np.array([[0.31, 0.22], [0.7, 0.55]]), 1e-6
+    gradient = trial.field.gradient(at)
+    for axis in range(2):
+        shift = np.eye(2)[axis] * h
+        difference = (trial.field.displacement(at + shift) - trial.field.displacement(at - shift)) / (2 * h)
+        np.testing.assert_allclose(gradient[:, :, axis], difference, atol=1e-8)
+
+
+def test_prediction_over_many_steps_converges_to_the_moved_mesh() -> None:
+    """Thesis 3.9–3.12: edge midpoints through several stages, second order in the mesh's spacing."""
+    errors = []
+    for n in (15, 30):
+        mesh = square_frame(n)
+        motion = motion_of(mesh, displacement="reanchored")
+        trial = move(motion, mesh[0], carried(mesh[0][motion.roles.moving], 40.0, (0.0, 0.0)))
+        sizes = reference_sizes(mesh[0], mesh[1])
+        predicted = predict("edge-midpoint-gradient", mesh[0], mesh[1], sizes, trial.field)
+        actual = cell_quality(trial.points, mesh[1], sizes)
+        errors.append(np.sqrt(np.mean((predicted.metric("size-skew") - actual.metric("size-skew")) ** 2)))
+    assert errors[0] / errors[1] > 3.0
+
+
+def test_the_answer_does_not_depend_on_the_cache() -> None:
+    mesh = square_frame()
+    motion = motion_of(mesh)
+    targets = carried(mesh[0][motion.roles.moving], 20.0, (0.1, 0.05))
+
+    kept: dict[bytes, object] = {}
+
+    class Remembering(MakeEachTime):
+        def get_or_make(self, key, make):
+            reused = key in kept
+            kept.setdefault(key, make())
+            return kept[key], reused
+
+    factors = Remembering()
+    first = motion.trial(mesh[0], targets, factors, Stopwatch())
+    second = motion.trial(mesh[0], targets, factors, Stopwatch())
+    other = replace(motion, method=replace(motion.method, support_radius=0.4)).trial(
+        mesh[0], targets, factors, Stopwatch()
+    )
+    assert not first.reused
+    assert second.reused
+    assert not other.reused
+    assert np.array_equal(first.points, second.points)
+    assert not np.array_equal(first.points, other.points)
