@@ -20,12 +20,9 @@ def square_frame(
     hole = (i >= low) & (i < high) & (j >= low) & (j < high)
     corner = (i * (n + 1) + j)[~hole]
     quads = np.column_stack([corner, corner + n + 1, corner + n + 2, corner + 1])
-    cells = (
-        {"quad": quads} if kind == "quad" else {"triangle": np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])}
-    )
-    used, numbers = np.unique(next(iter(cells.values())), return_inverse=True)
+    nodes = quads if kind == "quad" else np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    used, numbers = np.unique(nodes, return_inverse=True)
     points = points[used]
-    cells = {kind: numbers.reshape(next(iter(cells.values())).shape)}
     on_outer = np.any((points == 0.0) | (points == 1.0), axis=1)
     centred = np.abs(points - 0.5).max(axis=1)
     on_block = np.isclose(centred, 0.5 - low / n)
