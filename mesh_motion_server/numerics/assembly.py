@@ -14,7 +14,7 @@ from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, phi, wendl
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
 
-__all__ = ["dense_block", "sparse_matrix"]
+__all__ = ["dense_block", "mean_row_entries", "sparse_matrix"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -85,6 +85,11 @@ def _fill_rows(
                     columns[at] = j
                     entries[at] = phi(code, xi)
                     at += 1
+
+
+def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
+    """Mean number of centres closer than R to a centre: nonzero entries a row of the matrix of a compact basis."""
+    return float(np.mean(_count_rows(layout.coordinates, 1.0 / support_radius, *layout.grid())))
 
 
 def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> csr_array:

@@ -1,13 +1,15 @@
-"""Which solver: by the number of control points and the share of entries that are not zero.
+"""Which solver, by the number of control points and the nonzero entries of a row.
 
-Measured on two cores, points on the surface of a box, three right-hand sides:
+Measured on two cores, points on the surfaces of a box and a wing in it, three right-hand sides; N points, m entries a
+row on average:
 
-- dense: N³/3 operations at about 90 Gflop/s, 4 N² bytes. N = 5 900: 1 s and 0.14 GB; N = 12 000: 7 s and 0.6 GB.
-- sparse, by SuperLU: two orders of magnitude slower an operation, so that it pays only while the factors stay sparse.
-- iterative: nothing to factorize, memory ∝ N, but every solution costs 15–30 products with the matrix.
+- dense: N³/3 operations, 4 N² bytes. N = 4 258: 0.6 s; 10 000: 6 s and 0.4 GB; 18 216: 30 s and 1.3 GB.
+- sparse: N = 4 258, m = 300: 1.0 s, m = 60: 0.2 s, against the dense 1 s; N = 18 216, m = 250: 8.5 s, m = 90: 1.9 s.
+- iterative, entries summed: a solution costs about 30 products, N = 4 258: 1 s, 18 216: 9 s; entries stored (m = 250):
+  0.3 s after a set-up of 1 s.
 
-A factorization serves all coupling iterations and the enrichment's many columns, so a direct one is preferred as long
-as it fits comfortably.
+A factorization serves all coupling iterations of a step and the enrichment's many columns, so a direct one is preferred
+as long as it fits comfortably.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.assembly import dense_block, sparse_matrix
-from mesh_motion_server.numerics.centres import CentreLayout, padded, pairs_fraction
+from mesh_motion_server.numerics.assembly import dense_block, mean_row_entries, sparse_matrix
+from mesh_motion_server.numerics.centres import CentreLayout, padded
 from mesh_motion_server.numerics.factorizations import LinearSolver
 from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.factorizations.iterative import ConjugateGradients
@@ -28,10 +30,10 @@ __all__ = ["SOLVERS", "choose_solver"]
 
 SOLVERS = ("auto", "dense", "sparse", "iterative")
 
-#: Order up to which a dense factor is made without asking: 4 N² bytes are 0.4 GB.
+#: Largest order for which "auto" makes a dense factor; a third of its set-up pays for one iterative solution there.
 _DENSE_ORDER = 10_000
-#: A sparse factorization pays below this share of nonzeros.
-_SPARSE_ORDER, _SPARSE_FRACTION = 1_500, 0.01
+#: Entries a row up to which a sparse factorization beats the others, for more points than a dense one does in no time.
+_SPARSE_ENTRIES, _SPARSE_ORDER = 150.0, 1_500
 
 
 def choose_solver(
@@ -46,7 +48,7 @@ def choose_solver(
     NumericalError
         If the matrix is singular to working precision.
     """
-    name = _automatic(layout, basis) if solver == "auto" else solver
+    name = _automatic(layout, support_radius) if solver == "auto" else solver
     if name == "iterative":
         return ConjugateGradients(layout, basis, support_radius)
     if name == "sparse":
@@ -61,9 +63,9 @@ def choose_solver(
     )
 
 
-def _automatic(layout: CentreLayout, basis: Basis) -> str:
+def _automatic(layout: CentreLayout, support_radius: float) -> str:
     """Name of the solver for these points."""
     n = layout.n_centres
-    if basis.compact and n > _SPARSE_ORDER and not layout.is_direct and pairs_fraction(layout) < _SPARSE_FRACTION:
+    if n > _SPARSE_ORDER and not layout.is_direct and mean_row_entries(layout, support_radius) <= _SPARSE_ENTRIES:
         return "sparse"
     return "dense" if n <= _DENSE_ORDER else "iterative"

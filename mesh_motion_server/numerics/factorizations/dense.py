@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 #: Columns a panel: wide enough for full speed of the products, narrow enough that the diagonal blocks cost little.
 _PANEL = 384
 #: Rows a tile: one task of one thread.
-_TILE = 1024
+_TILE = 512
 #: A pivot this small against the diagonal carries no correct digit.
 _LOST = 64 * float(np.finfo(float).eps)
 

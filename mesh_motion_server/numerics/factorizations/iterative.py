@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.assembly import sparse_matrix
-from mesh_motion_server.numerics.centres import CentreLayout, pairs_fraction
+from mesh_motion_server.numerics.assembly import mean_row_entries, sparse_matrix
+from mesh_motion_server.numerics.centres import CentreLayout
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import sum_values
@@ -26,8 +26,10 @@ __all__ = ["ConjugateGradients"]
 
 Array = NDArray[np.float64]
 
-#: Residual, relative to the right-hand side, at which a solution is good to rounding for weights of moderate size.
+#: Residual of the recurrences, relative to the right-hand side, at which the iterations end.
 _TOLERANCE = 1e-12
+#: A true residual above this is worth another round; below it, what is left is rounding of the sums themselves.
+_REFINED = 1e-10
 #: A residual that refinement cannot push below this is an error: snapping the boundary would then show.
 _ACCEPTED = 1e-8
 _MAX_ITERATIONS = 1000
@@ -36,6 +38,8 @@ _PATIENCE = 25
 _REFINEMENTS = 3
 #: Rows stored as a sparse matrix up to this memory; beyond it, and for a direct sum, entries are computed when needed.
 _STORED_BYTES = 300e6
+#: Preceding points a row of the preconditioner: more where a product with the matrix is dear.
+_NEIGHBOURS_STORED, _NEIGHBOURS_SUMMED = 24, 64
 
 
 class ConjugateGradients:
@@ -54,8 +58,9 @@ class ConjugateGradients:
     def __init__(self, layout: CentreLayout, basis: Basis, support_radius: float) -> None:
         self._order = layout.order
         self._points = np.ascontiguousarray(layout.coordinates.T)
-        self._precondition = SparseInverse(self._points, basis, support_radius)
         self._apply, self._stored = _operator(layout, self._points, basis, support_radius)
+        neighbours = _NEIGHBOURS_STORED if self._stored else _NEIGHBOURS_SUMMED
+        self._precondition = SparseInverse(self._points, basis, support_radius, neighbours)
         self.iterations = 0
 
     @property
@@ -84,7 +89,7 @@ class ConjugateGradients:
             if not trial_error < error:
                 break
             x, residual, error = trial, trial_residual, trial_error
-            if error <= _TOLERANCE:
+            if error <= _REFINED:
                 break
         if error > _ACCEPTED:
             raise NumericalError(
@@ -109,7 +114,7 @@ class ConjugateGradients:
             self.iterations += 1
             error = _largest(r, scale)
             best, since = (error, 0) if error < best / 2.0 else (best, since + 1)
-            if error <= _TOLERANCE / 4.0 or since >= _PATIENCE:
+            if error <= _TOLERANCE or since >= _PATIENCE:
                 break
             z = self._precondition(r)
             rz, before = np.sum(r * z, axis=0), rz
@@ -131,8 +136,7 @@ def _operator(
     layout: CentreLayout, points: Array, basis: Basis, support_radius: float
 ) -> tuple[Callable[[Array], Array], int]:
     """The product with the interpolation matrix in the layout's order, and the bytes it holds."""
-    entries = 0.0 if layout.is_direct else pairs_fraction(layout) * float(layout.n_centres) ** 2
-    if 0.0 < 12.0 * entries < _STORED_BYTES:
+    if not layout.is_direct and 12.0 * mean_row_entries(layout, support_radius) * layout.n_centres < _STORED_BYTES:
         matrix = sparse_matrix(layout, basis, support_radius)
         return matrix.__matmul__, int(matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes)
 
