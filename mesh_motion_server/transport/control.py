@@ -107,7 +107,7 @@ class Control:
                 "durability": durability,
             }
         )
-        live = Live(session, token, request.label, request.partitions, child)
+        live = Live(session, token, child, request.label, request.partitions)
         self._expect(live, asked)
         self.registry.live[session] = live
         log().info("open", session=session, label=request.label, partitions=request.partitions, worker=child.pid)
@@ -145,9 +145,8 @@ class Control:
         live = self.registry.authorised(request.session, request.token)
         if live is None:
             self._check_room()
-            label, partitions = self.registry.described(request.session)
             child = self._start({"order": "resume", "session": request.session, "token": request.token})
-            live = Live(request.session, request.token, label, partitions, child)
+            live = Live(request.session, request.token, child)
             self.registry.live[request.session] = live
             self._expect(live, asked)
         elif live.asked is not None:
@@ -193,6 +192,8 @@ class Control:
         kind = event["event"]
         if kind in ("serving", "reclaimed"):
             live.status, live.endpoint = "alive", event.get("endpoint", live.endpoint)
+            live.label = event.get("label", live.label)
+            live.partitions = event.get("partitions", live.partitions)
             live.epoch, live.state, live.step = event["epoch"], event["state"], event["step"]
             self._arrived(live)
         elif kind == "status":

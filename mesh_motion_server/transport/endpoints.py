@@ -142,6 +142,7 @@ def lock_folder(endpoint: Endpoint) -> TextIO | None:
 
 def bind(socket: zmq.Socket[bytes], address: str) -> str:
     """Bind and return where, with the port the system chose."""
+    socket.setsockopt(zmq.IPV6, int("[" in address))
     socket.bind(address)
     where = socket.getsockopt(zmq.LAST_ENDPOINT)
     return where.rstrip(b"\0").decode() if isinstance(where, bytes) else address
@@ -168,5 +169,4 @@ def router(context: zmq.Context[zmq.Socket[bytes]], *, message_bytes: int, queue
     socket.setsockopt(zmq.HEARTBEAT_IVL, 10_000)
     socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 30_000)
     socket.setsockopt(zmq.LINGER, 5_000)
-    socket.setsockopt(zmq.IPV6, 1)
     return socket

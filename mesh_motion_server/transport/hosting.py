@@ -19,6 +19,8 @@ class SessionHost(Protocol):
     """One session, as :mod:`mesh_motion_server.service.dispatch` describes it."""
 
     session: str
+    label: str
+    partitions: int
     epoch: int
     step: int
 

@@ -45,9 +45,9 @@ class Live:
 
     session: str
     token: bytes = field(repr=False)
-    label: str
-    partitions: int
     child: Child
+    label: str = ""
+    partitions: int = 1
     status: str = "starting"
     endpoint: str = ""
     epoch: int = 0
@@ -148,13 +148,6 @@ class Registry:
     def of(self, child: Child) -> Live | None:
         """The session of a worker, None for the spare."""
         return next((live for live in self.live.values() if live.child is child), None)
-
-    def described(self, session: str) -> tuple[str, int]:
-        """Label and partitions of a stored session."""
-        for entry in self._store.sessions():
-            if entry.session == session:
-                return entry.label, entry.partitions
-        return "", 1
 
 
 def _stored(entry: Any) -> dict[str, Any]:

@@ -112,6 +112,7 @@ class Supervisor:
         self._control.draining = True
         self._killed_at = time.monotonic() + self._settings.drain_seconds
         if self._spare is not None:
+            self._spare.kill()  # it holds nothing, and may still be importing
             self._end(self._spare)
             self._spare = None
         for live in self._control.registry.live.values():

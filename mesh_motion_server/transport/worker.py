@@ -222,9 +222,8 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         return 1
     try:
         endpoint = bind(socket, Endpoint.parse(order["endpoint"]).worker_address)
-        channel.send(
-            {"event": "serving", "endpoint": endpoint, "epoch": host.epoch, "state": str(host.state), "step": host.step}
-        )
+        serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
+        channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
         Worker(channel, socket, host, settings).run(signals)
         channel.send({"event": "over", "closed": host.closed})
     finally:

@@ -48,6 +48,7 @@ class SessionHost:
     def __init__(self, store, **values):
         self.store, self.values = store, values
         self.session, self.label, self.epoch, self.step = (values[k] for k in ("session", "label", "epoch", "step"))
+        self.partitions = values["partitions"]
         self.state, self.closed, self.next_deadline = "READY", False, None
         self.moves = 0
         self.save()
