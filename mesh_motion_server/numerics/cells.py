@@ -211,3 +211,11 @@ class CellTable:
             if cell < first + len(block):
                 return block, cell - first
         raise IndexError(cell)
+
+    def centres(self, points: NDArray[np.floating], numbers: NDArray[np.integer]) -> NDArray[np.float64]:
+        """(s, d) mean of the nodes of each of the cells with these numbers (s,), from positions (n, d)."""
+        out = np.empty((len(numbers), points.shape[1]))
+        for block, first in zip(self.blocks, self.offsets, strict=False):
+            here = (numbers >= first) & (numbers < first + len(block))
+            out[here] = points[block.nodes[numbers[here] - first]].mean(axis=1)
+        return out

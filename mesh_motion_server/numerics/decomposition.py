@@ -139,12 +139,10 @@ def qr(B: Floats) -> QR:
 def rotation_angle(rotation: Floats) -> Floats:
     """Angle (m,) in radians of rotations (m, d, d): 2D in (−π, π], anticlockwise; 3D in [0, π], about their axis."""
     if rotation.shape[-1] == 2:
-        angle: Floats = np.arctan2(rotation[:, 1, 0] - rotation[:, 0, 1], rotation[:, 0, 0] + rotation[:, 1, 1])
-        return angle
+        return np.asarray(np.arctan2(rotation[:, 1, 0] - rotation[:, 0, 1], rotation[:, 0, 0] + rotation[:, 1, 1]))
     skew = rotation - np.swapaxes(rotation, -1, -2)
     sine = 0.5 * np.sqrt(skew[:, 2, 1] ** 2 + skew[:, 0, 2] ** 2 + skew[:, 1, 0] ** 2)
-    angle = np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0))
-    return angle
+    return np.asarray(np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)))
 
 
 def _signs(orthogonal: Floats) -> Floats:

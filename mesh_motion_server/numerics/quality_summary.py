@@ -192,6 +192,8 @@ def summarize(
     """
     values = {name: quality.metric(name) for name in dict.fromkeys(("size", "skew", "size-skew", metric))}
     found = {name: distribution(of) for name, of in values.items()}
+    numbers = smallest(values[metric], worst)
+    centres = cells.centres(points, numbers)
     return QualitySummary(
         metric_name=metric,
         metric=found[metric],
@@ -203,22 +205,15 @@ def summarize(
         worst=tuple(
             WorstCell(
                 number=int(cell),
-                centre=tuple(float(x) for x in _centre(points, cells, int(cell))),
+                centre=tuple(float(x) for x in centre),
                 value=float(values[metric][cell]),
                 size=float(values["size"][cell]),
                 skew=float(values["skew"][cell]),
                 size_skew=float(values["size-skew"][cell]),
             )
-            for cell in smallest(values[metric], worst)
+            for cell, centre in zip(numbers, centres, strict=True)
         ),
     )
-
-
-def _centre(points: NDArray[np.floating], cells: CellTable, cell: int) -> Floats:
-    """(d,) mean of a cell's nodes."""
-    block, row = cells.locate(cell)
-    centre: Floats = np.mean(points[block.nodes[row]], axis=0, dtype=np.float64)
-    return centre
 
 
 def _order_statistic(values: Floats, counts: Ints, rank: int) -> float:
