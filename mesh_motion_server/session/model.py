@@ -12,7 +12,7 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import Patch
 
-__all__ = ["Model", "ModelBuilder", "build_motion_model"]
+__all__ = ["Model", "ModelBuilder", "build_motion_model", "check_basis"]
 
 
 class Model(Protocol):
@@ -48,3 +48,11 @@ def build_motion_model(
     from mesh_motion_server.numerics.motion import MotionModel  # noqa: PLC0415
 
     return MotionModel.build(points, cells, patches, method)
+
+
+def check_basis(name: str) -> None:
+    """Raise InvalidInput unless the numerics know the basis and can use it."""
+    # imported here for the same reason
+    from mesh_motion_server.numerics.kernels import basis_named  # noqa: PLC0415
+
+    basis_named(name)

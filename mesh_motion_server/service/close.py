@@ -1,0 +1,34 @@
+"""CLOSE: a partition ends its use; when the last one has, the session is closed and kept, or discarded."""
+
+from __future__ import annotations
+
+from mesh_motion_protocol.messages import Close, Closed
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.state import Operation
+
+__all__ = ["OUTCOMES", "answer"]
+
+#: "keep" leaves the session durable and resumable, "discard" deletes it.
+OUTCOMES = ("keep", "discard")
+
+
+def answer(session: Session, request: Close) -> Closed:
+    """Check the request; the last committed step.
+
+    Raises
+    ------
+    SessionError
+        If the state does not allow it.
+    InvalidInput
+        On an unknown outcome.
+    """
+    session.admit(Operation.CLOSE)
+    if request.outcome not in OUTCOMES:
+        raise InvalidInput(
+            f"outcome: expected one of {', '.join(OUTCOMES)}, got {request.outcome!r}",
+            code="INVALID_ARGUMENT.VALUE",
+            details={"outcome": str(request.outcome)},
+        )
+    return Closed(client=request.client, sequence=request.sequence, step=session.step)

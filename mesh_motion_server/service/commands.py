@@ -1,0 +1,46 @@
+"""The two shapes a command has, so that :mod:`.dispatch` can hold them in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mesh_motion_protocol.messages import Message
+
+from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.session import Session
+
+__all__ = ["Collective", "Single"]
+
+
+@dataclass(frozen=True)
+class Single:
+    """A command of one partition.
+
+    Attributes
+    ----------
+    answer : callable
+        (session, request) → reply.
+    executes_once : bool
+        Whether a repeat gets the stored reply; otherwise it changes nothing and is simply answered again.
+    """
+
+    answer: Callable[[Session, Any], Message]
+    executes_once: bool
+
+
+@dataclass(frozen=True)
+class Collective:
+    """A command of all partitions.
+
+    Attributes
+    ----------
+    check : callable
+        (session, request): raises on the content of one partition's request, before it waits for the others.
+    run : callable
+        (session, requests by partition, their ids) → replies by partition.
+    """
+
+    check: Callable[[Session, Any], None]
+    run: Callable[[Session, Sequence[Any], Sequence[RequestId]], Sequence[Message]]

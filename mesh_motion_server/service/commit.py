@@ -1,0 +1,49 @@
+"""COMMIT: the trial becomes the committed state, durably before anybody is answered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgpack
+from mesh_motion_protocol.messages import Commit as CommitRequest
+from mesh_motion_protocol.messages import Committed
+
+from mesh_motion_server.service.reports import summary_report
+from mesh_motion_server.session.ledger import Commit
+from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.session import CommitOutcome, Session
+from mesh_motion_server.session.state import Operation, State
+
+__all__ = ["check", "replies_of", "run"]
+
+
+def check(session: Session, request: CommitRequest) -> None:
+    """Step and state: the step first, so that one that is committed already is told from one without a trial."""
+    if session.state in (State.READY, State.TRIAL):
+        session.require_next_step(request.step)
+    session.admit(Operation.COMMIT)
+
+
+def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequence[RequestId]) -> list[Committed]:
+    """Commit; the replies are journaled with the state."""
+    content: dict[str, Any] = {}
+
+    def receipt(outcome: CommitOutcome) -> bytes:
+        content.update(
+            step=outcome.step,
+            durable_step=outcome.step,
+            digest=outcome.digest,
+            quality=summary_report(outcome.quality, session.mesh),
+        )
+        packed: bytes = msgpack.packb(content)
+        return packed
+
+    session.commit(request_ids, receipt)
+    return [Committed(client=request.client, sequence=request.sequence, **content) for request in requests]
+
+
+def replies_of(commit: Commit) -> list[tuple[RequestId, Committed]]:
+    """What was answered to a journaled commit, by request."""
+    content = msgpack.unpackb(commit.receipt)
+    return [(r, Committed(client=r.client, sequence=r.sequence, **content)) for r in commit.requests]

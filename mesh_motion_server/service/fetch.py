@@ -1,0 +1,38 @@
+"""FETCH: a partition's node coordinates."""
+
+from __future__ import annotations
+
+from mesh_motion_protocol.messages import Fetch, Fetched
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.service.move import FRAMES
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.state import Operation
+
+__all__ = ["answer"]
+
+
+def answer(session: Session, request: Fetch) -> Fetched:
+    """Committed or reference coordinates, in the order of the partition's upload.
+
+    Raises
+    ------
+    SessionError
+        If the mesh is not built.
+    InvalidInput
+        On an unknown ``what``.
+    """
+    session.admit(Operation.FETCH)
+    if request.what not in FRAMES:
+        raise InvalidInput(
+            f"what: expected one of {', '.join(FRAMES)}, got {request.what!r}",
+            code="INVALID_ARGUMENT.VALUE",
+            details={"what": str(request.what)},
+        )
+    points = session.mesh.scatter(session.coordinates(request.what), request.partition)
+    return Fetched(
+        client=request.client,
+        sequence=request.sequence,
+        step=session.step if request.what == "committed" else 0,
+        points=points,
+    )

@@ -1,0 +1,103 @@
+"""A collective request while it waits for the other partitions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from mesh_motion_protocol.messages import SessionMessage
+
+from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.session.replies import RequestId
+
+__all__ = ["Arrival", "Gathering", "agreement"]
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """One partition's request: who sent it, what it says, what identifies it."""
+
+    peer: bytes
+    request: SessionMessage
+    request_id: RequestId
+
+
+def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
+    """What all partitions' requests must have in common: type, and step and frame where there are any."""
+    named = ((name, getattr(request, name)) for name in ("step", "frame") if hasattr(request, name))
+    return (("type", request.type), *named)
+
+
+@dataclass
+class Gathering:
+    """The requests of one collective that have come so far.
+
+    Attributes
+    ----------
+    partitions : int
+    deadline : float
+        On the host's clock.
+    arrivals : dict
+        By partition.
+    """
+
+    partitions: int
+    deadline: float
+    arrivals: dict[int, Arrival] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> list[int]:
+        """Partitions that have not come."""
+        return [p for p in range(self.partitions) if p not in self.arrivals]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all have come."""
+        return len(self.arrivals) == self.partitions
+
+    def in_order(self) -> list[Arrival]:
+        """The arrivals by partition."""
+        return [self.arrivals[p] for p in sorted(self.arrivals)]
+
+    def repeats(self, arrival: Arrival) -> bool:
+        """Whether this request already waits here; it is then answered where it came from last.
+
+        Raises
+        ------
+        SessionError
+            ABORTED.CONFLICT if a request of the same id but other content waits.
+        """
+        waiting = self.arrivals.get(arrival.request.partition)
+        if waiting is None or _number(waiting) != _number(arrival):
+            return False
+        if waiting.request_id != arrival.request_id:
+            raise SessionError(
+                f"request {arrival.request.sequence} was already made with other content",
+                code="ABORTED.CONFLICT",
+                hint="a new request needs a new sequence number",
+            )
+        self.arrivals[arrival.request.partition] = replace(waiting, peer=arrival.peer)
+        return True
+
+    def check_agreement(self, arrival: Arrival) -> None:
+        """Raise INVALID_ARGUMENT.PARTITION unless the request asks for what the others ask for."""
+        other = next(iter(self.arrivals.values()))
+        if agreement(other.request) == agreement(arrival.request):
+            return
+        p, q = other.request.partition, arrival.request.partition
+        theirs, ours = _say(agreement(other.request)), _say(agreement(arrival.request))
+        raise InvalidInput(
+            f"the partitions ask for different things: partition {p} for {theirs}, partition {q} for {ours}",
+            code="INVALID_ARGUMENT.PARTITION",
+            hint="all partitions make the same collective request",
+            details={"partitions": [p, q], "values": [theirs, ours]},
+        )
+
+
+def _number(arrival: Arrival) -> tuple[bytes, int]:
+    return arrival.request.client, arrival.request.sequence
+
+
+def _say(agreed: tuple[tuple[str, object], ...]) -> str:
+    values: Mapping[str, object] = dict(agreed)
+    return " ".join([str(values["type"]), *(f"{name} {value}" for name, value in agreed[1:])])

@@ -1,0 +1,74 @@
+"""Who may speak for which partition: the peer that joined it last, under the current epoch."""
+
+from __future__ import annotations
+
+from mesh_motion_protocol.messages import SessionMessage
+
+from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.session.session import Session
+
+__all__ = ["Holders"]
+
+
+class Holders:
+    """The peers that joined.
+
+    Parameters
+    ----------
+    session : Session
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._peers: dict[int, bytes] = {}
+
+    def __len__(self) -> int:
+        return len(self._peers)
+
+    def check_address(self, request: SessionMessage) -> None:
+        """Session id, partition and epoch of a request.
+
+        Raises
+        ------
+        SessionError
+            NOT_FOUND for another session, ABORTED.FENCED for another epoch.
+        InvalidInput
+            For a partition that does not exist.
+        """
+        spec = self._session.spec
+        if request.session != spec.session:
+            raise SessionError(f"there is no session {request.session!r:.40} here", code="NOT_FOUND")
+        if not 0 <= request.partition < spec.partitions:
+            raise InvalidInput(
+                f"partition {request.partition} is not in 0 … {spec.partitions - 1}",
+                code="INVALID_ARGUMENT.VALUE",
+                details={"partition": request.partition, "partitions": spec.partitions},
+            )
+        if request.epoch != self._session.epoch:
+            raise SessionError(
+                f"epoch {request.epoch} is not the current one: the session was resumed by another holder",
+                code="ABORTED.FENCED",
+                details={"epoch": request.epoch},
+            )
+
+    def check_joined(self, peer: bytes, partition: int) -> None:
+        """Raise UNAUTHENTICATED unless this peer joined this partition last."""
+        if self._peers.get(partition) != peer:
+            raise SessionError(
+                f"this connection has not joined partition {partition}",
+                code="UNAUTHENTICATED",
+                hint="send JOIN with the session's token first",
+                details={"partition": partition},
+            )
+
+    def join(self, peer: bytes, partition: int) -> None:
+        """The peer speaks for the partition from now on."""
+        self._peers[partition] = peer
+
+    def leave(self, partition: int) -> None:
+        """Nobody speaks for the partition any more."""
+        self._peers.pop(partition, None)
+
+    def clear(self) -> None:
+        """Everybody has to join again."""
+        self._peers.clear()

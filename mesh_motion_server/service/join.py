@@ -1,0 +1,34 @@
+"""JOIN: a connection proves its right to the session and speaks for a partition from then on."""
+
+from __future__ import annotations
+
+from mesh_motion_protocol.messages import Join, Joined
+
+from mesh_motion_server.errors import SessionError
+from mesh_motion_server.session.session import Session
+
+__all__ = ["answer"]
+
+
+def answer(session: Session, request: Join) -> Joined:
+    """Check the token; say where the session stands and what the partition has to know.
+
+    Raises
+    ------
+    SessionError
+        NOT_FOUND for a wrong token, as for an unknown session.
+    """
+    if not session.spec.admits(request.token):
+        raise SessionError(f"there is no session {request.session!r:.40} for this token", code="NOT_FOUND")
+    session.join()
+    mesh = session.mesh if session.is_built else None
+    return Joined(
+        client=request.client,
+        sequence=request.sequence,
+        state=str(session.state),
+        step=session.step,
+        iteration=session.iteration,
+        dimension=session.spec.dimension,
+        nodes=len(mesh.node_maps[request.partition]) if mesh else 0,
+        moving_nodes=mesh.moving_local[request.partition] if mesh else None,
+    )

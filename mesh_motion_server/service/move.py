@@ -1,0 +1,92 @@
+"""MOVE: one coupling iteration; boundary displacements in, displacements of all nodes out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from mesh_motion_protocol.messages import Move, Moved
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.service.reports import correction_report, move_quality, shortened
+from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.state import Operation
+
+__all__ = ["FRAMES", "check", "run"]
+
+#: Displacements count from the committed state, or from the reference mesh.
+FRAMES = ("committed", "reference")
+
+
+def check(session: Session, request: Move) -> None:
+    """State, step, frame, shape and finiteness of one partition's displacements.
+
+    Raises
+    ------
+    SessionError
+        FAILED_PRECONDITION.STATE or .STEP.
+    InvalidInput
+        Naming the partition, its node and the value.
+    """
+    session.admit(Operation.MOVE)
+    session.require_next_step(request.step)
+    if request.frame not in FRAMES:
+        raise InvalidInput(
+            f"frame: expected one of {', '.join(FRAMES)}, got {request.frame!r}",
+            code="INVALID_ARGUMENT.VALUE",
+            details={"frame": str(request.frame)},
+        )
+    _check_rows(session, request)
+
+
+def run(session: Session, requests: Sequence[Move], request_ids: Sequence[RequestId]) -> list[Moved]:
+    """Compute the trial and give each partition its nodes' displacements."""
+    del request_ids
+    rows = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
+    outcome = session.move(requests[0].frame, rows)
+    motion = outcome.motion
+    quality, correction = move_quality(motion, session), correction_report(motion)
+    return [
+        Moved(
+            client=request.client,
+            sequence=request.sequence,
+            step=outcome.step,
+            iteration=outcome.iteration,
+            quality=quality,
+            correction=correction,
+            caches=dict(motion.caches),
+            seconds={name: float(value) for name, value in motion.seconds.items()},
+            warnings=shortened(list(motion.warnings)),
+            displacement=session.mesh.scatter(outcome.displacement, request.partition),
+            enrichment_points=np.ascontiguousarray(motion.correction.enrichment_points, dtype=np.float64),
+        )
+        for request in requests
+    ]
+
+
+def _check_rows(session: Session, request: Move) -> None:
+    """One finite row per moving node of the partition."""
+    rows, nodes = np.asarray(request.displacement), session.mesh.moving_local[request.partition]
+    expected = (len(nodes), session.spec.dimension)
+    if rows.shape != expected or rows.dtype.kind != "f":
+        raise InvalidInput(
+            f"displacement of partition {request.partition}: expected floats of shape {expected}, one row per node of "
+            f"BUILT.moving_nodes, got {rows.dtype} of shape {rows.shape}",
+            code="INVALID_ARGUMENT.SHAPE" if rows.dtype.kind == "f" else "INVALID_ARGUMENT.DTYPE",
+            details={"partition": request.partition, "expected": list(expected), "got": list(rows.shape)},
+        )
+    bad = np.argwhere(~np.isfinite(rows))
+    if len(bad):
+        row, axis = (int(i) for i in bad[0])
+        raise InvalidInput(
+            f"displacement of partition {request.partition}, row {row} (node {nodes[row]}): component {axis} is "
+            f"{rows[row, axis]}",
+            code="INVALID_ARGUMENT.NONFINITE",
+            details={
+                "partition": request.partition,
+                "row": row,
+                "node": int(nodes[row]),
+                "value": str(rows[row, axis]),
+            },
+        )

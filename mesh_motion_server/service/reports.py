@@ -1,0 +1,98 @@
+"""What replies say about quality, mesh and correction: plain values, cells in their senders' numbering."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.session import Session
+
+__all__ = ["correction_report", "mesh_report", "move_quality", "summary_report", "worst_places"]
+
+#: Longest list of warnings or patches in a reply: the header holds at most 256 items each.
+_LONGEST = 100
+
+
+def summary_report(summary: Any, mesh: MergedMesh) -> dict[str, Any]:
+    """A QualitySummary on the wire.
+
+    Parameters
+    ----------
+    summary : QualitySummary
+    mesh : MergedMesh
+        Names the worst cells by partition, type and local index.
+    """
+    report: dict[str, Any] = {
+        name: _distribution(getattr(summary, name)) for name in ("size", "skew", "size_skew", "metric")
+    }
+    report |= {"inverted": int(summary.inverted), "cells": int(summary.cells)}
+    report["worst"] = [
+        _place(mesh, cell.number)
+        | {
+            "centre": [float(x) for x in cell.centre],
+            "size": float(cell.size),
+            "skew": float(cell.skew),
+            "size_skew": float(cell.size_skew),
+            "metric": float(cell.value),
+        }
+        for cell in summary.worst[:10]
+    ]
+    return report
+
+
+def move_quality(motion: Any, session: Session) -> dict[str, Any]:
+    """Predicted quality of a Move, before and after its correction."""
+    method = session.model.method
+    return {
+        "metric": method.quality_metric,
+        "threshold": float(method.quality_threshold),
+        "standard": summary_report(motion.standard, session.mesh),
+        "corrected": summary_report(motion.corrected, session.mesh),
+    }
+
+
+def correction_report(motion: Any) -> dict[str, Any]:
+    """What the correction did."""
+    correction = motion.correction
+    return {
+        "method": str(correction.method),
+        "enrichment_points": len(correction.enrichment_points),
+        "freed_nodes": int(correction.freed_nodes),
+        "iterations": int(correction.iterations),
+        "reached": bool(motion.reached),
+    }
+
+
+def mesh_report(session: Session) -> dict[str, Any]:
+    """Counts, bounding box and warnings of a mesh that was just built."""
+    mesh = session.mesh
+    patches = list(mesh.patches.items())[:_LONGEST]
+    return {
+        "nodes": len(mesh.points),
+        "cells": {block.type.name: len(block) for block in mesh.cells},
+        "patches": {name: {"role": patch.role, "nodes": len(patch.nodes)} for name, patch in patches},
+        "moving_nodes": len(mesh.moving),
+        "box": [mesh.points.min(axis=0).tolist(), mesh.points.max(axis=0).tolist()],
+        "warnings": shortened(session.mesh_warnings()),
+    }
+
+
+def shortened(warnings: list[str]) -> list[str]:
+    """As many as a reply may hold, and how many more there are."""
+    if len(warnings) <= _LONGEST:
+        return warnings
+    return [*warnings[:_LONGEST], f"and {len(warnings) - _LONGEST} more"]
+
+
+def worst_places(cells: tuple[int, ...], mesh: MergedMesh) -> list[dict[str, Any]]:
+    """Canonical cell numbers by partition, type and local index."""
+    return [_place(mesh, cell) for cell in cells[:10]]
+
+
+def _place(mesh: MergedMesh, cell: int) -> dict[str, Any]:
+    partition, type_name, local = mesh.locate_cell(cell)
+    return {"partition": partition, "type": type_name, "cell": local}
+
+
+def _distribution(distribution: Any) -> dict[str, float]:
+    return {name: float(getattr(distribution, name)) for name in ("min", "mean", "p1", "p5", "p50")}

@@ -1,0 +1,26 @@
+"""ROLLBACK: the trial of a step, if any, is dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mesh_motion_protocol.messages import Rollback, RolledBack
+
+from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.state import Operation
+
+__all__ = ["check", "run"]
+
+
+def check(session: Session, request: Rollback) -> None:
+    """State and step."""
+    session.admit(Operation.ROLLBACK)
+    session.require_next_step(request.step)
+
+
+def run(session: Session, requests: Sequence[Rollback], request_ids: Sequence[RequestId]) -> list[RolledBack]:
+    """Drop the trial; the reply names the last committed step."""
+    del request_ids
+    session.rollback()
+    return [RolledBack(client=request.client, sequence=request.sequence, step=session.step) for request in requests]

@@ -1,0 +1,46 @@
+"""STATUS: where the session stands."""
+
+from __future__ import annotations
+
+import resource
+
+import msgpack
+from mesh_motion_protocol.messages import Status, StatusReport
+
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.state import Operation
+
+__all__ = ["answer"]
+
+
+def answer(session: Session, request: Status, waiting_for: list[int], counts: dict[str, int]) -> StatusReport:
+    """State, step, iteration and a report.
+
+    Parameters
+    ----------
+    waiting_for : list of int
+        Partitions that a collective request is still waiting for.
+    counts : dict
+        Requests answered so far, by reply type.
+    """
+    session.admit(Operation.STATUS)
+    report = {
+        "epoch": session.epoch,
+        "label": session.spec.label,
+        "replies": counts,
+        "factorizations": {"kept": len(session.factors), "bytes": session.factors.nbytes, "made": session.factors.made,
+                           "reused": session.factors.reused},
+        "peak_memory_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "upload_bytes": session.upload.nbytes,
+    }  # fmt: skip
+    if session.commits:
+        report["quality"] = msgpack.unpackb(session.commits[-1].receipt)["quality"]
+    return StatusReport(
+        client=request.client,
+        sequence=request.sequence,
+        state=str(session.state),
+        step=session.step,
+        iteration=session.iteration,
+        waiting_for=waiting_for,
+        report=report,
+    )

@@ -1,0 +1,33 @@
+"""UPLOAD: one part of a partition's mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from mesh_motion_protocol.messages import Upload, Uploaded
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.uploads import Part
+
+__all__ = ["answer"]
+
+
+def answer(session: Session, request: Upload) -> Uploaded:
+    """Append the part.
+
+    Raises
+    ------
+    InvalidInput
+        Without rows, or as :meth:`~mesh_motion_server.session.uploads.MeshUpload.add`.
+    """
+    if request.rows is None:
+        raise InvalidInput(
+            f"UPLOAD of {request.item}: the array 'rows' is required",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"item": request.item},
+        )
+    rows = np.asarray(request.rows)
+    if rows.dtype.kind in "fi":
+        rows = rows.astype(np.float64 if rows.dtype.kind == "f" else np.int64, copy=False)
+    total = session.add_part(request.partition, Part(request.item, request.name, request.role, rows))
+    return Uploaded(client=request.client, sequence=request.sequence, rows_total=total)
