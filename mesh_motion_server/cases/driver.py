@@ -1,0 +1,112 @@
+"""The seam between playing a case and the client: a session as :mod:`.play` needs it, no more.
+
+Tests put a stand-in behind :class:`Driver`; everything else talks to a server over the wire.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from mesh_motion_client import Mesh, Patch, Session, connect
+from numpy.typing import NDArray
+
+from mesh_motion_server.cases.case import Case
+from mesh_motion_server.files import MeshFile
+
+__all__ = ["Driver", "Reply", "open_session"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reply:
+    """What :mod:`.play` keeps of a MOVED.
+
+    Attributes
+    ----------
+    displacement : (n, d) array
+        Total displacement of all nodes, mesh length unit.
+    predicted, predicted_standard : float
+        Minimum of the session's quality metric, with the correction and without.
+    enrichment_points, freed_nodes : int
+    seconds : dict of str to float
+    warnings : list of str
+    """
+
+    displacement: FloatArray
+    predicted: float
+    predicted_standard: float
+    enrichment_points: int
+    freed_nodes: int
+    seconds: Mapping[str, float]
+    warnings: list[str]
+
+
+class Driver(Protocol):
+    """An open session."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings in force."""
+
+    def move(self, displacement: FloatArray) -> Reply:
+        """Move the moving nodes (ascending) to their total displacement (k, d)."""
+
+    def commit(self) -> None:
+        """Commit the step."""
+
+    def peak_memory_bytes(self) -> int:
+        """Largest memory of the processes that serve the session, as far as they tell."""
+
+
+@contextmanager
+def open_session(case: Case, mesh: MeshFile, endpoint: str | None) -> Iterator[Driver]:
+    """Open a session for a case; it is discarded at the end, since a played case is not resumed.
+
+    Parameters
+    ----------
+    case : Case
+    mesh : MeshFile
+    endpoint : str or None
+        None: a private server that ends with the session.
+    """
+    patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+    settings = case.content.method.model_dump(exclude_unset=True)
+    with connect(endpoint) as server:
+        session = server.open(Mesh(mesh.points, mesh.cells, patches), settings, label=case.path.stem)
+        with session:
+            yield _Session(session)
+            session.close("discard")
+
+
+class _Session:
+    """A client's session as a :class:`Driver`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return dict(self._session.settings)
+
+    def move(self, displacement: FloatArray) -> Reply:
+        moved = self._session.move(displacement, frame="reference")
+        return Reply(
+            displacement=moved.displacement,
+            predicted=float(moved.quality["corrected"]["metric"]["min"]),
+            predicted_standard=float(moved.quality["standard"]["metric"]["min"]),
+            enrichment_points=len(moved.enrichment_points),
+            freed_nodes=int(moved.correction.get("freed_nodes", 0)),
+            seconds=moved.seconds,
+            warnings=list(moved.warnings),
+        )
+
+    def commit(self) -> None:
+        self._session.commit()
+
+    def peak_memory_bytes(self) -> int:
+        return int(self._session.status().report.get("peak_memory_bytes", 0))

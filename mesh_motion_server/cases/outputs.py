@@ -1,0 +1,100 @@
+"""The results of a played case: a folder that receives all of them when the case has ended well, or none.
+
+``summary.json``, ``points.npy`` (final coordinates, the file's node order), ``steps.csv``, ``mesh.pvd`` with
+``mesh_0000.vtu``, … and ``quality.png``. Results of an earlier run are removed first: a folder never holds results of
+another case than the one it was last asked for.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.cases.records import StepRecord
+from mesh_motion_server.errors import ResourceError
+
+__all__ = ["RESULTS", "result_folder", "write_points", "write_steps", "write_summary"]
+
+SERIES = "mesh"
+#: What a run leaves, as patterns.
+RESULTS = ("summary.json", "points.npy", "steps.csv", f"{SERIES}.pvd", f"{SERIES}_[0-9]*.vtu", "quality.png")
+
+
+@contextmanager
+def result_folder(folder: Path) -> Iterator[Path]:
+    """A folder to write results to; what is in it appears in ``folder`` when the block ends well.
+
+    Raises
+    ------
+    ResourceError
+        If the folder cannot be made or written.
+    """
+    made = not folder.exists()
+    try:
+        remove_results(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        work = Path(mkdtemp(prefix=".play-", dir=folder))
+    except OSError as error:
+        raise ResourceError(f"{folder}: results cannot be written there: {error.strerror or error}") from None
+    try:
+        yield work
+        for result in sorted(work.iterdir()):
+            result.replace(folder / result.name)
+    except BaseException:
+        shutil.rmtree(work, ignore_errors=True)
+        if made:
+            _remove_if_empty(folder)
+        raise
+    work.rmdir()
+
+
+def remove_results(folder: Path) -> None:
+    """Remove the results of an earlier run, and nothing else."""
+    for pattern in RESULTS:
+        for file in folder.glob(pattern):
+            file.unlink()
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """summary.json; NaN and infinity are no JSON and become null."""
+    text = json.dumps(_finite(summary), indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+
+
+def write_points(folder: Path, points: NDArray[np.float64]) -> None:
+    """points.npy."""
+    np.save(folder / "points.npy", points, allow_pickle=False)
+
+
+def write_steps(folder: Path, steps: Sequence[StepRecord]) -> None:
+    """steps.csv."""
+    with (folder / "steps.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, StepRecord.columns())
+        writer.writeheader()
+        writer.writerows(step.as_dict() for step in steps)
+
+
+def _finite(value: Any) -> Any:
+    """The value with every number that JSON cannot say replaced by None."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def _remove_if_empty(folder: Path) -> None:
+    """Remove the folder if nobody has put anything into it."""
+    if not any(folder.iterdir()):
+        folder.rmdir()

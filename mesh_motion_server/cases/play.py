@@ -1,0 +1,242 @@
+"""Play a case: drive a session as a coupling code would, step by step, and keep what comes back.
+
+Each step is some coupling iterations: Moves that start from the same committed state and approach the step's final
+displacement, the way a relaxed fixed-point iteration does; the last one is committed.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server import __version__
+from mesh_motion_server.cases.case import Case, read_case
+from mesh_motion_server.cases.driver import Driver, open_session
+from mesh_motion_server.cases.motion_program import MotionProgram
+from mesh_motion_server.cases.outputs import (
+    SERIES,
+    remove_results,
+    result_folder,
+    write_points,
+    write_steps,
+    write_summary,
+)
+from mesh_motion_server.cases.picture import Snapshot, picture_is_possible, write_picture
+from mesh_motion_server.cases.records import StepRecord, add_seconds, quality_numbers
+from mesh_motion_server.files import MeshFile, VtuSeries
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+
+__all__ = ["Played", "play"]
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int, StepRecord | None], None]
+
+#: An iteration halves the distance to the step's final displacement, as relaxation by 0.5 does.
+_RELAXATION = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A case that was played to its end.
+
+    Attributes
+    ----------
+    mesh : MeshFile
+    points : (n, d) array
+        Final coordinates.
+    steps : list of StepRecord
+    warnings : list of str
+        What the server and the writers warned about, each once, in the order of first appearance.
+    summary : dict
+        The content of summary.json.
+    """
+
+    mesh: MeshFile
+    points: FloatArray
+    steps: list[StepRecord]
+    warnings: list[str]
+    summary: dict[str, Any]
+
+
+def play(
+    case_file: Path, folder: Path, *, endpoint: str | None = None, every: int = 1, progress: Progress | None = None
+) -> Played:
+    """Play a case and write its results.
+
+    Parameters
+    ----------
+    case_file : path
+    folder : path
+        Receives the results; made if it is missing.
+    endpoint : str, optional
+        A running server; without one a private server is started and stopped again.
+    every : int
+        Write every so many steps to the VTU series; the last one always.
+    progress : callable, optional
+        Called with the steps done, the number of steps and the record of the step just done.
+
+    Raises
+    ------
+    InvalidInput
+        If the case, its mesh or its tables do not fit.
+    MeshMotionError
+        If the server refuses a step. The folder then holds no results.
+    """
+    if folder.is_dir():
+        remove_results(folder)
+    case = read_case(case_file)
+    mesh = case.read_mesh()
+    program = MotionProgram.of(case, mesh)
+    with result_folder(folder) as work, open_session(case, mesh, endpoint) as driver:
+        run = _Run(case, mesh, program, driver, VtuSeries(work, SERIES), every)
+        for step in run.steps():
+            if progress is not None:
+                progress(step.step, program.count, step)
+        played = run.result()
+        write_summary(work, played.summary)
+        write_steps(work, played.steps)
+        write_points(work, played.points)
+        if picture_is_possible():
+            write_picture(work / "quality.png", _title(case_file), run.reference, run.worst, played.steps)
+    return played
+
+
+class _Run:
+    """The state of a case being played.
+
+    Attributes
+    ----------
+    reference, worst : Snapshot
+        The mesh at opening, and after the step that left the lowest minimum size-skew.
+    """
+
+    def __init__(
+        self, case: Case, mesh: MeshFile, program: MotionProgram, driver: Driver, series: VtuSeries, every: int
+    ) -> None:
+        self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
+        self._series, self._every = series, every
+        self._cells = mesh.cell_table
+        self._sizes = reference_sizes(mesh.points, self._cells)
+        roles = BoundaryRoles.from_patches(
+            {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+        )
+        self._fixed = roles.fixed
+        self._points = mesh.points
+        self._quality = cell_quality(mesh.points, self._cells, self._sizes)
+        self.reference = self.worst = self._snapshot(0)
+        self._records: list[StepRecord] = []
+        self._warnings: list[str] = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
+        self._begin = time.perf_counter()
+        self._write(0)
+
+    def _snapshot(self, step: int) -> Snapshot:
+        """The mesh as it is now."""
+        return Snapshot(step, self._points, self._cells, self._quality.metric("size-skew"), self._program.nodes)
+
+    def steps(self) -> Iterator[StepRecord]:
+        """Play all steps."""
+        for step in range(1, self._program.count + 1):
+            self._records.append(self._step(step))
+            if step == 1 or self._records[-1].min_size_skew < float(self.worst.quality.min()):
+                self.worst = self._snapshot(step)
+            if step % self._every == 0 or step == self._program.count:
+                self._write(step)
+            yield self._records[-1]
+
+    def _step(self, step: int) -> StepRecord:
+        """Iterate one step and commit it."""
+        before, target = self._program.displacement(step - 1), self._program.displacement(step)
+        iterations = self._case.content.steps.iterations
+        begin = time.perf_counter()
+        seconds: dict[str, float] = {}
+        for iteration in range(1, iterations + 1):
+            fraction = 1.0 if iteration == iterations else 1.0 - (1.0 - _RELAXATION) ** iteration
+            wanted = target if fraction == 1.0 else before + fraction * (target - before)
+            moved = self._driver.move(wanted)
+            seconds = add_seconds(seconds, moved.seconds)
+        self._driver.commit()
+        elapsed = time.perf_counter() - begin
+        self._warnings += [w for w in moved.warnings if w not in self._warnings]
+        self._points = self._mesh.points + moved.displacement
+        self._quality = cell_quality(self._points, self._cells, self._sizes)
+        return StepRecord(
+            step=step,
+            **quality_numbers(self._quality),
+            predicted_min=moved.predicted,
+            predicted_standard=moved.predicted_standard,
+            enrichment_points=moved.enrichment_points,
+            freed_nodes=moved.freed_nodes,
+            iterations=iterations,
+            boundary_error=self._boundary_error(target),
+            seconds=elapsed,
+            seconds_solve=seconds["solve"],
+            seconds_predict=seconds["predict"],
+            seconds_correct=seconds["correct"],
+            seconds_displace=seconds["displace"],
+        )
+
+    def _boundary_error(self, target: FloatArray) -> float:
+        """Largest distance of a moving or fixed node from where it was told to be."""
+        moving = self._points[self._program.nodes] - (self._mesh.points[self._program.nodes] + target)
+        fixed = self._points[self._fixed] - self._mesh.points[self._fixed]
+        return float(np.sqrt((np.concatenate([moving, fixed]) ** 2).sum(axis=1)).max())
+
+    def _write(self, step: int) -> None:
+        """Add the mesh as it is now to the series."""
+        quality = {name.replace("-", "_"): self._quality.metric(name) for name in ("size", "skew", "size-skew")}
+        displacement = {"displacement": self._points - self._mesh.points}
+        self._series.write(float(step), self._points, self._cells, point_data=displacement, cell_data=quality)
+
+    def result(self) -> Played:
+        """What the case has come to."""
+        if not picture_is_possible():
+            self._warnings.append("no quality.png without matplotlib: pip install 'mesh-motion-server[plot]'")
+        records = self._records
+        worst = min(records, key=lambda record: record.min_size_skew)
+        summary = {
+            "case": str(self._case.path),
+            "version": __version__,
+            "method": self._driver.settings,
+            "mesh": {
+                "nodes": len(self._mesh.points),
+                "dimension": self._mesh.dimension,
+                "cells": {block.type.name: len(block) for block in self._cells},
+                "patches": {name: len(nodes) for name, nodes in self._mesh.patches.items()},
+                "moving_nodes": len(self._program.nodes),
+                "reference": _plain(self.reference.quality),
+            },
+            "worst_step": worst.step,
+            "min_size_skew": worst.min_size_skew,
+            "inverted_cells": max(record.inverted_cells for record in records),
+            "boundary_error": max(record.boundary_error for record in records),
+            "peak_memory_bytes": _own_peak_memory() + self._driver.peak_memory_bytes(),
+            "seconds": time.perf_counter() - self._begin,
+            "warnings": self._warnings,
+            "steps": [record.as_dict() for record in records],
+        }
+        return Played(self._mesh, self._points, records, self._warnings, summary)
+
+
+def _title(case_file: Path) -> str:
+    """The folder's name for a case.toml, the file's name for any other."""
+    return case_file.resolve().parent.name if case_file.stem == "case" else case_file.stem
+
+
+def _plain(quality: FloatArray) -> dict[str, float]:
+    """Minimum and mean size-skew."""
+    return {"min_size_skew": float(quality.min()), "mean_size_skew": float(quality.mean())}
+
+
+def _own_peak_memory() -> int:
+    """Largest resident size of this process so far, bytes; Linux counts in KiB, macOS in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

@@ -1,0 +1,90 @@
+"""What each step of a played case has to say, computed from coordinates or told by the server."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.metrics import CellQuality
+
+__all__ = ["PHASES", "StepRecord", "quality_numbers"]
+
+FloatArray = NDArray[np.float64]
+
+#: The phases of a motion whose seconds the server reports.
+PHASES = ("solve", "predict", "correct", "displace")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRecord:
+    """One committed step; the fields are the keys of summary.json's ``steps`` and the columns of steps.csv.
+
+    Attributes
+    ----------
+    step : int
+    min_size, min_skew, min_size_skew, mean_size_skew : float
+        Of the mesh after the step, computed from its coordinates; size against the mesh at opening.
+    inverted_cells : int
+    predicted_min : float
+        The server's prediction of the case's quality metric for the motion it made, before any node moved.
+    predicted_standard : float
+        Its prediction for the plain motion, without correction.
+    enrichment_points, freed_nodes : int
+        What the correction used.
+    iterations : int
+        Coupling iterations.
+    boundary_error : float
+        Largest distance between a moving or fixed node and where it was told to be, mesh length unit.
+    seconds : float
+        Wall time of the step as the driver sees it: all iterations, the wire and the commit.
+    seconds_solve, seconds_predict, seconds_correct, seconds_displace : float
+        The server's phases, all iterations together.
+    """
+
+    step: int
+    min_size: float
+    min_skew: float
+    min_size_skew: float
+    mean_size_skew: float
+    inverted_cells: int
+    predicted_min: float
+    predicted_standard: float
+    enrichment_points: int
+    freed_nodes: int
+    iterations: int
+    boundary_error: float
+    seconds: float
+    seconds_solve: float
+    seconds_predict: float
+    seconds_correct: float
+    seconds_displace: float
+
+    @classmethod
+    def columns(cls) -> tuple[str, ...]:
+        """Names of the fields, in order."""
+        return tuple(f.name for f in fields(cls))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values by name."""
+        return asdict(self)
+
+
+def quality_numbers(quality: CellQuality) -> dict[str, Any]:
+    """The quality fields of a :class:`StepRecord`."""
+    size_skew = quality.metric("size-skew")
+    return {
+        "min_size": float(quality.size.min()),
+        "min_skew": float(quality.skew.min()),
+        "min_size_skew": float(size_skew.min()),
+        "mean_size_skew": float(size_skew.mean()),
+        "inverted_cells": int(quality.inverted.sum()),
+    }
+
+
+def add_seconds(total: Mapping[str, float], more: Mapping[str, float]) -> dict[str, float]:
+    """The seconds of each phase of two motions together."""
+    return {phase: float(total.get(phase, 0.0)) + float(more.get(phase, 0.0)) for phase in PHASES}
