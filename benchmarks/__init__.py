@@ -1,0 +1,1 @@
+"""Measurements of the mesh-motion server against other systems; development only, never installed."""

@@ -1,0 +1,119 @@
+"""The run itself: every case, every system, one after the other, and what came of each as plain records."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.peers.judge import Judge, Verdict
+from benchmarks.peers.measurement import Measurement, SystemFailure
+from benchmarks.peers.meshes import load_or_build
+from benchmarks.peers.motions import MOTIONS
+from benchmarks.peers.systems import SYSTEMS
+from benchmarks.peers.task import Task, step_file
+
+__all__ = ["CASES", "BenchmarkCase", "Outcome", "compare"]
+
+
+@dataclass(frozen=True)
+class BenchmarkCase:
+    """A mesh and a motion in a number of steps; written ``M1-T1-20``."""
+
+    mesh: str
+    motion: str
+    steps: int
+
+    @property
+    def name(self) -> str:
+        """``mesh-motion-steps``."""
+        return f"{self.mesh}-{self.motion}-{self.steps}"
+
+    def task(self, meshes: Path) -> Task:
+        """Build it; meshes are kept in the folder."""
+        mesh = load_or_build(self.mesh, meshes)
+        displacements = MOTIONS[self.motion].displacements(mesh.points[mesh.moving], self.steps)
+        return Task(mesh.points, mesh.cells, mesh.moving, mesh.fixed, displacements)
+
+
+CASES: dict[str, BenchmarkCase] = {
+    case.name: case
+    for case in (
+        BenchmarkCase("M1", "T1", 1),
+        BenchmarkCase("M1", "T1", 20),
+        BenchmarkCase("M2", "T1", 1),
+        BenchmarkCase("M2", "T1", 20),
+        BenchmarkCase("M3", "T3", 1),
+        BenchmarkCase("M3", "T3", 10),
+        BenchmarkCase("H1", "T3", 1),
+        BenchmarkCase("H1", "T3", 10),
+        BenchmarkCase("M4", "T3", 1),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one system on one case.
+
+    Attributes
+    ----------
+    case, system : str
+    measurement : Measurement or None
+        Of the run with the shortest steps.
+    verdict : Verdict or None
+    note : str
+        Why there are none: not installed, or what it failed with.
+    load : float
+        Load average of the machine before the run: above the run's own threads, times are inflated.
+    """
+
+    case: str
+    system: str
+    measurement: Measurement | None
+    verdict: Verdict | None
+    note: str
+    load: float
+
+    def as_dict(self) -> dict[str, object]:
+        """As plain values."""
+        return asdict(self)
+
+
+def compare(cases: Sequence[str], systems: Sequence[str], out: Path, *, threads: int, repeat: int) -> Iterator[Outcome]:
+    """Measure the systems on the cases, in a fixed order; each outcome as soon as it is there."""
+    missing = {name: SYSTEMS[name].missing() for name in systems}
+    for case_name in cases:
+        task = CASES[case_name].task(out / "meshes")
+        judge = Judge(task)
+        for name in systems:
+            load = os.getloadavg()[0]
+            if reason := missing[name]:
+                yield Outcome(case_name, name, None, None, reason, load)
+                continue
+            try:
+                measurement, verdict = _best_of(repeat, name, judge, out / "runs" / case_name / name, threads)
+                yield Outcome(case_name, name, measurement, verdict, "", load)
+            except SystemFailure as failure:
+                yield Outcome(case_name, name, None, None, f"failed: {failure}", load)
+
+
+def _best_of(repeat: int, system: str, judge: Judge, folder: Path, threads: int) -> tuple[Measurement, Verdict]:
+    """The run with the shortest steps, and its verdict; the positions are deleted, logs stay."""
+    best = None
+    for _ in range(repeat):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        measurement = SYSTEMS[system].move(judge.task, folder, threads)
+        verdict = judge.verdict(np.load(step_file(folder, step)) for step in range(judge.task.steps))
+        if best is None or sum(measurement.step_seconds) < sum(best[0].step_seconds):
+            best = measurement, verdict
+        for path in (*folder.glob("step_*.npy"), *folder.glob("task.npz")):
+            path.unlink()
+        shutil.rmtree(folder / "case", ignore_errors=True)
+    assert best is not None
+    return best

@@ -1,0 +1,94 @@
+"""One judge for all: the quality of the positions that a system left, by the server's own metric.
+
+Size is relative to the reference mesh, size-skew is √size · skew with the sign of size. A step counts as inverted where
+any corner determinant of a cell is not positive. The boundary error says whether a system moved the boundary as told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.task import Task
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+
+__all__ = ["Judge", "Verdict"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Quality after a motion.
+
+    Attributes
+    ----------
+    min_size_skew, mean_size_skew : float
+        At the end.
+    min_size, min_skew : float
+        At the end.
+    inverted : int
+        Inverted cells at the end.
+    most_inverted : int
+        Inverted cells in the worst step.
+    boundary_error : float
+        Largest distance, in any step, of a boundary node from where it was told to be; mesh length unit.
+    """
+
+    min_size_skew: float
+    mean_size_skew: float
+    min_size: float
+    min_skew: float
+    inverted: int
+    most_inverted: int
+    boundary_error: float
+
+    def as_dict(self) -> dict[str, float]:
+        """As plain values."""
+        return asdict(self)
+
+
+class Judge:
+    """Judges the positions after each step of one task."""
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.cells = CellTable.from_arrays(task.cells)
+        self.reference = reference_sizes(task.points, self.cells)
+
+    def verdict(self, steps: Iterable[Floats]) -> Verdict:
+        """Judge positions (n, d) after every step of the task, in order.
+
+        Raises
+        ------
+        ValueError
+            If there are more or fewer than the task's steps, or positions of another shape.
+        """
+        inverted, errors, quality = [], [], None
+        for step, positions in enumerate(steps):
+            if positions.shape != self.task.points.shape:
+                raise ValueError(f"step {step + 1}: expected positions {self.task.points.shape}, got {positions.shape}")
+            quality = cell_quality(positions, self.cells, self.reference)
+            inverted.append(int(quality.inverted.sum()))
+            errors.append(self._boundary_error(positions, step))
+        if quality is None or len(inverted) != self.task.steps:
+            raise ValueError(f"expected the positions after {self.task.steps} steps, got {len(inverted)}")
+        size_skew = quality.metric("size-skew")
+        return Verdict(
+            min_size_skew=float(size_skew.min()),
+            mean_size_skew=float(size_skew.mean()),
+            min_size=float(quality.size.min()),
+            min_skew=float(quality.skew.min()),
+            inverted=inverted[-1],
+            most_inverted=max(inverted),
+            boundary_error=max(errors),
+        )
+
+    def _boundary_error(self, positions: Floats, step: int) -> float:
+        moving = positions[self.task.moving] - self.task.targets(step)
+        fixed = positions[self.task.fixed] - self.task.points[self.task.fixed]
+        return float(np.linalg.norm(np.concatenate([moving, fixed]), axis=1).max())

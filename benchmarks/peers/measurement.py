@@ -1,0 +1,78 @@
+"""What is measured of a system: seconds, memory, and the positions it left."""
+
+from __future__ import annotations
+
+import json
+import re
+import statistics
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+__all__ = ["Measurement", "SystemFailure", "cpu_seconds", "peak_memory"]
+
+
+class SystemFailure(Exception):
+    """A system did not bring a motion to its end; the message is one line of its own words."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Cost of one motion.
+
+    Attributes
+    ----------
+    setup_seconds : float
+        From the mesh in memory or on disk to being ready for the first step.
+    step_seconds : list of float
+        Wall time of each step: from the boundary's displacement to positions of all nodes.
+    cpu_seconds : list of float
+        Processor time of each step, all threads: nearly independent of what else the machine does.
+    peak_bytes : int
+        Largest resident set of the process, libraries and mesh included.
+    """
+
+    setup_seconds: float
+    step_seconds: list[float]
+    cpu_seconds: list[float]
+    peak_bytes: int
+
+    @property
+    def step(self) -> float:
+        """Median wall time of a step, seconds."""
+        return statistics.median(self.step_seconds)
+
+    @property
+    def step_cpu(self) -> float:
+        """Median processor time of a step, seconds."""
+        return statistics.median(self.cpu_seconds)
+
+    def save(self, folder: Path) -> None:
+        """Write ``folder/measurement.json``."""
+        (folder / "measurement.json").write_text(json.dumps(asdict(self)), encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Measurement:
+        """Read what :meth:`save` wrote."""
+        return cls(**json.loads((folder / "measurement.json").read_text(encoding="utf-8")))
+
+
+def peak_memory(process: int | str = "self") -> int:
+    """Largest resident set so far, bytes; 0 if the process has gone or the platform does not say.
+
+    The kernel's high-water mark of this address space: a parent's memory before ``exec`` does not count, as it does in
+    ``getrusage``.
+    """
+    try:
+        status = Path(f"/proc/{process}/status").read_text(encoding="ascii")
+    except OSError:
+        return 0
+    found = re.search(r"VmHWM:\s*(\d+) kB", status)
+    return int(found.group(1)) * 1024 if found else 0
+
+
+def cpu_seconds(process: int) -> float:
+    """Processor time that another process of one thread has used so far; 0 if it has gone."""
+    try:
+        return int(Path(f"/proc/{process}/schedstat").read_text(encoding="ascii").split()[0]) * 1e-9
+    except OSError:
+        return 0.0

@@ -1,0 +1,22 @@
+"""The one calling convention of all movers."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.task import Task
+
+__all__ = ["Mover"]
+
+
+class Mover(Protocol):
+    """Construction is the set-up; steps are asked for in order, once each."""
+
+    def __init__(self, task: Task, **options: str) -> None: ...
+
+    def move(self, step: int) -> NDArray[np.float64]:
+        """Positions (n, d) of all nodes after a step, counted from 0."""
+        ...

@@ -1,0 +1,44 @@
+"""The mesh-motion server's own numerics, in process: what a Move costs without the wire.
+
+Every step is committed, so a relative displacement starts from the last one. Compiled kernels are loaded before the
+clock starts, as in a server that has been started.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.movers.small_task import small_task
+from benchmarks.peers.task import Task
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import Patch
+
+__all__ = ["MotionModelMover"]
+
+Floats = NDArray[np.float64]
+
+
+class MotionModelMover:
+    """A model and its committed positions; the options are fields of :class:`Method`."""
+
+    def __init__(self, task: Task, **options: Any) -> None:
+        patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
+        self.task = task
+        self.model = MotionModel.build(task.points, CellTable.from_arrays(task.cells), patches, Method(**options))
+        self.committed = task.points
+
+    def move(self, step: int) -> Floats:
+        """Positions after a step, committed."""
+        self.committed = self.model.move(self.committed, self.task.targets(step)).points
+        return self.committed
+
+    @classmethod
+    def prepare(cls, task: Task, options: Mapping[str, Any]) -> None:
+        """Load or compile every kernel: move a small mesh of the same cells hard enough to be corrected."""
+        cls(small := small_task(task), **{**options, "allow_invalid": True}).move(small.steps - 1)

@@ -1,0 +1,156 @@
+"""The systems that are compared: how each is started, and whether it can be here."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from benchmarks.peers.measurement import Measurement, SystemFailure
+from benchmarks.peers.openfoam import run as openfoam
+from benchmarks.peers.openfoam.case import Settings
+from benchmarks.peers.task import Task
+
+__all__ = ["SYSTEMS", "OpenFoamSystem", "PythonSystem", "System", "kratos_python"]
+
+_ROOT = Path(__file__).parents[2]
+#: Longest time for one motion; a system that takes longer is reported as failed.
+_TIMEOUT = 3600
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class System(Protocol):
+    """Something that moves a mesh."""
+
+    @property
+    def label(self) -> str:
+        """Its name in the table."""
+        ...
+
+    def missing(self) -> str | None:
+        """Why it cannot run here, or None."""
+        ...
+
+    def move(self, task: Task, folder: Path, threads: int) -> Measurement:
+        """Move the mesh; positions after each step go to files in ``folder``. Raises SystemFailure."""
+        ...
+
+
+def kratos_python() -> str:
+    """The interpreter that has Kratos: $KRATOS_PYTHON, else this one."""
+    return os.environ.get("KRATOS_PYTHON", sys.executable)
+
+
+@dataclass(frozen=True)
+class PythonSystem:
+    """A mover in a worker process of its own.
+
+    Attributes
+    ----------
+    label : str
+    place : str
+        ``module:Class`` in :mod:`benchmarks.peers.movers`.
+    options : dict
+        The mover's keyword arguments.
+    needs : str
+        The module without which it cannot run; asked of the interpreter that will run it.
+    kratos : bool
+        Whether it runs in :func:`kratos_python`.
+    """
+
+    label: str
+    place: str
+    options: dict[str, str] = field(default_factory=dict)
+    needs: str = "numpy"
+    kratos: bool = False
+
+    @property
+    def interpreter(self) -> str:
+        """The Python that runs it."""
+        return kratos_python() if self.kratos else sys.executable
+
+    def missing(self) -> str | None:
+        """As :meth:`System.missing`."""
+        code = f"import importlib.util as u, sys; sys.exit(u.find_spec({self.needs!r}) is None)"
+        try:
+            found = subprocess.run([self.interpreter, "-c", code], check=False, capture_output=True).returncode == 0
+        except OSError:
+            found = False
+        return None if found else f"not installed: no module {self.needs} in {self.interpreter}"
+
+    def move(self, task: Task, folder: Path, threads: int) -> Measurement:
+        """As :meth:`System.move`."""
+        task.save(folder / "task.npz")
+        place = f"benchmarks.peers.movers.{self.place}"
+        arguments = [place, json.dumps(self.options), str(folder / "task.npz"), str(folder)]
+        with (folder / "log.worker").open("w", encoding="utf-8") as log:
+            try:
+                code = subprocess.run(
+                    [self.interpreter, "-m", "benchmarks.peers.worker", *arguments],
+                    check=False,
+                    cwd=_ROOT,
+                    env={**os.environ, **dict.fromkeys(_THREAD_VARIABLES, str(threads))},
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    timeout=_TIMEOUT,
+                ).returncode
+            except subprocess.TimeoutExpired:
+                raise SystemFailure(f"took longer than {_TIMEOUT} s") from None
+        if code:
+            raise SystemFailure(_last_line(folder / "log.worker") or f"ended with code {code}")
+        return Measurement.load(folder)
+
+
+@dataclass(frozen=True)
+class OpenFoamSystem:
+    """OpenFOAM's displacementLaplacian with a diffusivity that falls with the squared distance; one process.
+
+    Attributes
+    ----------
+    label : str
+    settings : Settings
+    """
+
+    label: str
+    settings: Settings
+
+    def missing(self) -> str | None:
+        """As :meth:`System.missing`."""
+        return openfoam.missing()
+
+    def move(self, task: Task, folder: Path, threads: int) -> Measurement:
+        """As :meth:`System.move`; moveDynamicMesh has one thread, whatever ``threads`` says."""
+        del threads
+        return openfoam.move_mesh(task, folder, self.settings)
+
+
+def _last_line(log: Path) -> str:
+    """The last words of a process, shortened."""
+    lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    return lines[-1][:200] if lines else ""
+
+
+_KRATOS = "KratosMultiphysics.MeshMovingApplication"
+
+SYSTEMS: dict[str, System] = {
+    "dense-rbf": PythonSystem("dense RBF in numpy, all centres", "dense_rbf:DenseRBF"),
+    "openfoam": OpenFoamSystem("OpenFOAM displacementLaplacian, tolerance 1e-5", Settings(tolerance="usual")),
+    "openfoam-converged": OpenFoamSystem("OpenFOAM displacementLaplacian, converged", Settings()),
+    "openfoam-uncorrected": OpenFoamSystem(
+        "OpenFOAM displacementLaplacian, converged, uncorrected", Settings(laplacian="uncorrected")
+    ),
+    "kratos-laplacian": PythonSystem(
+        "Kratos laplacian", "kratos:KratosMover", {"solver": "laplacian"}, needs=_KRATOS, kratos=True
+    ),
+    "kratos-similarity": PythonSystem(
+        "Kratos structural_similarity",
+        "kratos:KratosMover",
+        {"solver": "structural_similarity"},
+        needs=_KRATOS,
+        kratos=True,
+    ),
+}

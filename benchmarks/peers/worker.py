@@ -1,0 +1,49 @@
+"""Measures one mover in this process: ``python -m benchmarks.peers.worker MODULE:CLASS OPTIONS TASK.npz FOLDER``.
+
+Needs numpy and what the mover needs, nothing else. OPTIONS is a JSON object of the mover's keyword arguments.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.peers.measurement import Measurement, peak_memory
+from benchmarks.peers.movers.mover import Mover
+from benchmarks.peers.task import Task, step_file
+
+__all__ = ["measure"]
+
+
+def measure(kind: type[Mover], options: dict[str, str], task: Task, folder: Path) -> Measurement:
+    """Build the mover, ask for every step, leave the positions in ``folder``."""
+    if prepare := getattr(kind, "prepare", None):  # compiled kernels are loaded once in a server's life
+        prepare(task, options)
+    start = time.perf_counter()
+    mover = kind(task, **options)
+    setup = time.perf_counter() - start
+    seconds, processor = [], []
+    for step in range(task.steps):
+        start, used = time.perf_counter(), time.process_time()
+        positions = mover.move(step)
+        seconds.append(time.perf_counter() - start)
+        processor.append(time.process_time() - used)
+        np.save(step_file(folder, step), positions)
+    return Measurement(setup, seconds, processor, peak_memory())
+
+
+def main(arguments: list[str]) -> None:
+    """The command line of the module's docstring."""
+    place, options, task, folder = arguments
+    module, name = place.split(":")
+    kind = getattr(importlib.import_module(module), name)
+    measure(kind, json.loads(options), Task.load(Path(task)), Path(folder)).save(Path(folder))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,62 @@
+"""The judge on motions whose quality is known, and its protection against systems that cheat."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.peers.judge import Judge
+from benchmarks.peers.task import Task
+
+#: A square of two triangles around its centre node… four triangles; node 4 is the centre, node 0 moves.
+POINTS = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]])
+CELLS = {"triangle": np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])}
+
+
+def task(*displacements: tuple[float, float]) -> Task:
+    moves = np.array(displacements, dtype=float).reshape(-1, 1, 2)
+    return Task(POINTS, CELLS, np.array([0]), np.array([1, 2, 3]), moves)
+
+
+def positions(centre: tuple[float, float], corner: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    moved = POINTS.copy()
+    moved[4], moved[0] = centre, corner
+    return moved
+
+
+def test_a_mesh_at_rest_has_size_one_and_the_skew_of_its_triangles() -> None:
+    verdict = Judge(task((0, 0))).verdict([POINTS])
+    # right isosceles triangles: mean ratio 2√3 area·2 / Σ edge² = √3/2
+    assert verdict.min_size == pytest.approx(1)
+    assert verdict.min_size_skew == pytest.approx(3**0.5 / 2)
+    assert verdict.mean_size_skew == pytest.approx(3**0.5 / 2)
+    assert (verdict.inverted, verdict.most_inverted, verdict.boundary_error) == (0, 0, 0)
+
+
+def test_a_halved_cell_has_size_one_half() -> None:
+    verdict = Judge(task((0, 0))).verdict([positions((0.5, 0.25))])
+    assert verdict.min_size == pytest.approx(0.5)
+
+
+def test_inverted_cells_are_counted_in_every_step() -> None:
+    steps = [positions((0.5, -0.25)), positions((0.5, 0.5))]
+    verdict = Judge(task((0, 0), (0, 0))).verdict(steps)
+    assert (verdict.inverted, verdict.most_inverted) == (0, 1)
+    assert Judge(task((0, 0))).verdict(steps[:1]).min_size_skew < 0
+
+
+def test_a_boundary_that_is_not_where_it_was_told_shows() -> None:
+    asked = task((-0.1, 0.0))
+    assert Judge(asked).verdict([positions((0.5, 0.5), (-0.1, 0.0))]).boundary_error == 0
+    assert Judge(asked).verdict([POINTS]).boundary_error == pytest.approx(0.1)
+    drifted = positions((0.5, 0.5), (-0.1, 0.0))
+    drifted[2] += (0.0, 0.03)
+    assert Judge(asked).verdict([drifted]).boundary_error == pytest.approx(0.03)
+
+
+def test_missing_steps_and_wrong_shapes_are_refused() -> None:
+    judge = Judge(task((0, 0), (0, 0)))
+    with pytest.raises(ValueError, match="after 2 steps, got 1"):
+        judge.verdict([POINTS])
+    with pytest.raises(ValueError, match="expected positions"):
+        judge.verdict([POINTS[:3]])

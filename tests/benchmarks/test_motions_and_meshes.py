@@ -1,0 +1,79 @@
+"""The meshes and motions are what the tables say they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.peers.comparison import CASES
+from benchmarks.peers.judge import Judge
+from benchmarks.peers.meshes import load_or_build
+from benchmarks.peers.motions import MOTIONS
+from benchmarks.peers.task import Task
+from mesh_motion_server.numerics.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.metrics import reference_sizes
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("meshes")
+
+
+@pytest.mark.parametrize(("name", "volume"), [("M1", 1 - 0.2 * 0.04), ("H1", 1 - 0.4 * 0.06 * 0.2)])
+def test_a_mesh_fills_the_box_around_the_body(folder: Path, name: str, volume: float) -> None:
+    mesh = load_or_build(name, folder)
+    cells = CellTable.from_arrays(mesh.cells)
+    sizes = reference_sizes(mesh.points, cells)
+    assert (sizes > 0).all()
+    assert sizes.sum() * cells.blocks[0].type.size_factor == pytest.approx(volume, rel=1e-12)
+    assert not np.intersect1d(mesh.moving, mesh.fixed).size
+    assert (np.union1d(mesh.moving, mesh.fixed) == boundary_nodes(cells)).all()
+
+
+def test_a_mesh_is_read_back_as_it_was_built(folder: Path) -> None:
+    first, second = load_or_build("M1", folder), load_or_build("M1", folder)
+    assert (first.points == second.points).all()
+    assert (first.cells["triangle"] == second.cells["triangle"]).all()
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_body_stays_rigid_in_every_step_and_arrives(name: str) -> None:
+    motion = MOTIONS[name]
+    d = len(motion.centre)
+    points = np.random.default_rng(3).random((6, d))
+    steps = motion.displacements(points, 7)
+    assert steps.shape == (7, 6, d)
+    np.testing.assert_allclose(steps[-1], motion.displacements(points, 1)[0], atol=1e-15)
+    for displacement in steps:
+        moved = points + displacement
+        np.testing.assert_allclose(
+            np.linalg.norm(moved[1:] - moved[0], axis=1), np.linalg.norm(points[1:] - points[0], axis=1)
+        )
+
+
+def test_t1_turns_the_centre_line_by_sixty_degrees() -> None:
+    x = np.array([[0.5, 0.5], [0.6, 0.5]])
+    moved = x + MOTIONS["T1"].displacements(x, 1)[0]
+    np.testing.assert_allclose(moved[0], [0.3, 0.3])
+    np.testing.assert_allclose(moved[1] - moved[0], 0.1 * np.array([0.5, 3**0.5 / 2]), atol=1e-15)
+
+
+def test_a_case_is_named_after_what_it_is(folder: Path) -> None:
+    task = CASES["M1-T1-20"].task(folder)
+    assert task.steps == 20
+    judge = Judge(task)
+    assert judge.verdict([task.points] * 20).boundary_error == pytest.approx(
+        np.linalg.norm(task.displacements, axis=2).max()
+    )
+
+
+def test_a_task_survives_its_file(folder: Path, tmp_path: Path) -> None:
+    task = CASES["M1-T1-20"].task(folder)
+    task.save(tmp_path / "task.npz")
+    again = Task.load(tmp_path / "task.npz")
+    assert again.cells.keys() == task.cells.keys()
+    for name in ("points", "moving", "fixed", "displacements"):
+        assert (getattr(again, name) == getattr(task, name)).all()
