@@ -13,56 +13,24 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
-import numpy as np
-from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import Close, Join, Message, Ping, Pong, SessionMessage, Status
 
-from mesh_motion_server.errors import MeshMotionError, SessionError
-from mesh_motion_server.service import build, close, commit, fetch, join, move, rollback, status, upload
-from mesh_motion_server.service.commands import Collective, Single
+from mesh_motion_server.errors import SessionError
+from mesh_motion_server.service import close, join, status
+from mesh_motion_server.service.envelope import Envelope
+from mesh_motion_server.service.execution import Execution
 from mesh_motion_server.service.failures import error_reply, known_error
-from mesh_motion_server.service.gathering import Arrival, Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session.model import ModelBuilder, build_motion_model, check_basis
-from mesh_motion_server.session.replies import ReplyTable, RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings, check_durability
 
-__all__ = ["COMMANDS", "Envelope", "SessionHost", "SessionSpec"]
-
-#: Request type → command. JOIN, STATUS and CLOSE need more than the session and are dispatched apart.
-COMMANDS: dict[str, Single | Collective] = {
-    "UPLOAD": Single(upload.answer, executes_once=True),
-    "FETCH": Single(fetch.answer, executes_once=False),
-    "BUILD": Collective(build.check, build.run),
-    "MOVE": Collective(move.check, move.run),
-    "COMMIT": Collective(commit.check, commit.run),
-    "ROLLBACK": Collective(rollback.check, rollback.run),
-}
-
-#: What a stored reply takes beside its arrays.
-_HEADER_BYTES = 4096
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """A message and the peer it came from or goes to.
-
-    Attributes
-    ----------
-    peer : bytes
-        Whatever transport identifies a connection by; opaque here.
-    message : Message
-    """
-
-    peer: bytes
-    message: Message
+__all__ = ["Envelope", "SessionHost", "SessionSpec"]
 
 
 class SessionHost:
@@ -87,17 +55,11 @@ class SessionHost:
     ) -> None:
         self._session = session
         self._store = store
-        self._limits = limits
-        self._clock = clock
         self._holders = Holders(session)
-        self._stored: ReplyTable[Message] = ReplyTable(limits.stored_replies, limits.stored_reply_bytes)
-        self._gathering: Gathering | None = None
+        self._execution = Execution(session, limits=limits, clock=clock)
         self._counts: Counter[str] = Counter()
         self._discard = False
         self.closed = False
-        for entry in session.commits:
-            for request_id, reply in commit.replies_of(entry):
-                self._stored.store(request_id, reply, _nbytes(reply))
 
     @classmethod
     def create(
@@ -193,7 +155,7 @@ class SessionHost:
     @property
     def next_deadline(self) -> float | None:
         """When :meth:`expire` will have something to do, on the clock."""
-        return self._gathering.deadline if self._gathering else None
+        return self._execution.deadline
 
     # --- what it does ----------------------------------------------------------------------------------------------
 
@@ -202,25 +164,14 @@ class SessionHost:
         try:
             replies = self._handle(envelope)
         except Exception as error:
-            replies = [self._refusal(envelope.peer, envelope.message, known_error(error))]
+            refusal = error_reply(envelope.message, known_error(error), self._session)
+            replies = [Envelope(envelope.peer, refusal)]
         self._counts.update(reply.message.type for reply in replies)
         return replies
 
     def expire(self, now: float) -> list[Envelope]:
         """Answer a collective request that has waited too long; nothing was changed by it."""
-        gathering = self._gathering
-        if gathering is None or now < gathering.deadline:
-            return []
-        missing = gathering.missing
-        seconds = self._limits.collective_timeout_seconds
-        return self._abandon(
-            SessionError(
-                f"partitions {', '.join(map(str, missing))} did not make the request within {seconds:g} s",
-                code="DEADLINE_EXCEEDED",
-                hint="look whether their processes live; then make the request again",
-                details={"missing": missing},
-            )
-        )
+        return self._execution.expire(now)
 
     def reclaim(self, token: bytes) -> int:
         """RESUME while this process holds the session: fence the old holder, drop the trial.
@@ -242,14 +193,14 @@ class SessionHost:
             raise SessionError(f"there is no session {self.session} for this token", code="NOT_FOUND")
         epoch = self._session.resume()
         self._holders.clear()
-        self._gathering = None
+        self._execution.forget_waiting()
         return epoch
 
     def suspend(self) -> list[Envelope]:
         """The lease ended: nobody speaks for the session until somebody joins again."""
         self._session.suspend()
         self._holders.clear()
-        return self._abandon(
+        return self._execution.abandon(
             SessionError("the lease ended while the request waited", code="ABORTED", hint="JOIN again")
         )
 
@@ -274,109 +225,17 @@ class SessionHost:
             return [Envelope(peer, reply)]
         self._holders.check_joined(peer, request.partition)
         if isinstance(request, Status):
-            waiting_for = self._gathering.missing if self._gathering else []
-            return [Envelope(peer, status.answer(self._session, request, waiting_for, dict(self._counts)))]
+            waiting_for, counts = self._execution.missing, dict(self._counts)
+            return [Envelope(peer, status.answer(self._session, request, waiting_for, counts))]
         if isinstance(request, Close):
             return self._close_partition(peer, request)
-        return self._execute(peer, request)
-
-    def _execute(self, peer: bytes, request: SessionMessage) -> list[Envelope]:
-        """A command of the table, executed once."""
-        command = COMMANDS[request.type]
-        if isinstance(command, Single) and not command.executes_once:
-            return [Envelope(peer, command.answer(self._session, request))]
-        request_id = RequestId(request.client, request.sequence, request_digest(request))
-        stored = self._stored.find(request_id)
-        if stored is not None:
-            return [Envelope(peer, stored)]
-        arrival = Arrival(peer, request, request_id)
-        if isinstance(command, Collective):
-            return self._gather(arrival, command)
-        self._require_idle(request.partition)
-        return self._answer([arrival], lambda: [command.answer(self._session, request)])
-
-    def _gather(self, arrival: Arrival, command: Collective) -> list[Envelope]:
-        """Let the request wait for the other partitions, or run when it is the last one."""
-        gathering = self._gathering
-        if gathering is not None and gathering.repeats(arrival):
-            return []
-        try:
-            command.check(self._session, arrival.request)
-        except Exception:
-            self._stored.store(arrival.request_id, None)
-            raise
-        replies: list[Envelope] = []
-        if gathering is None:
-            deadline = self._clock() + self._limits.collective_timeout_seconds
-            gathering = self._gathering = Gathering(self.partitions, deadline)
-        else:
-            replies += self._overtake(gathering, arrival)
-            if gathering.arrivals and not self._agrees(gathering, arrival, replies):
-                return replies
-        gathering.arrivals[arrival.request.partition] = arrival
-        if not gathering.complete:
-            return replies
-        self._gathering = None
-        arrivals = gathering.in_order()
-        requests, ids = [a.request for a in arrivals], [a.request_id for a in arrivals]
-        return replies + self._answer(arrivals, lambda: command.run(self._session, requests, ids))
-
-    def _overtake(self, gathering: Gathering, arrival: Arrival) -> list[Envelope]:
-        """A partition that asks anew while it waits gives its waiting request up."""
-        earlier = gathering.arrivals.pop(arrival.request.partition, None)
-        if earlier is None:
-            return []
-        error = SessionError(
-            f"request {earlier.request.sequence} was overtaken by request {arrival.request.sequence}",
-            code="ABORTED.STALE",
-            hint="wait for a reply before the next request",
-        )
-        return [self._refusal(earlier.peer, earlier.request, error)]
-
-    def _agrees(self, gathering: Gathering, arrival: Arrival, replies: list[Envelope]) -> bool:
-        """Whether the request asks for what the others ask for; otherwise all of them are refused."""
-        try:
-            gathering.check_agreement(arrival)
-        except MeshMotionError as error:
-            replies += self._abandon(error)
-            replies.append(self._refusal(arrival.peer, arrival.request, error))
-            return False
-        return True
-
-    def _answer(self, arrivals: Sequence[Arrival], run: Callable[[], Sequence[Message]]) -> list[Envelope]:
-        """Run, remember and address the replies; a failure is everybody's reply."""
-        try:
-            replies = run()
-        except Exception as error:
-            known = known_error(error)
-            for arrival in arrivals:
-                self._stored.store(arrival.request_id, None)
-            return [self._refusal(a.peer, a.request, known) for a in arrivals]
-        for arrival, reply in zip(arrivals, replies, strict=True):
-            self._stored.store(arrival.request_id, reply, _nbytes(reply))
-        return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
-
-    def _require_idle(self, partition: int) -> None:
-        """A partition that waits in a collective request asks for nothing else."""
-        if self._gathering is not None and partition in self._gathering.arrivals:
-            raise SessionError(
-                f"partition {partition} has a request waiting for the partitions {self._gathering.missing}",
-                hint="wait for its reply",
-                details={"missing": self._gathering.missing},
-            )
-
-    def _abandon(self, error: MeshMotionError) -> list[Envelope]:
-        """Refuse all requests that wait; they may be made again."""
-        gathering, self._gathering = self._gathering, None
-        if gathering is None:
-            return []
-        return [self._refusal(a.peer, a.request, error) for a in gathering.in_order()]
+        return self._execution.execute(peer, request)
 
     def _close_partition(self, peer: bytes, request: Close) -> list[Envelope]:
         """One partition leaves; the last one to leave closes the session."""
         reply = close.answer(self._session, request)
         self._discard = self._discard or request.outcome == "discard"
-        replies = self._abandon(
+        replies = self._execution.abandon(
             SessionError(f"partition {request.partition} closed the session", code="ABORTED", hint="ask STATUS")
         )
         self._holders.leave(request.partition)
@@ -388,16 +247,7 @@ class SessionHost:
     def _end(self, *, discard: bool) -> None:
         """Close the session; one that was never built is not worth keeping."""
         discard = discard or not self._session.is_built
-        self._gathering = None
+        self._execution.forget_waiting()
         self._session.close()
         if discard:
             self._store.discard(self.session)
-
-    def _refusal(self, peer: bytes, request: Message, error: MeshMotionError) -> Envelope:
-        return Envelope(peer, error_reply(request, error, self._session))
-
-
-def _nbytes(reply: Message) -> int:
-    """Memory a stored reply takes."""
-    arrays = (value for value in vars(reply).values() if isinstance(value, np.ndarray))
-    return _HEADER_BYTES + sum(array.nbytes for array in arrays)

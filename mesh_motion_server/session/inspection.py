@@ -14,7 +14,7 @@ from typing import Any
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
-from mesh_motion_server.session.journal import read_journal, verify_state
+from mesh_motion_server.session.journal_files import read_journal, verify_state
 from mesh_motion_server.session.mesh_store import read_mesh
 from mesh_motion_server.session.records import Record
 from mesh_motion_server.session.recovery import Findings

@@ -8,11 +8,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.session.numbering import UploadView, upload_view
+from mesh_motion_server.session.partitions import MergedMesh
 
-__all__ = ["Model", "ModelBuilder", "build_motion_model", "check_basis"]
+__all__ = ["Model", "ModelBuilder", "build_motion_model", "check_basis", "checked_model", "checked_warnings"]
 
 
 class Model(Protocol):
@@ -56,3 +59,44 @@ def check_basis(name: str) -> None:
     from mesh_motion_server.numerics.kernels import basis_named  # noqa: PLC0415
 
     basis_named(name)
+
+
+def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Model:
+    """The model of a mesh.
+
+    Raises
+    ------
+    InvalidInput
+        What is wrong with the mesh, in the numbering of the upload: it is checked a second time in that numbering.
+    """
+    try:
+        return build(mesh.points, mesh.cells, mesh.patches, method)
+    except InvalidInput:
+        view = upload_view(mesh)
+        try:
+            build(view.points, view.cells, view.patches, method)
+        except InvalidInput as error:
+            raise _with_place(error, view) from error
+        raise
+
+
+def checked_warnings(build: ModelBuilder, mesh: MergedMesh, model: Model, method: Method) -> list[str]:
+    """What the mesh check noticed, in the numbering of the upload."""
+    if not model.warnings:
+        return []
+    view = upload_view(mesh)
+    return list(build(view.points, view.cells, view.patches, method).warnings)
+
+
+def _with_place(error: InvalidInput, view: UploadView) -> InvalidInput:
+    """The error, its cell or node also named by partition where there are several."""
+    if len(view.mesh.node_maps) == 1:
+        return error
+    cell, node = error.details.get("cell"), error.details.get("node")
+    place: dict[str, object] = {}
+    if isinstance(cell, int) and 0 <= cell < len(view.cells):
+        place = view.name_cell(cell)
+    elif isinstance(node, int) and 0 <= node < len(view.points):
+        place = view.name_node(node)
+    hint = "; ".join(filter(None, (error.hint, "nodes count by global id, cells through the partitions")))
+    return InvalidInput(error.message, code=error.code, hint=hint, details=error.details | place)

@@ -22,8 +22,7 @@ from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit
-from mesh_motion_server.session.model import Model, ModelBuilder
-from mesh_motion_server.session.numbering import UploadView, upload_view
+from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings
 from mesh_motion_server.session.partitions import MergedMesh, merge
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
@@ -39,10 +38,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Standing:
-    """Where the session stands; swapped as a whole.
-
-    ``iterations`` counts the Moves of the step; ``trial_lost`` says that a trial may have been dropped unasked.
-    """
+    """Where the session stands; swapped as a whole. ``trial_lost``: a trial may have been dropped unasked."""
 
     state: State
     committed: CommittedState | None = None
@@ -214,10 +210,7 @@ class Session:
 
     def mesh_warnings(self) -> list[str]:
         """What the mesh check noticed, in the numbering of the upload."""
-        if not self.model.warnings:
-            return []
-        view = upload_view(self.mesh)
-        return list(self._build_model(view.points, view.cells, view.patches, self.spec.settings.to_method()).warnings)
+        return checked_warnings(self._build_model, self.mesh, self.model, self.spec.settings.to_method())
 
     def coordinates(self, frame: str) -> Floats:
         """(n, d) coordinates in canonical order: "committed" or "reference"."""
@@ -246,7 +239,7 @@ class Session:
         state = self.admit(Operation.BUILD)
         partitions = self.upload.meshes()
         mesh = merge(partitions)
-        model = self._model_of(mesh)
+        model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
         journal = self._folder.build(partitions, len(mesh.points))
         self._built = _Built(mesh, model, journal)
         self._now = _Standing(state, CommittedState(0, mesh.points))
@@ -373,19 +366,6 @@ class Session:
             raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
         return self._built
 
-    def _model_of(self, mesh: MergedMesh) -> Model:
-        """The model; what is wrong with the mesh is said in the numbering of the upload."""
-        method = self.spec.settings.to_method()
-        try:
-            return self._build_model(mesh.points, mesh.cells, mesh.patches, method)
-        except InvalidInput:
-            view = upload_view(mesh)
-            try:
-                self._build_model(view.points, view.cells, view.patches, method)
-            except InvalidInput as error:
-                raise _with_places(error, view) from error
-            raise
-
     def _write(self, journal: Journal, entry: Commit, durable: Floats) -> None:
         """COMMITTING, and what becomes of a failure."""
         before = self._now
@@ -409,17 +389,3 @@ def _restore(journal: Journal, mesh: MergedMesh) -> CommittedState:
     points[mesh.id_order] = journal.read_state()
     points.flags.writeable = False
     return CommittedState(step, points)
-
-
-def _with_places(error: InvalidInput, view: UploadView) -> InvalidInput:
-    """The error, its node or cell also named by partition."""
-    if len(view.mesh.node_maps) == 1:
-        return error
-    cell, node = error.details.get("cell"), error.details.get("node")
-    place: dict[str, object] = {}
-    if isinstance(cell, int) and 0 <= cell < len(view.cells):
-        place = view.name_cell(cell)
-    elif isinstance(node, int) and 0 <= node < len(view.points):
-        place = view.name_node(node)
-    hint = "; ".join(filter(None, (error.hint, "numbers count all partitions' nodes by global id, cells by partition")))
-    return InvalidInput(error.message, code=error.code, hint=hint, details=error.details | place)

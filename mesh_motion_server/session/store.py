@@ -24,7 +24,8 @@ from pathlib import Path
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, write_all
-from mesh_motion_server.session.journal import MANIFEST, Journal, read_ledger, record_area
+from mesh_motion_server.session.journal import Journal, record_area
+from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
 from mesh_motion_server.session.ledger import Foundation
 from mesh_motion_server.session.mesh_store import read_mesh, write_mesh
 from mesh_motion_server.session.partitions import PartitionMesh

@@ -1,0 +1,198 @@
+"""Commands executed once each, the collective ones when all partitions have asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.messages import Message, SessionMessage
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import MeshMotionError, SessionError
+from mesh_motion_server.service import build, commit, fetch, move, rollback, upload
+from mesh_motion_server.service.commands import Collective, Single
+from mesh_motion_server.service.envelope import Envelope
+from mesh_motion_server.service.failures import error_reply, known_error
+from mesh_motion_server.service.gathering import Arrival, Gathering
+from mesh_motion_server.session.replies import ReplyTable, RequestId
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.settings import ServerSettings
+
+__all__ = ["COMMANDS", "Execution"]
+
+#: Request type → command. JOIN, STATUS and CLOSE need more than the session and are dispatched apart.
+COMMANDS: dict[str, Single | Collective] = {
+    "UPLOAD": Single(upload.answer, executes_once=True),
+    "FETCH": Single(fetch.answer, executes_once=False),
+    "BUILD": Collective(build.check, build.run),
+    "MOVE": Collective(move.check, move.run),
+    "COMMIT": Collective(commit.check, commit.run),
+    "ROLLBACK": Collective(rollback.check, rollback.run),
+}
+
+#: What a stored reply takes beside its arrays.
+_HEADER_BYTES = 4096
+
+
+class Execution:
+    """The requests that change a session: those waiting, and the replies of those executed.
+
+    Parameters
+    ----------
+    session : Session
+        The replies to its journaled commits are known again.
+    limits : ServerSettings
+    clock : callable
+        Monotonic seconds.
+    """
+
+    def __init__(self, session: Session, *, limits: ServerSettings, clock: Callable[[], float]) -> None:
+        self._session = session
+        self._timeout = limits.collective_timeout_seconds
+        self._clock = clock
+        self._stored: ReplyTable[Message] = ReplyTable(limits.stored_replies, limits.stored_reply_bytes)
+        self._gathering: Gathering | None = None
+        for entry in session.commits:
+            for request_id, reply in commit.replies_of(entry):
+                self._stored.store(request_id, reply, _nbytes(reply))
+
+    @property
+    def deadline(self) -> float | None:
+        """When :meth:`expire` will have something to do, on the clock."""
+        return self._gathering.deadline if self._gathering else None
+
+    @property
+    def missing(self) -> list[int]:
+        """Partitions that a collective request is still waiting for."""
+        return self._gathering.missing if self._gathering else []
+
+    def execute(self, peer: bytes, request: SessionMessage) -> list[Envelope]:
+        """A command of the table, executed once."""
+        command = COMMANDS[request.type]
+        if isinstance(command, Single) and not command.executes_once:
+            return [Envelope(peer, command.answer(self._session, request))]
+        request_id = RequestId(request.client, request.sequence, request_digest(request))
+        stored = self._stored.find(request_id)
+        if stored is not None:
+            return [Envelope(peer, stored)]
+        arrival = Arrival(peer, request, request_id)
+        if isinstance(command, Collective):
+            return self._gather(arrival, command)
+        self._require_idle(request.partition)
+        return self._answer([arrival], lambda: [command.answer(self._session, request)])
+
+    def _gather(self, arrival: Arrival, command: Collective) -> list[Envelope]:
+        """Let the request wait for the other partitions, or run when it is the last one."""
+        gathering = self._gathering
+        if gathering is not None and gathering.repeats(arrival):
+            return []
+        try:
+            command.check(self._session, arrival.request)
+        except Exception:
+            self._stored.store(arrival.request_id, None)
+            raise
+        replies: list[Envelope] = []
+        if gathering is None:
+            deadline = self._clock() + self._timeout
+            gathering = self._gathering = Gathering(self._session.spec.partitions, deadline)
+        else:
+            replies += self._overtake(gathering, arrival)
+            if gathering.arrivals and not self._agrees(gathering, arrival, replies):
+                return replies
+        gathering.arrivals[arrival.request.partition] = arrival
+        if not gathering.complete:
+            return replies
+        self._gathering = None
+        arrivals = gathering.in_order()
+        requests, ids = [a.request for a in arrivals], [a.request_id for a in arrivals]
+        return replies + self._answer(arrivals, lambda: command.run(self._session, requests, ids))
+
+    def _overtake(self, gathering: Gathering, arrival: Arrival) -> list[Envelope]:
+        """A partition that asks anew while it waits gives its waiting request up."""
+        earlier = gathering.arrivals.pop(arrival.request.partition, None)
+        if earlier is None:
+            return []
+        error = SessionError(
+            f"request {earlier.request.sequence} was overtaken by request {arrival.request.sequence}",
+            code="ABORTED.STALE",
+            hint="wait for a reply before the next request",
+        )
+        return [self._refusal(earlier.peer, earlier.request, error)]
+
+    def _agrees(self, gathering: Gathering, arrival: Arrival, replies: list[Envelope]) -> bool:
+        """Whether the request asks for what the others ask for; otherwise all of them are refused."""
+        try:
+            gathering.check_agreement(arrival)
+        except MeshMotionError as error:
+            replies += self.abandon(error)
+            replies.append(self._refusal(arrival.peer, arrival.request, error))
+            return False
+        return True
+
+    def _answer(self, arrivals: Sequence[Arrival], run: Callable[[], Sequence[Message]]) -> list[Envelope]:
+        """Run, remember and address the replies; a failure is everybody's reply."""
+        try:
+            replies = run()
+        except Exception as error:
+            known = known_error(error)
+            for arrival in arrivals:
+                self._stored.store(arrival.request_id, None)
+            return [self._refusal(a.peer, a.request, known) for a in arrivals]
+        for arrival, reply in zip(arrivals, replies, strict=True):
+            _seal(reply)
+            self._stored.store(arrival.request_id, reply, _nbytes(reply))
+        return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
+
+    def _require_idle(self, partition: int) -> None:
+        """A partition that waits in a collective request asks for nothing else."""
+        if self._gathering is not None and partition in self._gathering.arrivals:
+            raise SessionError(
+                f"partition {partition} has a request waiting for the partitions {self._gathering.missing}",
+                hint="wait for its reply",
+                details={"missing": self._gathering.missing},
+            )
+
+    def abandon(self, error: MeshMotionError) -> list[Envelope]:
+        """Refuse all requests that wait; they may be made again."""
+        gathering, self._gathering = self._gathering, None
+        if gathering is None:
+            return []
+        return [self._refusal(a.peer, a.request, error) for a in gathering.in_order()]
+
+    def expire(self, now: float) -> list[Envelope]:
+        """Refuse a collective request that has waited too long; nothing was changed by it."""
+        if self._gathering is None or now < self._gathering.deadline:
+            return []
+        missing = self.missing
+        return self.abandon(
+            SessionError(
+                f"partitions {', '.join(map(str, missing))} did not make the request within {self._timeout:g} s",
+                code="DEADLINE_EXCEEDED",
+                hint="look whether their processes live; then make the request again",
+                details={"missing": missing},
+            )
+        )
+
+    def forget_waiting(self) -> None:
+        """Drop the requests that wait without an answer: whoever made them is fenced or gone."""
+        self._gathering = None
+
+    def _refusal(self, peer: bytes, request: Message, error: MeshMotionError) -> Envelope:
+        return Envelope(peer, error_reply(request, error, self._session))
+
+
+def _arrays(reply: Message) -> list[NDArray[Any]]:
+    return [value for value in vars(reply).values() if isinstance(value, np.ndarray)]
+
+
+def _seal(reply: Message) -> None:
+    """Whoever gets the reply in-process cannot change what is stored."""
+    for array in _arrays(reply):
+        array.flags.writeable = False
+
+
+def _nbytes(reply: Message) -> int:
+    """Memory a stored reply takes."""
+    return _HEADER_BYTES + sum(array.nbytes for array in _arrays(reply))

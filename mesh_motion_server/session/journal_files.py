@@ -1,0 +1,123 @@
+"""The journal's files, read only: what :mod:`~mesh_motion_server.session.journal` writes, judged and verified."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from mesh_motion_protocol.digests import state_digest
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.filesystem import FileSystem
+from mesh_motion_server.session.ledger import Foundation, Ledger
+from mesh_motion_server.session.records import unpack_record
+from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
+
+__all__ = ["KEPT_COMMITS", "MANIFEST", "SLOTS", "read_journal", "read_ledger", "verified_state", "verify_state"]
+
+Floats = NDArray[np.float64]
+
+MANIFEST = "manifest"
+SLOTS = ("slot-0", "slot-1")
+
+#: Commits whose replies are kept, hence found again after a crash.
+KEPT_COMMITS = 8
+
+
+def read_journal(folder: Path, files: FileSystem) -> Findings:
+    """Judge the journal in a session's folder; changes nothing.
+
+    Raises
+    ------
+    JournalError
+        On damage, a missing file, or another format.
+    """
+
+    def view_slots(foundation: Foundation) -> tuple[SlotView, SlotView]:
+        even, odd = (_view_slot(folder / name, files, foundation) for name in SLOTS)
+        return even, odd
+
+    try:
+        return examine(_read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)
+    except OSError as error:
+        raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
+
+
+def read_ledger(folder: Path, files: FileSystem) -> Ledger:
+    """What the manifest alone says, for lists: a commit that only its slot completes is not seen.
+
+    Raises
+    ------
+    JournalError
+        On damage of the chain, a missing file, or another format.
+    """
+    try:
+        return sum_up(read_chain(_read_whole(files, folder / MANIFEST))[0], keep=1)
+    except OSError as error:
+        raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
+
+
+def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
+    """Raise DATA_LOSS.CHECKSUM unless the last committed step's coordinates match their digest."""
+    if not ledger.commits:
+        return
+    foundation = ledger.foundation
+    try:
+        raw = _read_part(files, folder / SLOTS[ledger.step % 2], foundation.record_area, foundation.state_bytes)
+    except OSError as error:
+        raise JournalError(f"a slot cannot be read: {error.strerror or error}") from error
+    verified_state(raw, ledger)
+
+
+def verified_state(raw: bytes, ledger: Ledger) -> Floats:
+    """The last committed state (n, d) from its slot's bytes."""
+    last = ledger.commits[-1]
+    state = _as_state(raw, ledger.foundation)
+    if state is None or state_digest(last.step, state) != last.digest:
+        raise JournalError(
+            f"the coordinates of committed step {last.step} do not match their digest",
+            hint="restore the session's folder from a backup, or discard the session",
+            details={"step": last.step},
+        )
+    return state
+
+
+def _read_whole(files: FileSystem, path: Path) -> bytes:
+    handle = files.open(path, writable=False)
+    try:
+        return files.read(handle, 0, files.size(handle))
+    finally:
+        files.close(handle)
+
+
+def _view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView:
+    """A slot's record; its coordinates are read only when they are asked for."""
+    area = foundation.record_area
+    head = _read_part(files, path, 0, area)
+    record = unpack_record(head)
+
+    def state_verifies() -> bool:
+        if record is None or record.kind != "commit":
+            return False
+        state = _as_state(_read_part(files, path, area, foundation.state_bytes), foundation)
+        digest: bytes = record.body["digest"]
+        return state is not None and state_digest(record.body["step"], state) == digest
+
+    return SlotView(record, not any(head), state_verifies)
+
+
+def _as_state(raw: bytes, foundation: Foundation) -> Floats | None:
+    """(n, d) coordinates, or None when bytes are missing."""
+    if len(raw) != foundation.state_bytes:
+        return None
+    state = np.frombuffer(raw, dtype="<f8").reshape(foundation.nodes, foundation.dimension)
+    return state.astype(np.float64, copy=False)
+
+
+def _read_part(files: FileSystem, path: Path, offset: int, size: int) -> bytes:
+    handle = files.open(path, writable=False)
+    try:
+        return files.read(handle, offset, size)
+    finally:
+        files.close(handle)
