@@ -1,1 +1,56 @@
-"""Client of the mesh-motion server."""
+"""Client of the mesh-motion server.
+
+::
+
+    from mesh_motion_client import Mesh, Patch, connect
+
+    mesh = Mesh(points, cells={"triangle": triangles},
+                patches={"flag": Patch("moving", flag), "walls": Patch("fixed", walls)})
+    with connect("tcp://127.0.0.1:7440") as server, server.open(mesh, {"support_radius": 0.5}) as session:
+        for step in range(steps):
+            while not converged:
+                moved = session.move(displacements)      # since the committed state, in order of session.moving_nodes
+                ...                                      # moved.displacement, moved.quality, moved.warnings
+            session.commit()
+
+``connect()`` without an endpoint starts a private server. It needs numpy, msgpack and pyzmq.
+
+Modules, from the outside in: :mod:`.server`, :mod:`.session`, :mod:`.mesh`, :mod:`.credentials`, :mod:`.control`,
+:mod:`.connection`, :mod:`.embedded`, :mod:`.errors`.
+"""
+
+from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.errors import (
+    DataLoss,
+    InvalidInput,
+    MeshMotionError,
+    QualityRefused,
+    ResourceExhausted,
+    ServerFault,
+    SessionError,
+    Timeout,
+    Unavailable,
+    Unsupported,
+)
+from mesh_motion_client.mesh import Mesh, Patch
+from mesh_motion_client.server import Server, connect
+from mesh_motion_client.session import Session
+
+__all__ = [
+    "Credentials",
+    "DataLoss",
+    "InvalidInput",
+    "Mesh",
+    "MeshMotionError",
+    "Patch",
+    "QualityRefused",
+    "ResourceExhausted",
+    "Server",
+    "ServerFault",
+    "Session",
+    "SessionError",
+    "Timeout",
+    "Unavailable",
+    "Unsupported",
+    "connect",
+]

@@ -1,0 +1,126 @@
+"""One connection: a request goes out, its reply comes back, and the end of the connection shows.
+
+ZeroMQ hides lost connections by connecting again; a request that was under way is then lost without a word. So the
+socket's own events are watched: :class:`ConnectionLost` says that the request must be sent again, by the same id.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import zmq
+import zmq.utils.monitor
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.messages import REPLIES, ErrorReply, Message
+
+from mesh_motion_client.errors import InvalidInput, ServerFault, Timeout, Unavailable, error_from
+
+__all__ = ["Connection", "ConnectionLost", "seconds_left"]
+
+#: Silence after which ``watch`` is called, seconds.
+_WATCH_SECONDS = 1.0
+
+
+class ConnectionLost(Unavailable):
+    """The connection ended before the reply came: the request may have executed or not."""
+
+
+class Connection:
+    """A DEALER socket to one endpoint, used by one thread.
+
+    Parameters
+    ----------
+    endpoint : str
+    """
+
+    def __init__(self, endpoint: str) -> None:
+        self.endpoint = endpoint
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.RECONNECT_IVL, 50)
+        self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 1000)
+        self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5_000)
+        self._socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 20_000)
+        self._socket.setsockopt(zmq.IPV6, int("[" in endpoint))
+        self._events = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        try:
+            self._socket.connect(endpoint)
+        except zmq.ZMQError as error:
+            self.close()
+            raise InvalidInput(f"endpoint must be tcp://HOST:PORT or ipc:///path, got {endpoint!r}: {error}") from None
+
+    def request(self, message: Message, deadline: float, watch: Callable[[], None] | None = None) -> Message:
+        """Send a request and wait for its reply.
+
+        Parameters
+        ----------
+        message : Message
+            Its arrays must stay unchanged until the reply is there.
+        deadline : float
+            On the monotonic clock.
+        watch : callable, optional
+            Called in each second of silence; raises to end the wait.
+
+        Raises
+        ------
+        ConnectionLost, Timeout, MeshMotionError
+            The last for an ERROR of the server.
+        """
+        self._check_connected()
+        try:
+            self._socket.send_multipart(encode(message), copy=False)
+        except ProtocolError as error:
+            raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from None
+        while True:
+            reply = self._receive(message, deadline, watch)
+            if (reply.client, reply.sequence) != (message.client, message.sequence):
+                continue  # the late reply to an earlier request
+            if isinstance(reply, ErrorReply):
+                raise error_from(reply)
+            if reply.type != REPLIES[message.type]:
+                raise ServerFault(f"the reply to {message.type} must be {REPLIES[message.type]}, got {reply.type}")
+            return reply
+
+    def _receive(self, message: Message, deadline: float, watch: Callable[[], None] | None) -> Message:
+        """The next message of whatever kind."""
+        while not self._socket.poll(0):
+            self._wait(min(seconds_left(deadline), _WATCH_SECONDS))
+            if self._socket.poll(0):
+                break
+            self._check_connected()
+            if not seconds_left(deadline):
+                raise Timeout(f"no answer to {message.type} from {self.endpoint} within the time allowed")
+            if watch is not None:
+                watch()
+        try:
+            return decode([frame.buffer for frame in self._socket.recv_multipart(copy=False)])
+        except ProtocolError as error:
+            raise ServerFault(f"the server's reply is no message: {error.message}", code=error.code) from None
+
+    def _wait(self, seconds: float) -> None:
+        """Until there is a reply, an event, or the time is over."""
+        poller = zmq.Poller()
+        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._events, zmq.POLLIN)
+        poller.poll(round(1000 * seconds))
+
+    def _check_connected(self) -> None:
+        lost = False
+        while self._events.poll(0):
+            zmq.utils.monitor.recv_monitor_message(self._events)
+            lost = True
+        if lost:
+            raise ConnectionLost(f"the connection to {self.endpoint} ended")
+
+    def close(self) -> None:
+        """Close the socket; idempotent."""
+        if not self._socket.closed:
+            self._socket.disable_monitor()
+            self._socket.close()
+
+
+def seconds_left(deadline: float) -> float:
+    """Seconds until ``deadline`` on the monotonic clock, 0 when it is over."""
+    return max(0.0, deadline - time.monotonic())

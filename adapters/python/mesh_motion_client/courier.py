@@ -1,0 +1,196 @@
+"""Carries a session's requests to its worker, so that each executes once whatever breaks on the way.
+
+Every request has an id; what was sent twice executes once. When the connection ends, PROBE tells whether the worker
+lives: then the request is sent again on a new connection. If the worker is gone, the session is resumed from its
+journal and the request is sent again; a COMMIT whose trial went with the worker is preceded by the MOVE that made it.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.messages import (
+    Commit,
+    Join,
+    Joined,
+    Message,
+    Move,
+    Probe,
+    Probed,
+    Resume,
+    Resumed,
+    SessionMessage,
+)
+
+from mesh_motion_client.connection import Connection, ConnectionLost, seconds_left
+from mesh_motion_client.control import Control
+from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.errors import MeshMotionError, SessionError, Timeout, Unavailable
+
+__all__ = ["Courier"]
+
+_Reply = TypeVar("_Reply", bound=Message)
+
+#: Broken connections that one request survives.
+_ATTEMPTS = 5
+#: A PROBE while a request is computed: silence of the gateway alone ends nothing.
+_PROBE_SECONDS = 2.0
+
+
+class Courier:
+    """One partition's line to the session's worker.
+
+    Parameters
+    ----------
+    control : Control
+        For PROBE and RESUME.
+    credentials : Credentials
+    partition : int
+
+    Attributes
+    ----------
+    trial : Move or None
+        The MOVE that made the open trial.
+    may_resume : bool
+        Whether this partition may resume the session by itself when its worker is gone: it is built, and nobody else
+        takes part.
+    """
+
+    def __init__(self, control: Control, credentials: Credentials, partition: int) -> None:
+        self.trial: Move | None = None
+        self.may_resume = False
+        self._control = control
+        self._credentials = credentials
+        self._partition = partition
+        self._client = uuid.uuid4().bytes
+        self._sequence = 0
+        self._epoch = 0
+        self._data: Connection | None = None
+        self._unanswered: SessionMessage | None = None
+
+    @property
+    def address(self) -> dict[str, Any]:
+        """The fields that all requests to the worker share."""
+        return {
+            "client": self._client,
+            "session": self._credentials.session,
+            "epoch": self._epoch,
+            "partition": self._partition,
+        }
+
+    def join(self, endpoint: str, epoch: int, seconds: float) -> Joined:
+        """Connect to the worker and prove the right to the session."""
+        self.disconnect()
+        self._epoch = epoch
+        self._data = Connection(self._control.data_endpoint(endpoint))
+        self._sequence += 1
+        join = Join(**self.address, sequence=self._sequence, token=self._credentials.token)
+        return _expect(self._data.request(join, time.monotonic() + seconds, self._watch), Joined)
+
+    def deliver(self, message: SessionMessage, kind: type[_Reply], seconds: float) -> _Reply:
+        """Send a request until it is answered.
+
+        Raises
+        ------
+        Timeout
+            The same request may be delivered again; it keeps its id.
+        Unavailable, MeshMotionError
+        """
+        deadline = time.monotonic() + seconds
+        message = self._unanswered = self._numbered(message)
+        broken: ConnectionLost | None = None
+        for _ in range(_ATTEMPTS):
+            try:
+                if broken is not None or self._data is None:
+                    message = self._recover(message, deadline)
+                reply = self._request(message, deadline)
+            except ConnectionLost as error:
+                broken = error
+                continue
+            except Timeout:
+                raise
+            except MeshMotionError:
+                self._unanswered = None
+                raise
+            self._unanswered = None
+            return _expect(reply, kind)
+        raise Unavailable(f"{message.type} broke {_ATTEMPTS} connections, the last so: {broken}") from broken
+
+    def disconnect(self) -> None:
+        """Close the connection; the next request opens another one."""
+        if self._data is not None:
+            self._data.close()
+            self._data = None
+
+    def _request(self, message: SessionMessage, deadline: float) -> Message:
+        if self._data is None:
+            raise ConnectionLost("there is no connection")
+        return self._data.request(message, deadline, self._watch)
+
+    def _numbered(self, message: SessionMessage) -> SessionMessage:
+        """With the next sequence; a repeat of what was never answered keeps its id."""
+        before = self._unanswered
+        if before is not None and request_digest(before) == request_digest(message):
+            return replace(message, sequence=before.sequence)
+        self._sequence += 1
+        return replace(message, sequence=self._sequence)
+
+    def _ask(self, kind: type[Message], expected: type[_Reply], seconds: float) -> _Reply:
+        fields = {"session": self._credentials.session, "token": self._credentials.token}
+        return self._control.ask(kind, expected, seconds, **fields)
+
+    def _watch(self) -> None:
+        """While a request is computed: does the worker still live, and for us?"""
+        try:
+            probed = self._ask(Probe, Probed, _PROBE_SECONDS)
+        except (Timeout, Unavailable):
+            return
+        if probed.worker in ("dead", "none"):
+            raise ConnectionLost(f"the session's worker is {probed.worker}")
+        self._check_unfenced(probed)
+
+    def _recover(self, message: SessionMessage, deadline: float) -> SessionMessage:
+        """Connect again, to the same worker or to another one; returns the request as it must be sent now."""
+        self.disconnect()
+        probed = self._ask(Probe, Probed, max(seconds_left(deadline), _PROBE_SECONDS))
+        if probed.worker == "alive":
+            self._check_unfenced(probed)
+            joined = self.join(probed.endpoint, probed.epoch, seconds_left(deadline))
+        elif self.may_resume:
+            resumed = self._ask(Resume, Resumed, seconds_left(deadline))
+            joined = self.join(resumed.endpoint, resumed.epoch, seconds_left(deadline))
+        else:
+            raise Unavailable(
+                f"the session's worker is {probed.worker}",
+                code="UNAVAILABLE.WORKER",
+                hint="resume the session from one partition and join it from the others; one that was never built is "
+                "to be opened again",
+            )
+        if isinstance(message, Commit) and joined.step == message.step - 1 and not joined.iteration:
+            self._repeat_trial(deadline)
+        return replace(message, epoch=self._epoch)
+
+    def _repeat_trial(self, deadline: float) -> None:
+        """Make the lost trial again: a MOVE is a pure function of the committed state."""
+        if self.trial is not None:
+            self._sequence += 1
+            self._request(replace(self.trial, epoch=self._epoch, sequence=self._sequence), deadline)
+
+    def _check_unfenced(self, probed: Probed) -> None:
+        if probed.epoch > self._epoch:
+            raise SessionError(
+                f"the session was resumed by someone else (epoch {probed.epoch})",
+                code="ABORTED.FENCED",
+                hint="give this session up, or resume it again from here",
+            )
+
+
+def _expect(reply: Message, kind: type[_Reply]) -> _Reply:
+    """The reply as the type that the connection has checked by name."""
+    if not isinstance(reply, kind):
+        raise TypeError(f"expected {kind.type}, got {reply.type}")
+    return reply

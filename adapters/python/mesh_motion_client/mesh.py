@@ -1,0 +1,153 @@
+"""What a session is opened with: points, cells and patches, checked before anything is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.messages import Upload
+from numpy.typing import ArrayLike, NDArray
+
+from mesh_motion_client.errors import InvalidInput
+
+__all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]
+
+#: Nodes of each cell type, in VTK's order.
+CELL_NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
+ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
+
+#: Bytes of one UPLOAD: small enough that the worker never holds much beside the mesh itself.
+_PART_BYTES = 32 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A part of the boundary with one role.
+
+    Attributes
+    ----------
+    role : {"moving", "fixed", "slip", "symmetry", "periodic"}
+    nodes : (p,) int array
+        Node indices, 0-based.
+    """
+
+    role: str
+    nodes: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        if self.role not in ROLES:
+            raise InvalidInput(f"a patch's role must be one of {', '.join(ROLES)}, got {self.role!r}")
+        object.__setattr__(self, "nodes", _indices(self.nodes, "a patch's nodes").reshape(-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A volume mesh, or one partition of it.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+        d = 1, 2 or 3.
+    cells : dict
+        Cell type → (m, nodes of the type) int array, 0-based, in VTK's node order.
+    patches : dict
+        Name → :class:`Patch`.
+    global_ids : (n,) int array, optional
+        Only with several partitions: the nodes' numbers in the whole mesh.
+    """
+
+    points: NDArray[np.float64]
+    cells: Mapping[str, NDArray[np.int64]]
+    patches: Mapping[str, Patch] = field(default_factory=dict)
+    global_ids: NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        points = finite_rows(self.points, "points")
+        if not (len(points) and 1 <= points.shape[1] <= 3):
+            raise InvalidInput(f"points must have shape (n, 1), (n, 2) or (n, 3) with n > 0, got {points.shape}")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "cells", {name: self._cells(name, nodes) for name, nodes in self.cells.items()})
+        for name, patch in self.patches.items():
+            self._check_range(patch.nodes, f"patch {name!r}")
+        if self.global_ids is not None:
+            ids = _indices(self.global_ids, "global_ids").reshape(-1)
+            if len(ids) != len(points):
+                raise InvalidInput(f"global_ids must have one number a point, got {len(ids)} for {len(points)} points")
+            object.__setattr__(self, "global_ids", ids)
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates."""
+        return int(self.points.shape[1])
+
+    @property
+    def nbytes(self) -> int:
+        """What the upload takes."""
+        sizes = [self.points.nbytes, *(nodes.nbytes for nodes in self.cells.values())]
+        return sum(sizes) + sum(patch.nodes.nbytes for patch in self.patches.values())
+
+    def parts(self, **at: Any) -> Iterator[Upload]:
+        """The UPLOADs that carry this mesh; ``at`` are the fields they share."""
+        items: list[tuple[dict[str, Any], NDArray[Any]]] = [({"item": "nodes"}, self.points)]
+        if self.global_ids is not None:
+            items.append(({"item": "global_ids"}, self.global_ids[:, None]))
+        items += [({"item": "cells", "name": name}, nodes) for name, nodes in self.cells.items()]
+        items += [
+            ({"item": "patch", "name": name, "role": patch.role}, patch.nodes[:, None])
+            for name, patch in self.patches.items()
+        ]
+        for fields, rows in items:
+            step = max(1, _PART_BYTES // (8 * rows.shape[1]))
+            for start in range(0, max(1, len(rows)), step):
+                yield Upload(**at, **fields, rows=rows[start : start + step])
+
+    def _cells(self, name: str, nodes: ArrayLike) -> NDArray[np.int64]:
+        if name not in CELL_NODES:
+            raise InvalidInput(f"cell types are {', '.join(CELL_NODES)}, got {name!r}")
+        array = _indices(nodes, f"cells of type {name}")
+        if array.ndim != 2 or array.shape[1] != CELL_NODES[name]:
+            raise InvalidInput(f"cells of type {name} must have shape (m, {CELL_NODES[name]}), got {array.shape}")
+        self._check_range(array, f"cells of type {name}")
+        return array
+
+    def _check_range(self, nodes: NDArray[np.int64], what: str) -> None:
+        wrong = np.argwhere((nodes < 0) | (nodes >= len(self.points)))
+        if len(wrong):
+            first = tuple(int(i) for i in wrong[0])
+            raise InvalidInput(
+                f"{what} must name nodes 0 … {len(self.points) - 1}, got {int(nodes[first])} in row {first[0]}",
+                hint="node numbers count from 0",
+                details={"row": first[0], "value": int(nodes[first])},
+            )
+
+
+def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    """(n, d) float64 copy of ``values``, without NaN or infinity; an (n,) input is one column."""
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{what} must be numbers: {error}", code="INVALID_ARGUMENT.DTYPE") from None
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2:
+        raise InvalidInput(f"{what} must be a table (rows, coordinates), got shape {array.shape}")
+    wrong = np.argwhere(~np.isfinite(array))
+    if len(wrong):
+        row, column = (int(i) for i in wrong[0])
+        raise InvalidInput(
+            f"{what} must be finite, got {array[row, column]} in row {row}",
+            code="INVALID_ARGUMENT.NONFINITE",
+            hint="look at the solver that sent it first",
+            details={"row": row, "value": str(array[row, column])},
+        )
+    return array
+
+
+def _indices(values: ArrayLike, what: str) -> NDArray[np.int64]:
+    """Copy of whole numbers as int64."""
+    array = np.asarray(values)
+    if array.size and not np.issubdtype(array.dtype, np.integer):
+        raise InvalidInput(f"{what} must be whole numbers, got dtype {array.dtype}", code="INVALID_ARGUMENT.DTYPE")
+    return np.array(array, dtype=np.int64, order="C")

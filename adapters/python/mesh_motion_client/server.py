@@ -1,0 +1,259 @@
+"""The way in: connect to a server, or start a private one, and open sessions on it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, Self
+
+from mesh_motion_protocol.messages import (
+    Hello,
+    List,
+    Listed,
+    Open,
+    Opened,
+    Probe,
+    Probed,
+    Resume,
+    Resumed,
+    Welcome,
+)
+
+from mesh_motion_client.connection import seconds_left
+from mesh_motion_client.control import Control
+from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.embedded import EmbeddedServer
+from mesh_motion_client.errors import InvalidInput, MeshMotionError, Timeout, Unavailable
+from mesh_motion_client.mesh import Mesh
+from mesh_motion_client.session import Session
+
+__all__ = ["Server", "connect"]
+
+AGENT = "mesh_motion_client 1.0"
+#: A worker that falls while the mesh is uploaded leaves nothing to resume: the session is opened again so often.
+_OPEN_ATTEMPTS = 3
+
+
+class Server:
+    """A connection to a server; used by one thread. Made by :func:`connect`.
+
+    Attributes
+    ----------
+    endpoint : str
+    welcome : Welcome
+        The server's version, limits and name.
+    """
+
+    def __init__(self, endpoint: str, *, timeout: float, compute_timeout: float) -> None:
+        self.endpoint = endpoint
+        self._timeout = timeout
+        self._compute_timeout = compute_timeout
+        self._control = Control(endpoint)
+        self._embedded: EmbeddedServer | None = None
+        try:
+            self.welcome = self._control.ask(Hello, Welcome, timeout, agent=AGENT)
+        except Timeout as error:
+            self._control.close()
+            raise Unavailable(
+                f"no server answers at {endpoint} within {timeout} s", hint="is it running? `mesh-motion serve`"
+            ) from error
+        except MeshMotionError:
+            self._control.close()
+            raise
+
+    def open(
+        self,
+        mesh: Mesh,
+        settings: Mapping[str, Any] | None = None,
+        *,
+        partitions: int = 1,
+        partition: int = 0,
+        label: str = "",
+        announce: Callable[[Credentials], None] | None = None,
+    ) -> Session:
+        """Open a session and upload its mesh.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            With several partitions: this partition's part, with ``global_ids``.
+        settings : dict, optional
+            Keys of the case file's ``[method]``; what is left out has its default.
+        partitions, partition : int
+            How many partitions the session has, and which this one is.
+        label : str
+            Shown in logs and lists.
+        announce : callable, optional
+            Called with the credentials before the upload: with several partitions, hand them to the others, who call
+            :meth:`join`; the upload ends when all have sent their part.
+
+        Raises
+        ------
+        InvalidInput
+            Naming the first offender in the mesh or the settings.
+        """
+        if partitions > 1 and mesh.global_ids is None:
+            raise InvalidInput("with several partitions a mesh must have global_ids", code="INVALID_ARGUMENT.PARTITION")
+        attempts = _OPEN_ATTEMPTS if announce is None else 1
+        while True:
+            attempts -= 1
+            try:
+                return self._open(mesh, settings, partitions, partition, label, announce)
+            except Unavailable:
+                if attempts <= 0:
+                    raise
+
+    def _open(
+        self,
+        mesh: Mesh,
+        settings: Mapping[str, Any] | None,
+        partitions: int,
+        partition: int,
+        label: str,
+        announce: Callable[[Credentials], None] | None,
+    ) -> Session:
+        opened = self._control.ask(
+            Open,
+            Opened,
+            self._timeout,
+            dimension=mesh.dimension,
+            partitions=partitions,
+            settings=dict(settings or {}),
+            label=label,
+            bytes_reserved=mesh.nbytes if partitions == 1 else 0,
+        )
+        session = self._session(Credentials(opened.session, opened.token), partition)
+        with _closing_on_error(session, "discard"):
+            session.join(opened.endpoint, opened.epoch)
+            if announce is not None:
+                announce(session.credentials)
+            session.upload(mesh)
+            if partitions == 1:
+                session.allow_resume()
+        return session
+
+    def join(self, credentials: Credentials, mesh: Mesh | None = None, *, partition: int) -> Session:
+        """Join a session that another partition opened or resumed; with ``mesh``, upload this partition's part."""
+        deadline = time.monotonic() + self._timeout
+        fields = {"session": credentials.session, "token": credentials.token}
+        while True:
+            probed = self._control.ask(Probe, Probed, max(seconds_left(deadline), 1.0), **fields)
+            if probed.worker == "alive":
+                break
+            if not seconds_left(deadline):
+                raise Unavailable(
+                    f"the session's worker is {probed.worker}", hint="resume the session from one partition first"
+                )
+            time.sleep(0.05)
+        session = self._session(credentials, partition)
+        with _closing_on_error(session, "keep"):
+            session.join(probed.endpoint, probed.epoch)
+            if mesh is not None:
+                session.upload(mesh)
+        return session
+
+    def resume(self, credentials: Credentials, *, partition: int = 0) -> Session:
+        """Take a session up again at its last committed step; earlier holders are fenced off."""
+        fields = {"session": credentials.session, "token": credentials.token}
+        resumed = self._control.ask(Resume, Resumed, self._compute_timeout, **fields)
+        session = self._session(credentials, partition)
+        with _closing_on_error(session, "keep"):
+            session.join(resumed.endpoint, resumed.epoch)
+            if session.status().report.get("partitions", 1) == 1:
+                session.allow_resume()
+        return session
+
+    def sessions(self) -> list[dict[str, Any]]:
+        """All sessions of the server: session, label, state, step, partitions, worker."""
+        found: list[dict[str, Any]] = []
+        more, after = True, ""
+        while more:
+            page = self._control.ask(List, Listed, self._timeout, after=after)
+            found += page.sessions
+            more, after = page.more, found[-1]["session"] if found else ""
+        return found
+
+    def close(self) -> None:
+        """End the connection, and the embedded server if there is one; idempotent."""
+        self._control.close()
+        if self._embedded is not None:
+            self._embedded.stop()
+            self._embedded = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self.close()
+
+    def _session(self, credentials: Credentials, partition: int) -> Session:
+        """With a control connection of its own, so that each session may live in its own thread."""
+        return Session(
+            Control(self.endpoint),
+            credentials,
+            partition=partition,
+            timeout=self._timeout,
+            compute_timeout=self._compute_timeout,
+        )
+
+    @classmethod
+    def embedded(cls, state: str | os.PathLike[str] | None, *, timeout: float, compute_timeout: float) -> Server:
+        """A private server in a process of its own."""
+        embedded = EmbeddedServer(state, timeout)
+        try:
+            server = cls(embedded.endpoint, timeout=timeout, compute_timeout=compute_timeout)
+        except MeshMotionError:
+            embedded.stop()
+            raise
+        server._embedded = embedded
+        return server
+
+
+def connect(
+    endpoint: str | None = None,
+    *,
+    timeout: float = 60.0,
+    compute_timeout: float = 1800.0,
+    state: str | os.PathLike[str] | None = None,
+) -> Server:
+    """Connect to a server.
+
+    Parameters
+    ----------
+    endpoint : str, optional
+        ``tcp://HOST:PORT`` or ``ipc:///path``. None starts a private server that ends with this process.
+    timeout : float
+        Seconds for what takes no computing.
+    compute_timeout : float
+        Seconds for what does: build, move, commit, resume.
+    state : path, optional
+        For a private server: where it stores its sessions; None: nowhere lasting.
+
+    Raises
+    ------
+    Unavailable
+        If nobody answers in time.
+
+    Examples
+    --------
+    >>> with connect() as server, server.open(mesh, {"support_radius": 0.5}) as session:   # doctest: +SKIP
+    ...     moved = session.move(displacements)
+    ...     session.commit()
+    """
+    if endpoint is None:
+        return Server.embedded(state, timeout=timeout, compute_timeout=compute_timeout)
+    return Server(endpoint, timeout=timeout, compute_timeout=compute_timeout)
+
+
+@contextlib.contextmanager
+def _closing_on_error(session: Session, outcome: Any) -> Any:
+    """A session that could not be made ready leaves nothing open."""
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(MeshMotionError):
+            session.close(outcome)
+        raise

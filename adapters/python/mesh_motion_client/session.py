@@ -1,0 +1,230 @@
+"""A session: move, commit, rollback, and where its nodes are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from mesh_motion_protocol.messages import (
+    Build,
+    Built,
+    Close,
+    Closed,
+    Commit,
+    Committed,
+    Fetch,
+    Fetched,
+    Joined,
+    Move,
+    Moved,
+    Rollback,
+    RolledBack,
+    Status,
+    StatusReport,
+    Uploaded,
+)
+from numpy.typing import ArrayLike, NDArray
+
+from mesh_motion_client.control import Control
+from mesh_motion_client.courier import Courier
+from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.errors import InvalidInput, MeshMotionError
+from mesh_motion_client.mesh import Mesh, finite_rows
+
+__all__ = ["Frame", "Session"]
+
+Frame = Literal["committed", "reference"]
+
+
+class Session:
+    """One partition's view of a session; used by one thread. Made by :class:`.server.Server`.
+
+    Attributes
+    ----------
+    credentials : Credentials
+        What resumes the session from elsewhere: save it.
+    partition : int
+    step : int
+        The last committed step.
+    iteration : int
+        Moves of the step under way, 0 = none.
+    moving_nodes : (k,) int array
+        The nodes whose displacement every move gives, ascending.
+    settings : dict
+        The settings in force, as BUILT reported them; empty in a session that was resumed.
+    mesh_report, quality : dict
+        What BUILT said of the mesh; empty in a session that was resumed.
+    """
+
+    def __init__(
+        self, control: Control, credentials: Credentials, *, partition: int, timeout: float, compute_timeout: float
+    ) -> None:
+        self.credentials = credentials
+        self.partition = partition
+        self.step = 0
+        self.iteration = 0
+        self.dimension = 0
+        self.moving_nodes: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self.settings: dict[str, Any] = {}
+        self.mesh_report: dict[str, Any] = {}
+        self.quality: dict[str, Any] = {}
+        self._patches: dict[str, NDArray[np.int64]] = {}
+        self._control = control
+        self._courier = Courier(control, credentials, partition)
+        self._timeout = timeout
+        self._compute_timeout = compute_timeout
+        self._closed = False
+
+    # --- the verbs ---------------------------------------------------------------------------------------------------
+
+    def move(
+        self,
+        displacements: ArrayLike | Mapping[str, ArrayLike],
+        *,
+        frame: Frame = "committed",
+        timeout: float | None = None,
+    ) -> Moved:
+        """One coupling iteration: boundary displacements in, displacements of all nodes out. Nothing is final yet.
+
+        Parameters
+        ----------
+        displacements : (k, d) array, mesh length unit, or dict
+            In the order of :attr:`moving_nodes`; or patch name → (p, d) array in the order of the patch's nodes.
+        frame : {"committed", "reference"}
+            Displacement since the committed state, or since the reference mesh (total).
+        timeout : float, optional
+            Seconds for this call.
+
+        Returns
+        -------
+        Moved
+            ``displacement`` (n, d) in ``frame``, ``quality``, ``correction``, ``warnings``, ``seconds``, …
+
+        Raises
+        ------
+        QualityRefused
+            If no acceptable mesh was found; the session is as before.
+        InvalidInput, SessionError, Unavailable, Timeout
+        """
+        move = Move(**self._courier.address, step=self.step + 1, frame=frame, displacement=self._rows(displacements))
+        moved = self._courier.deliver(move, Moved, timeout or self._compute_timeout)
+        self._courier.trial, self.iteration = move, moved.iteration
+        return moved
+
+    def commit(self, *, timeout: float | None = None) -> Committed:
+        """Make the trial the committed state; it is durable when this returns."""
+        commit = Commit(**self._courier.address, step=self.step + 1)
+        committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
+        self.step, self.iteration, self._courier.trial = committed.step, 0, None
+        return committed
+
+    def rollback(self, *, timeout: float | None = None) -> None:
+        """Drop the trial."""
+        self._courier.deliver(
+            Rollback(**self._courier.address, step=self.step + 1), RolledBack, timeout or self._compute_timeout
+        )
+        self.iteration, self._courier.trial = 0, None
+
+    def points(self, what: Frame = "committed", *, timeout: float | None = None) -> NDArray[np.float64]:
+        """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
+        return self._courier.deliver(
+            Fetch(**self._courier.address, what=what), Fetched, timeout or self._timeout
+        ).points
+
+    def status(self, *, timeout: float | None = None) -> StatusReport:
+        """Where the session stands: state, step, iteration, counters."""
+        return self._courier.deliver(Status(**self._courier.address), StatusReport, timeout or self._timeout)
+
+    def close(self, outcome: Literal["keep", "discard"] = "keep") -> None:
+        """End this use. ``keep`` leaves the session resumable, ``discard`` deletes it. Idempotent."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if self.dimension:
+                self._courier.deliver(Close(**self._courier.address, outcome=outcome), Closed, self._timeout)
+        finally:
+            self._courier.disconnect()
+            self._control.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:
+            self.close()
+        except MeshMotionError as second:
+            if error is not None:
+                error.add_note(f"closing the session failed as well: {second}")
+
+    # --- opening -----------------------------------------------------------------------------------------------------
+
+    def join(self, endpoint: str, epoch: int) -> Joined:
+        """Connect to the worker; a session that is built is then ready for use."""
+        joined = self._courier.join(endpoint, epoch, self._timeout)
+        self.dimension, self.step, self.iteration = joined.dimension, joined.step, joined.iteration
+        if joined.moving_nodes is not None:
+            self.moving_nodes = joined.moving_nodes
+        return joined
+
+    def allow_resume(self) -> None:
+        """From now on the session may be resumed by itself when its worker is gone: nobody else takes part."""
+        self._courier.may_resume = True
+
+    def upload(self, mesh: Mesh) -> Built:
+        """Send the mesh and wait until all partitions have sent theirs and the server has checked the whole."""
+        for part in mesh.parts(**self._courier.address):
+            self._courier.deliver(part, Uploaded, self._timeout)
+        built = self._courier.deliver(Build(**self._courier.address), Built, self._compute_timeout)
+        self.moving_nodes = built.moving_nodes
+        self.settings, self.mesh_report, self.quality = built.settings, built.mesh, built.quality
+        self._patches = {name: patch.nodes for name, patch in mesh.patches.items() if patch.role == "moving"}
+        return built
+
+    # --- displacements -----------------------------------------------------------------------------------------------
+
+    def _rows(self, displacements: ArrayLike | Mapping[str, ArrayLike]) -> NDArray[np.float64]:
+        """(k, d) in the order of the moving nodes."""
+        if isinstance(displacements, Mapping):
+            return self._gather(displacements)
+        rows = finite_rows(displacements, "displacements")
+        wanted = (len(self.moving_nodes), self.dimension)
+        if rows.shape != wanted:
+            raise InvalidInput(
+                f"displacements must have shape {wanted}, one row a moving node, got {rows.shape}",
+                code="INVALID_ARGUMENT.SHAPE",
+                hint="session.moving_nodes tells the order of the rows",
+            )
+        return rows
+
+    def _gather(self, by_patch: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
+        """(k, d) from the displacements of each patch."""
+        if set(by_patch) != set(self._patches):
+            raise InvalidInput(
+                f"displacements must name the moving patches {sorted(self._patches)}, got {sorted(by_patch)}",
+                hint="a resumed session knows no patches: give rows in the order of session.moving_nodes",
+            )
+        rows = np.full((len(self.moving_nodes), self.dimension), np.nan)
+        for name, values in by_patch.items():
+            nodes = self._patches[name]
+            displacement = finite_rows(values, f"displacements of patch {name!r}")
+            if displacement.shape != (len(nodes), self.dimension):
+                raise InvalidInput(
+                    f"displacements of patch {name!r} must have shape {(len(nodes), self.dimension)}, "
+                    f"got {displacement.shape}",
+                    code="INVALID_ARGUMENT.SHAPE",
+                )
+            at = np.searchsorted(self.moving_nodes, nodes)
+            taken = ~np.isnan(rows[at, 0])
+            differs = taken & (rows[at] != displacement).any(axis=1)
+            if differs.any():
+                raise InvalidInput(
+                    f"node {int(nodes[differs][0])} lies on two patches that move it to different places"
+                )
+            rows[at] = displacement
+        return rows
