@@ -29,6 +29,7 @@ def answer(session: Session, request: Join) -> Joined:
         step=session.step,
         iteration=session.iteration,
         dimension=session.spec.dimension,
+        partitions=session.spec.partitions,
         nodes=len(mesh.node_maps[request.partition]) if mesh else 0,
         moving_nodes=mesh.moving_local[request.partition] if mesh else None,
     )

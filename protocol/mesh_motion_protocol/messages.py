@@ -250,6 +250,7 @@ class Joined(Message):
     step: int  # last committed step
     iteration: int  # iterations of the open trial, 0 = none
     dimension: int = 0  # as in OPEN; 0 = the server does not say
+    partitions: int = 0  # as in OPEN; 0 = the server does not say
     nodes: int = 0  # nodes of this partition once BUILT
     moving_nodes: KnownMovingIndices = None  # as in BUILT, once BUILT
 

@@ -130,9 +130,7 @@ class Server:
             session.join(opened.endpoint, opened.epoch)
             if announce is not None:
                 announce(session.credentials)
-            session.upload(mesh)
-            if partitions == 1:
-                session.allow_resume()
+            session.upload(mesh, partitions)
         return session
 
     def join(self, credentials: Credentials, mesh: Mesh | None = None, *, partition: int) -> Session:
@@ -150,9 +148,9 @@ class Server:
             time.sleep(0.05)
         session = self._session(credentials, partition)
         with _closing_on_error(session, "keep"):
-            session.join(probed.endpoint, probed.epoch)
+            joined = session.join(probed.endpoint, probed.epoch)
             if mesh is not None:
-                session.upload(mesh)
+                session.upload(mesh, joined.partitions)
         return session
 
     def resume(self, credentials: Credentials, *, partition: int = 0) -> Session:
@@ -162,8 +160,6 @@ class Server:
         session = self._session(credentials, partition)
         with _closing_on_error(session, "keep"):
             session.join(resumed.endpoint, resumed.epoch)
-            if session.status().report.get("partitions", 1) == 1:
-                session.allow_resume()
         return session
 
     def sessions(self) -> list[dict[str, Any]]:

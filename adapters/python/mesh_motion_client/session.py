@@ -122,16 +122,14 @@ class Session:
 
     def rollback(self, *, timeout: float | None = None) -> None:
         """Drop the trial."""
-        self._courier.deliver(
-            Rollback(**self._courier.address, step=self.step + 1), RolledBack, timeout or self._compute_timeout
-        )
+        rollback = Rollback(**self._courier.address, step=self.step + 1)
+        self._courier.deliver(rollback, RolledBack, timeout or self._compute_timeout)
         self.iteration, self._courier.trial = 0, None
 
     def points(self, what: Frame = "committed", *, timeout: float | None = None) -> NDArray[np.float64]:
         """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
-        return self._courier.deliver(
-            Fetch(**self._courier.address, what=what), Fetched, timeout or self._timeout
-        ).points
+        fetch = Fetch(**self._courier.address, what=what)
+        return self._courier.deliver(fetch, Fetched, timeout or self._timeout).points
 
     def status(self, *, timeout: float | None = None) -> StatusReport:
         """Where the session stands: state, step, iteration, counters."""
@@ -170,18 +168,16 @@ class Session:
         self.dimension, self.step, self.iteration = joined.dimension, joined.step, joined.iteration
         if joined.moving_nodes is not None:
             self.moving_nodes = joined.moving_nodes
+            self._courier.may_resume = joined.partitions == 1
         return joined
 
-    def allow_resume(self) -> None:
-        """From now on the session may be resumed by itself when its worker is gone: nobody else takes part."""
-        self._courier.may_resume = True
-
-    def upload(self, mesh: Mesh) -> Built:
+    def upload(self, mesh: Mesh, partitions: int) -> Built:
         """Send the mesh and wait until all partitions have sent theirs and the server has checked the whole."""
         for part in mesh.parts(**self._courier.address):
             self._courier.deliver(part, Uploaded, self._timeout)
         built = self._courier.deliver(Build(**self._courier.address), Built, self._compute_timeout)
         self.moving_nodes = built.moving_nodes
+        self._courier.may_resume = partitions == 1
         self.settings, self.mesh_report, self.quality = built.settings, built.mesh, built.quality
         self._patches = {name: patch.nodes for name, patch in mesh.patches.items() if patch.role == "moving"}
         return built

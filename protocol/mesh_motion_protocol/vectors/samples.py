@@ -40,7 +40,7 @@ MESSAGES: tuple[m.Message, ...] = (
     m.Ping(**_ID),
     m.Pong(**_ID),
     m.Join(**_AT, partition=0, token=_TOKEN),
-    m.Joined(**_ID, state="READY", step=12, iteration=0, dimension=2, nodes=4,
+    m.Joined(**_ID, state="READY", step=12, iteration=0, dimension=2, partitions=1, nodes=4,
              moving_nodes=np.array([2, 3], dtype=np.int64)),
     m.Upload(**_AT, partition=0, item="nodes", name="", role="", rows=_POINTS),
     m.Uploaded(**_ID, rows_total=4),
