@@ -54,13 +54,15 @@ class SessionHost(Protocol):
 
 @dataclass(frozen=True)
 class Hosting:
-    """The modules that provide ``SessionHost`` and ``SessionStore``."""
+    """The modules that provide ``SessionHost`` and ``SessionStore``, and what else a worker imports ahead."""
 
     host: str = "mesh_motion_server.service.dispatch"
     store: str = "mesh_motion_server.session.store"
+    numerics: str = "mesh_motion_server.numerics.motion"
 
     def load_host(self) -> Any:
-        """The class ``SessionHost``."""
+        """The class ``SessionHost``, with everything imported that its first request needs."""
+        importlib.import_module(self.numerics)
         return importlib.import_module(self.host).SessionHost
 
     def load_store(self) -> Any:

@@ -187,6 +187,7 @@ class Supervisor:
             self._level,
             self._hosting.host,
             self._hosting.store,
+            self._hosting.numerics,
             threads=self._settings.threads,
         )
         self._listen(child.channel, lambda _: self._worker_spoke(child))

@@ -1,4 +1,4 @@
-"""One session's process: ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE``.
+"""One session's process: ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE NUMERICS``.
 
 Everything is imported first, then the process waits for its order: create a session, or resume one from its journal.
 From then on one request at a time: frames → message → host → replies → frames. While it computes nobody else is served

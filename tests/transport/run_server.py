@@ -9,7 +9,7 @@ from mesh_motion_server.transport.serve import serve
 
 if __name__ == "__main__":
     settings = ServerSettings.model_validate_json(sys.argv[1])
-    hosting = Hosting("fake_service", "fake_service")
+    hosting = Hosting("fake_service", "fake_service", "fake_service")
     sys.exit(
         serve(settings, ready_file=Path(sys.argv[2]), insecure="insecure" in sys.argv, hosting=hosting, level="debug")
     )
