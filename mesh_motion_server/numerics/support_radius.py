@@ -3,10 +3,9 @@
 The rule is ``R = min(2.5 L, 2·10⁴ h)``: L the longest side of the mesh's bounding box, h the spacing of the control
 points where they are close.
 
-- 2.5 L makes the support global. In one large step that is the most robust choice without a correction (unit square,
-  slab moved by (−0.2, −0.2) and rotated by 60°: minimum size −0.4 … −0.6 with R = 0.5 L, a valid mesh with 2.5 L on
-  fine meshes), and a correction reaches the same quality from either. It is the radius of the literature's global
-  reference solutions.
+- 2.5 L makes the support global: in one large step the more robust choice (thesis Table 5.6, slab moved by
+  (−0.2, −0.2) and rotated by 60°: minimum size −0.49 with R = 0.5 L, 0.03 with 2.5 L), and the radius of the global
+  reference solutions in the literature.
 - The smallest eigenvalue of the matrix of a C2 function falls as (h/R)³, whatever the dimension; past R ≈ 5·10⁴ h it
   is lost in rounding (2000 points on an ellipse with h = 2·10⁻⁴: a residual of 7·10⁻¹⁴ at R = 10, singular at 25). So
   far fields hundreds of bodies away do not enlarge R for ever. One close pair alone does not do that harm (it costs

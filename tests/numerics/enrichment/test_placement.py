@@ -1,0 +1,59 @@
+"""Points go to bad cells, the worst first, and spread over separate bad regions."""
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.enrichment.placement import spread_placement, worst_cell
+
+
+@pytest.fixture
+def strip() -> tuple[np.ndarray, CellTable]:
+    """100 unit squares in a row; the centre of cell i is (i + ½, ½)."""
+    points = np.array([[x, y] for x in range(101) for y in (0.0, 1.0)])
+    first = 2 * np.arange(100)
+    return points, CellTable.from_arrays({"quad": np.c_[first, first + 2, first + 3, first + 1]})
+
+
+def test_the_worst_cell_is_the_first_of_equals():
+    assert worst_cell(np.array([0.5, -np.inf, -0.1, -np.inf])) == 1
+
+
+def test_two_bad_regions_each_get_points(strip):
+    points, cells = strip
+    quality = np.ones(100)
+    quality[10:15] = [0.3, 0.1, -0.2, 0.1, 0.3]
+    quality[80:83] = [0.2, 0.0, 0.2]
+    found = spread_placement(points, cells, quality, count=3, radius=0.5)
+    assert found.cells.tolist()[:2] == [12, 81]  # the worst, then the far and bad one
+    np.testing.assert_array_equal(found.points, np.c_[found.cells + 0.5, np.full(3, 0.5)])
+    np.testing.assert_array_equal(found.radii, [0.5, 0.25, 1.0])
+
+
+def test_a_bad_cell_wins_over_a_slightly_farther_better_one(strip):
+    points, cells = strip
+    quality = np.full(100, 0.9)
+    quality[[0, 40, 42]] = [-0.9, -0.5, 0.3]
+    assert spread_placement(points, cells, quality, count=2, radius=1.0).cells.tolist() == [0, 40]
+
+
+def test_only_bad_cells_are_candidates_unless_there_are_too_few(strip):
+    points, cells = strip
+    quality = np.linspace(0.5, 0.9, 100)  # none is bad
+    found = spread_placement(points, cells, quality, count=5, radius=1.0)
+    assert found.cells[0] == 0
+    assert found.cells.max() < 20  # the 4K smallest
+    assert len(np.unique(found.cells)) == 5
+
+
+def test_no_more_points_than_cells(strip):
+    points, cells = strip
+    few = CellTable.from_arrays({"quad": cells.blocks[0].nodes[:3]})
+    assert sorted(spread_placement(points, few, np.zeros(3), count=20, radius=1.0).cells.tolist()) == [0, 1, 2]
+    assert len(spread_placement(points, few, np.zeros(3), count=0, radius=1.0).cells) == 0
+
+
+def test_cells_at_one_place_are_one_place(strip):
+    points, _ = strip
+    twice = CellTable.from_arrays({"quad": np.array([[0, 2, 3, 1], [0, 2, 3, 1]])})
+    assert spread_placement(points, twice, np.zeros(2), count=2, radius=1.0).cells.tolist() == [0]
