@@ -26,8 +26,9 @@ __all__ = ["ConjugateGradients"]
 
 Array = NDArray[np.float64]
 
-#: Residual of the recurrences, relative to the right-hand side, at which the iterations end.
-_TOLERANCE = 1e-12
+#: Residual of the recurrences, relative to the right-hand side, at which the iterations end: boundary values to 1e-12
+#: in the maximum norm unless rounding forbids it.
+_TOLERANCE = 1e-13
 #: A true residual above this is worth another round; below it, what is left is rounding of the sums themselves.
 _REFINED = 1e-10
 #: A residual that refinement cannot push below this is an error: snapping the boundary would then show.

@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from mesh_motion_server.numerics.centres import CentreLayout, pairs_fraction
+from mesh_motion_server.numerics.kernels import BASES
+from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
+
+C2 = BASES["wendland-c2"]
+
+
+def visited(layout, point):
+    """Control points in the cells around a point."""
+    runs = np.empty((MAX_RUNS, 2), dtype=np.int64)
+    count = centre_runs(*np.pad(point, (0, 3 - len(point))), *layout.grid(), runs)
+    return set(np.concatenate([layout.order[a:b] for a, b in runs[:count]] or [[]]).astype(int).tolist())
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.parametrize("radius", [0.02, 0.07, 0.2])
+def test_every_centre_within_the_radius_is_visited(d, radius):
+    rng = np.random.default_rng(d)
+    centres = rng.random((600, d)) * [1.0, 0.3, 2.0][:d]
+    layout = CentreLayout.build(centres, C2, radius)
+    assert sorted(layout.order) == list(range(600))
+    assert np.array_equal(layout.coordinates[:d].T, centres[layout.order])
+    places = np.concatenate([centres[:100], rng.uniform(-0.5, 2.5, (100, d)), centres[:50] + radius / np.sqrt(d)])
+    for place in places:
+        near = np.flatnonzero(np.linalg.norm(centres - place, axis=1) < radius)
+        assert set(near.tolist()) <= visited(layout, place)
+
+
+def test_points_far_away_and_not_finite_visit_nothing_and_break_nothing():
+    layout = CentreLayout.build(np.random.default_rng(0).random((500, 3)), C2, 0.05)
+    assert not layout.is_direct
+    for place in ([1e300, 0, 0], [-1e300, 1e300, 0], [np.inf, 0, 0], [0.5, -np.inf, 0.5], [5.0, 0.5, 0.5]):
+        assert visited(layout, np.array(place)) == set()
+
+
+def test_large_radius_and_global_bases_sum_directly():
+    centres = np.random.default_rng(0).random((500, 2))
+    assert CentreLayout.build(centres, C2, 1.0).is_direct
+    assert CentreLayout.build(centres, BASES["tps"], 0.01).is_direct
+    assert not CentreLayout.build(centres, C2, 0.05).is_direct
+    assert pairs_fraction(CentreLayout.build(centres, C2, 1.0)) == 1.0
+
+
+def test_a_tiny_radius_does_not_make_a_huge_grid():
+    layout = CentreLayout.build(np.random.default_rng(0).random((100, 3)), C2, 1e-9)
+    assert layout.starts.size <= 16 * 100 + 1
+
+
+def test_sort_brings_weights_along():
+    centres = np.random.default_rng(0).random((300, 2))
+    layout = CentreLayout.build(centres, C2, 0.05)
+    assert np.array_equal(layout.sort(centres), layout.coordinates[:2])
+
+
+def test_one_centre_and_points_on_a_line():
+    assert CentreLayout.build(np.zeros((1, 3)), C2, 0.1).n_centres == 1
+    line = np.column_stack([np.linspace(0, 1, 200), np.zeros(200), np.zeros(200)])
+    assert not CentreLayout.build(line, C2, 0.01).is_direct

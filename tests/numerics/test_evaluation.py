@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.kernels import BASES, slopes, values
+
+SMOOTH = sorted(name for name, basis in BASES.items() if basis.gradient_at_centre and not basis.unusable)
+
+
+def radius_of(name):
+    return 0.4 if BASES[name].compact else 0.15
+
+
+def made(name, d, *, n=60, k=None, radius=None, polynomial="auto", seed=0):
+    """An interpolant of random data on a jittered grid, dense enough to be well posed."""
+    rng = np.random.default_rng(seed)
+    side = int(np.ceil(n ** (1 / d)))
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, side)] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    points = grid + rng.uniform(-0.2, 0.2, grid.shape) / side
+    data = rng.standard_normal((len(points), k or d))
+    return factorize(points, basis=name, support_radius=radius or radius_of(name), polynomial=polynomial).solve(data)
+
+
+def brute(interpolant, points):
+    """Values and gradients by the formulas, whole matrices."""
+    rho = points[:, None] - interpolant.control_points
+    xi = np.linalg.norm(rho, axis=2) / interpolant.support_radius
+    s = values(interpolant.basis, xi) @ interpolant.weights
+    g = np.einsum("nc,ncm,ck->nkm", slopes(interpolant.basis, xi), rho, interpolant.weights)
+    g /= interpolant.support_radius**2
+    if interpolant.polynomial is not None:
+        s += interpolant.polynomial(points)
+        g += interpolant.polynomial.gradient
+    return s, g
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.parametrize("name", SMOOTH)
+def test_sums_are_the_formulas(name, d):
+    radius = 0.02 if d == 1 and not BASES[name].compact else None
+    interpolant = made(name, d, n=30 if d == 1 else 60, radius=radius)
+    points = np.concatenate([np.random.default_rng(1).uniform(-0.3, 1.3, (100, d)), interpolant.control_points])
+    s, g = brute(interpolant, points)
+    evaluator = LocalEvaluator()
+    # rounding is relative to the terms: CTPS adds some of size 60 for φ itself, TPS reaches 2 · 10⁴ at ξ = 65
+    scale = (2e4 if name == "tps" else 100) * np.abs(interpolant.weights).sum()
+    assert np.allclose(evaluator.displacement(interpolant, points), s, rtol=0, atol=1e-15 * scale)
+    assert np.allclose(evaluator.gradient(interpolant, points), g, rtol=0, atol=1e-12 * np.abs(g).max())
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.parametrize("name", SMOOTH)
+def test_gradient_is_the_derivative(name, d):
+    interpolant = made(name, d, n=20, polynomial="linear", radius=0.05 if d == 1 and not BASES[name].compact else None)
+    points, h = np.random.default_rng(1).random((50, d)), 1e-6
+    evaluator = LocalEvaluator()
+    gradient = evaluator.gradient(interpolant, points)
+    for m in range(d):
+        step = h * np.eye(d)[m]
+        ahead, behind = (evaluator.displacement(interpolant, points + sign * step) for sign in (1, -1))
+        difference = (ahead - behind) / (2 * h)
+        assert np.allclose(gradient[:, :, m], difference, rtol=1e-5, atol=1e-6 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("radius", [0.03, 0.1])
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_cells_and_direct_sum_agree(d, radius):
+    rng = np.random.default_rng(d)
+    centres = rng.random((1500, d)) if d > 1 else (np.arange(1500)[:, None] + rng.uniform(-0.3, 0.3, (1500, 1))) / 1500
+    interpolant = factorize(centres, basis="ctps-c0", support_radius=radius, solver="dense").solve(
+        rng.standard_normal((1500, d))
+    )
+    assert not interpolant.layout.is_direct
+    points = rng.uniform(-0.1, 1.1, (300, d))
+    s, _ = brute(interpolant, points)
+    scale = np.abs(interpolant.weights).max()
+    assert np.allclose(LocalEvaluator().displacement(interpolant, points), s, rtol=0, atol=1e-13 * scale)
+
+
+@pytest.mark.parametrize("k", [1, 2, 5, 60, 180])
+def test_any_number_of_columns(k):
+    interpolant = made("wendland-c2", 3, k=k)
+    points = np.random.default_rng(1).random((70, 3))
+    s, g = brute(interpolant, points)
+    evaluator = LocalEvaluator()
+    assert evaluator.displacement(interpolant, points).shape == (70, k)
+    assert np.allclose(evaluator.displacement(interpolant, points), s, atol=1e-13 * np.abs(interpolant.weights).max())
+    assert np.allclose(evaluator.gradient(interpolant, points), g, atol=1e-12 * np.abs(g).max())
+
+
+@pytest.mark.parametrize("radius", [0.08, 0.5])
+def test_one_and_two_threads_and_any_split_give_the_same_bytes(radius):
+    interpolant = made("wendland-c2", 3, n=1000, radius=radius)
+    points = np.random.default_rng(1).random((1001, 3))
+    one = LocalEvaluator(1)
+    whole = one.displacement(interpolant, points)
+    gradient = one.gradient(interpolant, points)
+    parts = np.concatenate([one.displacement(interpolant, part) for part in np.array_split(points[::-1], 7)])[::-1]
+    assert parts.tobytes() == whole.tobytes()
+    try:
+        two = LocalEvaluator(2)
+    except InvalidInput:
+        pytest.skip("one core")
+    assert two.displacement(interpolant, points).tobytes() == whole.tobytes()
+    assert two.gradient(interpolant, points).tobytes() == gradient.tobytes()
+
+
+def test_no_point_is_no_problem():
+    interpolant = made("wendland-c2", 2)
+    assert LocalEvaluator().displacement(interpolant, np.empty((0, 2))).shape == (0, 2)
+    assert LocalEvaluator().gradient(interpolant, np.empty((0, 2))).shape == (0, 2, 2)
+
+
+def test_beyond_the_radius_a_compact_interpolant_is_zero():
+    interpolant = made("wendland-c2", 2, radius=0.3)
+    assert (LocalEvaluator().displacement(interpolant, np.array([[5.0, 5.0], [-1.0, 0.5]])) == 0).all()
+
+
+def test_wrong_dimension_is_refused():
+    with pytest.raises(InvalidInput, match=r"expected points of shape \(n, 2\), got \(4, 3\)"):
+        LocalEvaluator().displacement(made("wendland-c2", 2), np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize("name", ["wendland-c0", "ctps-c0"])
+def test_a_basis_with_a_cusp_has_values_but_no_gradient(name):
+    interpolant = made(name, 2)
+    LocalEvaluator().displacement(interpolant, np.zeros((1, 2)))
+    with pytest.raises(InvalidInput, match="no gradient at a control point"):
+        LocalEvaluator().gradient(interpolant, np.zeros((1, 2)))
+
+
+@pytest.mark.parametrize("threads", [0, -1, 10_000])
+def test_impossible_numbers_of_threads(threads):
+    with pytest.raises(InvalidInput, match="evaluation threads"):
+        LocalEvaluator(threads)
