@@ -121,7 +121,7 @@ class Welcome(Message):
     features: list[str]  # features both sides have
     server: str  # name and version
     boot: Uuid  # 16 bytes, new at each start of the server
-    limits: dict[str, int]  # names and units in SPEC.md
+    limits: dict[str, int]  # by name: section 6
     durability: list[str]  # levels this server offers, the default first
 
 
@@ -154,8 +154,8 @@ class Resume(Message):
     """Asks for an existing session: after a crash of the client, of the worker, or a restart of the server."""
 
     type: ClassVar[str] = "RESUME"
-    session: SessionId
-    token: Token
+    session: SessionId  # as in OPENED
+    token: Token  # as in OPENED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,9 +163,9 @@ class Resumed(Message):
     """The session is there again, at its last committed step."""
 
     type: ClassVar[str] = "RESUMED"
-    session: str
-    endpoint: str
-    epoch: int
+    session: str  # as asked
+    endpoint: str  # the data endpoint
+    epoch: int  # the one to use from now on
     state: str  # a state of the session table
     step: int  # last committed step
 
@@ -183,7 +183,7 @@ class Listed(Message):
     """The sessions: maps with session, label, state, step, partitions, worker ("alive" | "none"), no secrets."""
 
     type: ClassVar[str] = "LISTED"
-    sessions: list[dict[str, Any]]
+    sessions: list[dict[str, Any]]  # section 15
     more: bool = False  # ask again with after = the last id
 
 
@@ -192,8 +192,8 @@ class Probe(Message):
     """Asks the gateway about one session's worker while the worker itself may be busy computing."""
 
     type: ClassVar[str] = "PROBE"
-    session: SessionId
-    token: Token
+    session: SessionId  # as in OPENED
+    token: Token  # as in OPENED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -201,9 +201,9 @@ class Probed(Message):
     """Answer to PROBE."""
 
     type: ClassVar[str] = "PROBED"
-    session: str
+    session: str  # as asked
     worker: str  # "starting" | "alive" | "dead" | "none"
-    epoch: int
+    epoch: int  # of the session; 0 where the worker is "none"
     endpoint: str = ""  # the data endpoint while the worker is alive; what a joining partition needs
 
 
@@ -228,8 +228,8 @@ class Pong(Message):
 class SessionMessage(Message):
     """Base of the requests to a session's data endpoint."""
 
-    session: SessionId
-    epoch: Count
+    session: SessionId  # as in OPENED
+    epoch: Count  # of OPENED or RESUMED
     partition: Partition = 0  # 0 … partitions - 1
 
 
@@ -238,7 +238,7 @@ class Join(SessionMessage):
     """First message on a data connection; proves the right to the session."""
 
     type: ClassVar[str] = "JOIN"
-    token: Token
+    token: Token  # as in OPENED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -246,7 +246,7 @@ class Joined(Message):
     """Answer to JOIN: where the session stands."""
 
     type: ClassVar[str] = "JOINED"
-    state: str
+    state: str  # a state of the session table
     step: int  # last committed step
     iteration: int  # iterations of the open trial, 0 = none
     dimension: int = 0  # as in OPEN; 0 = the server does not say
@@ -267,10 +267,10 @@ class Upload(SessionMessage):
     """
 
     type: ClassVar[str] = "UPLOAD"
-    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "patch"))]
-    name: Name = ""
+    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "patch"))]  # what the rows are
+    name: Name = ""  # of the cell type or the patch
     role: Role = ""  # with item = "patch"
-    rows: UploadRows = None
+    rows: UploadRows = None  # required; shape and dtype depend on the item: section 13
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -278,7 +278,7 @@ class Uploaded(Message):
     """Answer to UPLOAD: how many rows of this item and name the partition has now."""
 
     type: ClassVar[str] = "UPLOADED"
-    rows_total: int
+    rows_total: int  # rows of this item and name so far
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -295,11 +295,11 @@ class Built(Message):
     """
 
     type: ClassVar[str] = "BUILT"
-    step: int
+    step: int  # 0
     settings: dict[str, Any]  # the settings in force, defaults filled in
-    mesh: dict[str, Any]  # counts, bounding box, warnings
-    quality: dict[str, Any]  # quality report of the mesh as uploaded
-    moving_nodes: MovingIndices
+    mesh: dict[str, Any]  # counts, bounding box, warnings: section 15
+    quality: dict[str, Any]  # summary of the mesh as uploaded: section 15
+    moving_nodes: MovingIndices  # local indices, ascending: the order of the rows of MOVE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -317,15 +317,15 @@ class Moved(Message):
     """The trial: displacements of all of the partition's nodes, in the frame of the MOVE."""
 
     type: ClassVar[str] = "MOVED"
-    step: int
+    step: int  # as asked
     iteration: int  # 1, 2, … within the step
-    quality: dict[str, Any]  # quality report: "standard" and "corrected" prediction
+    quality: dict[str, Any]  # predicted, "standard" and "corrected": section 15
     correction: dict[str, Any]  # what was done: method, enrichment points, freed nodes, iterations, reached
     caches: dict[str, Any]  # {"factorization": "reused" | "made", …}
     seconds: dict[str, float]  # solve, predict, correct, displace, total
-    warnings: list[str]
-    displacement: FloatNodes
-    enrichment_points: FloatEnrichment
+    warnings: list[str]  # for people
+    displacement: FloatNodes  # of all nodes of the partition, since the frame of the MOVE
+    enrichment_points: FloatEnrichment  # where enrichment functions were added
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -333,7 +333,7 @@ class Commit(SessionMessage):
     """Collective: the trial of ``step`` becomes the committed state, durably before the answer."""
 
     type: ClassVar[str] = "COMMIT"
-    step: Count
+    step: Count  # committed step + 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -341,10 +341,10 @@ class Committed(Message):
     """The step is committed."""
 
     type: ClassVar[str] = "COMMITTED"
-    step: int
+    step: int  # as asked
     durable_step: int  # with durability "full" equal to ``step``
-    digest: Digest  # sha256 of the committed state, as SPEC.md defines it
-    quality: dict[str, Any]  # quality report of the committed mesh, computed from its coordinates
+    digest: Digest  # of the committed state: section 16
+    quality: dict[str, Any]  # summary of the committed mesh, from its coordinates: section 15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -352,7 +352,7 @@ class Rollback(SessionMessage):
     """Collective: the trial of ``step``, if any, is dropped."""
 
     type: ClassVar[str] = "ROLLBACK"
-    step: Count
+    step: Count  # committed step + 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -360,7 +360,7 @@ class RolledBack(Message):
     """The session is READY at its last committed step."""
 
     type: ClassVar[str] = "ROLLED_BACK"
-    step: int
+    step: int  # last committed step
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -368,7 +368,7 @@ class Fetch(SessionMessage):
     """Asks for the partition's node coordinates. ``what``: "committed" | "reference"."""
 
     type: ClassVar[str] = "FETCH"
-    what: Frame = "committed"
+    what: Frame = "committed"  # which coordinates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -376,8 +376,8 @@ class Fetched(Message):
     """Answer to FETCH."""
 
     type: ClassVar[str] = "FETCHED"
-    step: int
-    points: FloatNodes
+    step: int  # last committed step
+    points: FloatNodes  # coordinates of all nodes of the partition
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -392,10 +392,10 @@ class StatusReport(Message):
     """Answer to STATUS. ``waiting_for``: partitions a collective request is still waiting for."""
 
     type: ClassVar[str] = "STATUS_REPORT"
-    state: str
-    step: int
-    iteration: int
-    waiting_for: list[int]
+    state: str  # a state of the session table
+    step: int  # last committed step
+    iteration: int  # moves of the open trial, 0 = none
+    waiting_for: list[int]  # partitions that a collective request is still waiting for
     report: dict[str, Any]  # counters, memory, quality of the last commit
 
 
@@ -404,7 +404,9 @@ class Close(SessionMessage):
     """Ends this holder's use. ``outcome``: "keep" leaves the session durable and resumable, "discard" deletes it."""
 
     type: ClassVar[str] = "CLOSE"
-    outcome: Annotated[str, Choice(("keep", "discard"))] = "keep"
+    outcome: Annotated[str, Choice(("keep", "discard"))] = (
+        "keep"  # the last partition to close decides nothing alone: one "discard" discards
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -412,7 +414,7 @@ class Closed(Message):
     """The session's worker is about to end."""
 
     type: ClassVar[str] = "CLOSED"
-    step: int
+    step: int  # last committed step
 
 
 # --- errors ----------------------------------------------------------------------------------------------------------
@@ -424,11 +426,11 @@ class ErrorReply(Message):
 
     type: ClassVar[str] = "ERROR"
     code: str  # a code of SPEC.md, e.g. "INVALID_ARGUMENT.NONFINITE"
-    message: str
-    hint: str
-    retryable: bool
+    message: str  # what was expected, what came
+    hint: str  # the way out
+    retryable: bool  # the same request may succeed later
     state: str  # the session's state afterwards, "" when there is none
-    details: dict[str, Any]  # names the first offender: {"partition": …, "node": …, "value": …}
+    details: dict[str, Any]  # names the first offender: section 15
 
 
 MESSAGES: dict[str, type[Message]] = {
