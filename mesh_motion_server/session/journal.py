@@ -209,11 +209,12 @@ class Journal:
         write it again: so the last record and its slot are written anew. Slots are cleaned last, for a torn manifest
         is judged by them.
         """
-        last = self.ledger.last
-        packed = pack_record(last.sequence, last.previous, last.body)
+        again = found.completion or found.records[-1:]
+        packed = b"".join(pack_record(record.sequence, record.previous, record.body) for record in again)
         self._files.sync_folder(self._folder)
-        if last.kind == "commit":
-            self._write_slot(self.ledger.step, packed, self.read_state())
+        if again[-1].kind == "commit":
+            own = packed[-again[-1].length :]
+            self._write_slot(self.ledger.step, own, self.read_state())
         start = found.end if found.completion else found.end - len(packed)
         self._end = start + len(packed)
         rest = bytes(max(0, self.ledger.capacity - self._end)) if found.torn else b""
@@ -222,7 +223,7 @@ class Journal:
         for number in found.dirty_slots:
             write_all(self._files, self._handles[1 + number], 0, bytes(self.ledger.foundation.record_area))
             self._files.sync(self._handles[1 + number])
-        if found.torn and found.completion is None:
+        if found.torn and not found.completion:
             # the torn record may have been an epoch that somebody was told
             self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
         self._files.remove(self._folder / _NEXT_MANIFEST)

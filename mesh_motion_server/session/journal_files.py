@@ -35,7 +35,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
     """
 
     def view_slots(foundation: Foundation) -> tuple[SlotView, SlotView]:
-        even, odd = (_view_slot(folder / name, files, foundation) for name in SLOTS)
+        even, odd = (view_slot(folder / name, files, foundation) for name in SLOTS)
         return even, odd
 
     try:
@@ -91,7 +91,7 @@ def _read_whole(files: FileSystem, path: Path) -> bytes:
         files.close(handle)
 
 
-def _view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView:
+def view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView:
     """A slot's record; its coordinates are read only when they are asked for."""
     area = foundation.record_area
     head = _read_part(files, path, 0, area)

@@ -52,11 +52,11 @@ class Findings:
     Attributes
     ----------
     ledger : Ledger
-        Includes the record that is to be completed from a slot.
+        Includes the records that are to be completed from slots.
     end : int
         Offset in the manifest at which its records end.
-    completion : Record or None
-        The commit record that a slot has and the manifest lacks.
+    completion : tuple of Record
+        The commit records that slots have and the manifest lacks, oldest first.
     torn : bool
         Whether the manifest ends in something that is no record.
     dirty_slots : tuple of int
@@ -67,7 +67,7 @@ class Findings:
 
     ledger: Ledger
     end: int
-    completion: Record | None
+    completion: tuple[Record, ...]
     torn: bool
     dirty_slots: tuple[int, ...]
     records: tuple[Record, ...]
@@ -96,11 +96,11 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     if (later := find_record(manifest, end)) is not None:
         raise _damage(f"the record at byte {end} of the manifest does not verify, a later one at {later} does", end)
     slots = view_slots(ledger.foundation)
-    completion = _completion(slots, ledger)
-    if completion is not None:
-        ledger = ledger.after(completion, keep)
+    completion = _completion(slots, ledger.last)
+    for record in completion:
+        ledger = ledger.after(record, keep)
     dirty = _dirty_slots(slots, ledger)
-    if dirty and torn and completion is None:
+    if dirty and torn and not completion:
         raise _damage(f"the record at byte {end} of the manifest does not verify and slot {dirty[0]} neither", end)
     return Findings(ledger, end, completion, torn, dirty, tuple(records))
 
@@ -123,7 +123,7 @@ def read_chain(manifest: bytes) -> tuple[list[Record], int]:
     """
     first = unpack_record(manifest)
     if first is None:
-        if manifest[:6] == _FAMILY and manifest[:8] != MAGIC:
+        if len(manifest) > 8 and manifest[:6] == _FAMILY and manifest[:8] != MAGIC:
             raise JournalError(
                 f"the journal has format {manifest[6]}; this version reads format {MAGIC[6]}",
                 code="UNIMPLEMENTED.VERSION",
@@ -137,17 +137,19 @@ def read_chain(manifest: bytes) -> tuple[list[Record], int]:
     return records, end
 
 
-def _completion(slots: tuple[SlotView, SlotView], ledger: Ledger) -> Record | None:
-    """The commit record that a complete slot has beyond the manifest."""
-    for number, slot in enumerate(slots):
-        record = slot.record
-        if record is None or record.sequence <= ledger.last.sequence:
+def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record, ...]:
+    """The commit records that complete slots have beyond the manifest, which must go on with its chain."""
+    found: list[Record] = []
+    known = [(slot.record, number, slot) for number, slot in enumerate(slots) if slot.record is not None]
+    for record, number, slot in sorted(known, key=lambda entry: entry[0].sequence):
+        if record.sequence <= last.sequence:
             continue
-        if not record.follows(ledger.last):
+        if not record.follows(last):
             raise _damage(f"slot {number} knows of record {record.sequence}, the manifest ends with another one", 0)
         if slot.state_verifies():
-            return record
-    return None
+            found.append(record)
+            last = record
+    return tuple(found)
 
 
 def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int, ...]:

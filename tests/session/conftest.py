@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.messages import Build, Commit, Join, Move, SessionMessage, Upload
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.service.dispatch import Envelope, SessionHost
 from mesh_motion_server.session.partitions import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec
 
@@ -146,9 +151,127 @@ def make_spec(session: str = SESSION, **changes: Any) -> SessionSpec:
     return SessionSpec(session=session, token=TOKEN, dimension=2, **changes)
 
 
+class Driver:
+    """Speaks to a host as the solver's ranks would; every partition is a client of its own.
+
+    ``replies``: what the last request of each partition was answered with.
+    """
+
+    def __init__(self, host: SessionHost, meshes: list[PartitionMesh]) -> None:
+        self.host, self.meshes = host, meshes
+        self.sequences = [0] * len(meshes)
+        self.moving = [np.unique(m.patches["left"].nodes) if "left" in m.patches else np.empty(0, int) for m in meshes]
+
+    def request(self, kind: type[SessionMessage], partition: int = 0, **fields: Any) -> Any:
+        """A new request of a partition."""
+        self.sequences[partition] += 1
+        known = {
+            "client": bytes([partition + 1]) * 16,
+            "sequence": self.sequences[partition],
+            "session": self.host.session,
+            "epoch": self.host.epoch,
+            "partition": partition,
+        }
+        return kind(**known | fields)
+
+    def send(self, request: Any, peer: bytes | None = None) -> list[Any]:
+        """The replies, as (partition's peer, message) → messages."""
+        envelopes = self.host.handle(Envelope(peer or b"peer %d" % request.partition, request))
+        return [envelope.message for envelope in envelopes]
+
+    def ask(self, kind: type[SessionMessage], partition: int = 0, **fields: Any) -> Any:
+        """One request, its one reply."""
+        (reply,) = self.send(self.request(kind, partition, **fields))
+        return reply
+
+    def all(self, kind: type[SessionMessage], rows: Any = None, **fields: Any) -> list[Any]:
+        """A collective request of every partition; the replies by partition."""
+        replies: list[Any] = []
+        for p in range(len(self.meshes)):
+            own = {} if rows is None else {"displacement": rows[p]}
+            replies += self.send(self.request(kind, p, **fields | own))
+        return replies
+
+    def join(self) -> Any:
+        """Every partition joins; the last reply."""
+        return [self.ask(Join, p, token=TOKEN) for p in range(len(self.meshes))][-1]
+
+    def upload(self) -> None:
+        """Every partition's mesh."""
+        for p, mesh in enumerate(self.meshes):
+            parts: list[tuple[str, str, str, Any]] = [("nodes", "", "", mesh.points)]
+            parts += [("global_ids", "", "", mesh.global_ids[:, None])]
+            parts += [("cells", name, "", nodes) for name, nodes in mesh.cells.items()]
+            parts += [("patch", name, patch.role, patch.nodes[:, None]) for name, patch in mesh.patches.items()]
+            for item, name, role, rows in parts:
+                reply = self.ask(Upload, p, item=item, name=name, role=role, rows=rows)
+                assert reply.type == "UPLOADED", reply
+
+    def displacement(self, step: int) -> list[Any]:
+        """A smooth motion of the left side that depends on the step."""
+        rows = []
+        for mesh, moving in zip(self.meshes, self.moving, strict=True):
+            y = mesh.points[moving, 1]
+            rows.append(0.01 * np.stack([np.sin(step + y), np.cos(step * y)], axis=1))
+        return rows
+
+    def open(self) -> list[Any]:
+        """From NEW to READY."""
+        self.join()
+        self.upload()
+        return self.all(Build)
+
+    def move(self, step: int, **fields: Any) -> list[Any]:
+        """The motion of this step."""
+        return self.all(Move, self.displacement(step), step=step, **fields)
+
+    def advance(self, step: int) -> list[Any]:
+        """Move and commit."""
+        moved = self.move(step)
+        assert moved[-1].type == "MOVED", moved[-1]
+        return self.all(Commit, step=step)
+
+
+def make_driver(store: Any, meshes: list[PartitionMesh], **options: Any) -> Driver:
+    """A driver of a new session."""
+    spec = make_spec(options.pop("session", SESSION), partitions=len(meshes), **options.pop("spec", {}))
+    return Driver(SessionHost.create(spec, store, build_model=StandIn, **options), meshes)
+
+
+def resume_driver(driver: Driver, store: Any, **options: Any) -> Driver:
+    """The same ranks with their request numbers, after the session was resumed in another process."""
+    host = SessionHost.resume(driver.host.session, TOKEN, store, build_model=StandIn, **options)
+    again = Driver(host, driver.meshes)
+    again.sequences = driver.sequences
+    again.join()
+    return again
+
+
+def load(name: str) -> Any:
+    """A module of this folder that holds no tests; there are no packages here to import it from."""
+    name_here = f"mesh_motion_tests_{name}"
+    if name_here not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name_here, Path(__file__).with_name(f"{name}.py"))
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name_here] = module
+        spec.loader.exec_module(module)
+    return sys.modules[name_here]
+
+
 @pytest.fixture
 def kit() -> SimpleNamespace:
     """The builders of this module: test modules cannot import it."""
     return SimpleNamespace(
-        StandIn=StandIn, grid_mesh=grid_mesh, split_mesh=split_mesh, make_spec=make_spec, TOKEN=TOKEN, SESSION=SESSION
+        StandIn=StandIn,
+        grid_mesh=grid_mesh,
+        split_mesh=split_mesh,
+        make_spec=make_spec,
+        TOKEN=TOKEN,
+        SESSION=SESSION,
+        files=load("model_files"),
+        make_driver=make_driver,
+        resume_driver=resume_driver,
+        Driver=Driver,
     )

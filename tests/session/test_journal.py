@@ -1,0 +1,224 @@
+"""The journal: exact continuation, a full manifest, truncation at every length, every byte damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.digests import state_digest
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session import journal as journal_module
+from mesh_motion_server.session.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal import Journal, record_area
+from mesh_motion_server.session.journal_files import KEPT_COMMITS, read_journal, read_ledger
+from mesh_motion_server.session.ledger import Commit, Foundation
+from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.session.replies import RequestId
+
+NODES = 40
+FOUNDATION = Foundation("0" * 32, b"s" * 32, b"m" * 32, NODES, 2, 4096)
+
+
+def state_of(step: int) -> Any:
+    return np.random.default_rng(step).random((NODES, 2))
+
+
+def entry_of(step: int) -> Commit:
+    request = RequestId(b"c" * 16, step, bytes([step % 256]) * 32)
+    return Commit(step, state_digest(step, state_of(step)), (request,), b"receipt")
+
+
+def write(folder: Path, steps: int) -> Journal:
+    journal = Journal.create(folder, PosixFileSystem(), FOUNDATION)
+    for step in range(1, steps + 1):
+        journal.commit(entry_of(step), state_of(step))
+    return journal
+
+
+def reopen(folder: Path) -> Journal:
+    return Journal.open(folder, PosixFileSystem())
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_module, "_capacity", lambda foundation: 8 * PAGE)
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 3, 7])
+def test_what_was_committed_is_read_back(tmp_path: Path, steps: int) -> None:
+    write(tmp_path, steps).close()
+    journal = reopen(tmp_path)
+    assert (journal.ledger.step, journal.ledger.epoch) == (steps, 1)
+    assert journal.ledger.foundation == FOUNDATION
+    assert journal.ledger.commits == tuple(entry_of(step) for step in range(1, steps + 1))
+    if steps:
+        np.testing.assert_array_equal(journal.read_state(), state_of(steps))
+    journal.close()
+
+
+def test_opening_again_changes_no_byte(tmp_path: Path) -> None:
+    write(tmp_path, 3).close()
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    reopen(tmp_path).close()
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.usefixtures("small")
+def test_a_full_manifest_is_replaced_and_stays_bounded(tmp_path: Path) -> None:
+    journal = write(tmp_path, 30)
+    assert (tmp_path / "manifest").stat().st_size == 8 * PAGE
+    assert len(journal.ledger.commits) == KEPT_COMMITS
+    for _ in range(10):
+        journal.raise_epoch()
+    journal.close()
+    again = reopen(tmp_path)
+    assert (again.ledger.step, again.ledger.epoch) == (30, 11)
+    assert again.ledger.commits == tuple(entry_of(step) for step in range(31 - KEPT_COMMITS, 31))
+    np.testing.assert_array_equal(again.read_state(), state_of(30))
+    again.close()
+
+
+def test_sequence_numbers_and_the_chain_run_over_the_whole_life(tmp_path: Path) -> None:
+    journal = write(tmp_path, 2)
+    journal.raise_epoch()
+    found = read_journal(tmp_path, PosixFileSystem())
+    assert [(r.sequence, r.kind) for r in found.records] == [(0, "build"), (1, "commit"), (2, "commit"), (3, "epoch")]
+    assert all(b.follows(a) for a, b in zip(found.records, found.records[1:], strict=False))
+    journal.close()
+
+
+def test_a_journal_of_another_format_is_not_guessed_at(tmp_path: Path) -> None:
+    write(tmp_path, 1).close()
+    with (tmp_path / "manifest").open("r+b") as file:
+        file.seek(6)
+        file.write(b"\x02")
+    with pytest.raises(JournalError, match="format 2") as error:
+        reopen(tmp_path)
+    assert error.value.code == "UNIMPLEMENTED.VERSION"
+
+
+@pytest.mark.parametrize("name", ["manifest", "slot-0", "slot-1"])
+def test_a_missing_file_is_told(tmp_path: Path, name: str) -> None:
+    write(tmp_path, 3).close()
+    (tmp_path / name).unlink()
+    with pytest.raises(JournalError, match="No such file"):
+        reopen(tmp_path)
+
+
+def test_a_step_out_of_turn_is_refused(tmp_path: Path) -> None:
+    journal = write(tmp_path, 1)
+    with pytest.raises(JournalError, match="does not follow step 1"):
+        journal.commit(entry_of(3), state_of(3))
+    assert journal.frozen
+    journal.close()
+
+
+def test_a_state_of_the_wrong_size_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    journal = write(tmp_path, 1)
+    with pytest.raises(JournalError, match="does not fit"):
+        journal.commit(entry_of(2), state_of(2)[1:])
+    assert not journal.frozen
+    journal.commit(entry_of(2), state_of(2))
+    journal.close()
+
+
+def test_the_record_area_holds_a_receipt_and_every_partition() -> None:
+    for partitions in (1, 7, 256):
+        requests = tuple(RequestId(bytes(16), 2**62, bytes(32)) for _ in range(partitions))
+        commit = Commit(2**40, bytes(32), requests, bytes(8000))
+        packed = journal_module.pack_record(2**40, bytes(32), commit.as_body())
+        assert len(packed) <= record_area(partitions)
+        assert record_area(partitions) % PAGE == 0
+
+
+def _outcome(kit: Any, contents: dict[Path, bytes]) -> int:
+    """The committed step that is read, −1 for a typed refusal; a wrong array fails here."""
+    files = kit.files.ModelFiles()
+    files.restore(contents)
+    try:
+        journal = Journal.open(next(iter(contents)).parent, files)
+    except JournalError as error:
+        refused = error.code.startswith(("DATA_LOSS", "UNIMPLEMENTED.VERSION"))
+        return -1 if refused else pytest.fail(f"refused by {error.code}")
+    step = journal.ledger.step
+    if step:
+        np.testing.assert_array_equal(journal.read_state(), state_of(step))
+    for commit in journal.ledger.commits:
+        assert commit == entry_of(commit.step)
+    journal.close()
+    return step
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize("fill", ["cut", "zeros"])
+def test_the_tail_torn_at_every_length(kit: Any, tmp_path: Path, fill: str) -> None:
+    """Up to two records lost: their slots complete them. Three: the slots tell that something is missing."""
+    write(tmp_path, 3).close()
+    whole = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    manifest = whole[tmp_path / "manifest"]
+    used = len(manifest.rstrip(b"\0"))
+    outcomes = {}
+    for length in range(0, used + 1, 3):
+        padding = bytes(len(manifest) - length) if fill == "zeros" else b""
+        damaged = whole | {tmp_path / "manifest": manifest[:length] + padding}
+        outcomes[length] = _outcome(kit, damaged)
+    complete = record_bytes(manifest, 1)
+    assert {step for length, step in outcomes.items() if length >= complete} == {3}
+    assert {step for length, step in outcomes.items() if length < complete} == {-1}
+
+
+def record_bytes(manifest: bytes, number: int) -> int:
+    """Where the bytes of a record end, its padding apart."""
+    return len(manifest[: (number + 1) * PAGE].rstrip(b"\0"))
+
+
+@pytest.mark.usefixtures("small")
+def test_every_byte_of_the_journal_damaged(kit: Any, tmp_path: Path) -> None:
+    """Never a wrong array: the damage is found, or it hit what is not needed and the step is the right one."""
+    write(tmp_path, 3).close()
+    whole = {path: path.read_bytes() for path in sorted(tmp_path.iterdir())}
+    detected = unharmed = 0
+    for path, data in whole.items():
+        for offset in range(len(data)):
+            if data[offset] == 0 and offset % 61:
+                continue  # most padding: every byte of it is read alike
+            damaged = bytearray(data)
+            damaged[offset] ^= 0x10
+            outcome = _outcome(kit, whole | {path: bytes(damaged)})
+            assert outcome in (-1, 3), f"{path.name} byte {offset}: step {outcome}"
+            detected += outcome == -1
+            unharmed += outcome == 3
+    assert detected > 800
+    assert unharmed > 800
+
+
+def test_a_damaged_state_names_its_step(tmp_path: Path) -> None:
+    write(tmp_path, 2).close()
+    with (tmp_path / "slot-0").open("r+b") as file:
+        file.seek(FOUNDATION.record_area + 5)
+        file.write(b"\xff")
+    with pytest.raises(JournalError, match="committed step 2") as error:
+        reopen(tmp_path)
+    assert error.value.code == "DATA_LOSS.CHECKSUM"
+    assert error.value.details == {"step": 2}
+
+
+def test_a_torn_epoch_is_skipped_not_reused(tmp_path: Path) -> None:
+    journal = write(tmp_path, 1)
+    assert journal.raise_epoch() == 2
+    journal.close()
+    with (tmp_path / "manifest").open("r+b") as file:
+        file.seek(2 * PAGE + 60)
+        file.write(b"\xff\xff")
+    again = reopen(tmp_path)
+    assert again.raise_epoch() == 3
+    again.close()
+
+
+def test_lists_read_the_manifest_alone(tmp_path: Path) -> None:
+    write(tmp_path, 3).close()
+    (tmp_path / "slot-0").unlink()
+    assert read_ledger(tmp_path, PosixFileSystem()).step == 3
