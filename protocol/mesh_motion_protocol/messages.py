@@ -71,6 +71,7 @@ Name = Annotated[str, Length(at_most=256)]
 Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]
+Outcome = Annotated[str, Choice(("keep", "discard"))]
 Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "periodic"))]
 
 FloatNodes = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "dimension"))]
@@ -404,9 +405,7 @@ class Close(SessionMessage):
     """Ends this holder's use. ``outcome``: "keep" leaves the session durable and resumable, "discard" deletes it."""
 
     type: ClassVar[str] = "CLOSE"
-    outcome: Annotated[str, Choice(("keep", "discard"))] = (
-        "keep"  # the last partition to close decides nothing alone: one "discard" discards
-    )
+    outcome: Outcome = "keep"  # one partition's "discard" discards, once all have closed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
