@@ -1,0 +1,283 @@
+"""One motion of one mesh, end to end: interpolate, predict, correct, displace (the data flow of every Move).
+
+Pure: the result depends on the model, the committed points and the targets; the factor cache only saves time. No node
+moves before a motion is accepted: an unacceptable one raises with the best that was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, CorrectionSettings, correct
+from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
+from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
+from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
+from mesh_motion_server.numerics.prediction import predict
+from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_server.numerics.stopwatch import Stopwatch
+
+__all__ = ["Motion", "MotionModel"]
+
+#: Halvings of the search for the largest valid fraction of a refused displacement: known to 1/2⁵ ≈ 3 %.
+_FRACTION_HALVINGS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """An accepted motion; still a trial.
+
+    Attributes
+    ----------
+    points : (n, d) array
+        New positions, mesh length unit; the moving nodes are bitwise where they were told to be.
+    standard, corrected : QualitySummary
+        Predicted before any node moved: by the standard motion, and after the correction.
+    correction : Correction
+        What the correction did.
+    reached : bool
+        Whether ``corrected`` is at or above the threshold.
+    seconds : dict
+        Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
+    caches : dict
+        ``{"factorization": "reused" | "made"}``.
+    warnings : list of str
+    """
+
+    points: NDArray[np.float64]
+    standard: QualitySummary
+    corrected: QualitySummary
+    correction: Correction
+    reached: bool
+    seconds: dict[str, float]
+    caches: dict[str, str]
+    warnings: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionModel:
+    """What stays the same over a session: the reference mesh, its roles and the method.
+
+    Attributes
+    ----------
+    points : (n, d) array
+        Reference coordinates, mesh length unit.
+    cells : CellTable
+    roles : BoundaryRoles
+    method : Method
+        With both radii filled in.
+    reference_sizes : (m,) array
+        Summed corner determinants of the reference cells: the w of thesis (3.21).
+    held : (n,) bool array
+        Nodes on the boundary or on a patch, which no correction may move.
+    standard_motion : StandardMotion
+    warnings : tuple of str
+        What :func:`check_mesh` noticed.
+    evaluator : Evaluator
+    """
+
+    points: NDArray[np.float64]
+    cells: CellTable
+    roles: BoundaryRoles
+    method: Method
+    reference_sizes: NDArray[np.float64]
+    held: NDArray[np.bool_]
+    standard_motion: StandardMotion
+    warnings: tuple[str, ...]
+    evaluator: Evaluator
+
+    @classmethod
+    def build(
+        cls,
+        points: NDArray[np.float64],
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        method: Method,
+        *,
+        evaluator: Evaluator | None = None,
+    ) -> MotionModel:
+        """Check the mesh and prepare what every motion needs.
+
+        Raises
+        ------
+        InvalidInput
+            When the mesh or a patch is unusable (see :func:`check_mesh`), or the method does not fit the mesh.
+        """
+        warnings = check_mesh(points, cells, patches)
+        roles = BoundaryRoles.from_patches(patches)
+        method = _with_radii(method, points, roles)
+        if method.correction == "imposed-gradient" and cells.dimension > 1:
+            raise InvalidInput(
+                "correction = 'imposed-gradient' is defined in 1D only", hint="use 'enrichment' or 'optimised'"
+            )
+        evaluator = evaluator or LocalEvaluator()
+        held = np.zeros(len(points), dtype=bool)
+        held[boundary_nodes(cells)] = True
+        held[roles.all] = True
+        return cls(
+            points,
+            cells,
+            roles,
+            method,
+            reference_sizes(points, cells),
+            held,
+            StandardMotion.build(points, cells, patches, method, evaluator),
+            tuple(warnings),
+            evaluator,
+        )
+
+    def summary(self, points: NDArray[np.float64]) -> QualitySummary:
+        """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
+        quality = cell_quality(points, self.cells, self.reference_sizes)
+        return summarize(quality, points, self.cells, metric=self.method.quality_metric)
+
+    def move(
+        self,
+        committed: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        factors: FactorSource | None = None,
+    ) -> Motion:
+        """The motion that takes the moving nodes to ``targets``.
+
+        Parameters
+        ----------
+        committed : (n, d) array
+            Committed positions, mesh length unit.
+        targets : (k, d) array
+            Where ``roles.moving`` shall be.
+        factors : FactorSource, optional
+
+        Raises
+        ------
+        NumericalError
+            When no valid mesh (or, where asked, none at the threshold) was found; carries the best minimum quality, the
+            worst cells and the largest fraction of the displacement since ``committed`` known to be acceptable.
+        """
+        factors = factors or MakeEachTime()
+        try:
+            return self._attempt(committed, targets, factors)
+        except NumericalError as refusal:
+            fraction = self._acceptable_fraction(committed, targets, factors)
+            raise NumericalError(
+                refusal.message,
+                best=refusal.best,
+                cells=refusal.cells,
+                fraction=fraction,
+                hint=f"a fraction of {fraction:.3g} of this displacement is acceptable; take a smaller step"
+                if fraction > 0
+                else "no tested fraction of this displacement is acceptable; the domain may have to be remeshed",
+                details=refusal.details,
+            ) from refusal
+
+    def _attempt(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource) -> Motion:
+        """One motion, accepted or refused."""
+        watch = Stopwatch()
+        standard = self.standard_motion.trial(committed, targets, factors, watch)
+        with watch.phase("predict"):
+            predicted = self._predict(standard)
+        with watch.phase("correct"):
+            correction = correct(
+                CorrectionProblem(
+                    start=standard.start,
+                    standard=standard.points,
+                    held=self.held,
+                    cells=self.cells,
+                    reference_sizes=self.reference_sizes,
+                    factorization=standard.factorization,
+                    evaluator=self.evaluator,
+                ),
+                self._correction_settings(),
+            )
+        with watch.phase("predict"):
+            corrected = self.summary(correction.points)
+        reached = corrected.metric.min >= self.method.quality_threshold
+        self._refuse_unacceptable(corrected, reached)
+        return Motion(
+            points=correction.points,
+            standard=predicted,
+            corrected=corrected,
+            correction=correction,
+            reached=reached,
+            seconds=watch.seconds(),
+            caches={"factorization": "reused" if standard.reused else "made"},
+            warnings=self._warnings(corrected, reached),
+        )
+
+    def _predict(self, trial: StandardTrial) -> QualitySummary:
+        """Quality of the standard motion by the method's predictor."""
+        if self.method.predictor == "trial-nodes":
+            return self.summary(trial.points)
+        quality = predict(self.method.predictor, trial.start, self.cells, self.reference_sizes, trial.field)
+        return summarize(quality, trial.points, self.cells, metric=self.method.quality_metric)
+
+    def _correction_settings(self) -> CorrectionSettings:
+        method = self.method
+        return CorrectionSettings(
+            correction=method.correction,
+            quality_metric=method.quality_metric,
+            quality_threshold=method.quality_threshold,
+            target=method.correction_target,
+            enrichment_radius=float(method.enrichment_radius or 0.0),
+            max_enrichment_points=method.max_enrichment_points,
+        )
+
+    def _refuse_unacceptable(self, quality: QualitySummary, reached: bool) -> None:
+        """Raise NumericalError on an inverted mesh, or one below the threshold where that is not wanted."""
+        worst = [cell.number for cell in quality.worst]
+        name, best = self.method.quality_metric, quality.metric.min
+        if quality.inverted and not self.method.allow_invalid:
+            raise NumericalError(
+                f"no valid mesh found: {quality.inverted} inverted cells, best minimum {name} {best:.4g}, "
+                f"correction {self.method.correction!r}",
+                best=best,
+                cells=worst,
+            )
+        if not reached and self.method.refuse_below_threshold:
+            raise NumericalError(
+                f"minimum {name} {best:.4g} stays below the threshold {self.method.quality_threshold:.4g}",
+                best=best,
+                cells=worst,
+            )
+
+    def _warnings(self, quality: QualitySummary, reached: bool) -> list[str]:
+        name, threshold = self.method.quality_metric, self.method.quality_threshold
+        found = []
+        if quality.inverted:
+            found.append(f"{quality.inverted} inverted cells kept, as allow_invalid asks")
+        if not reached:
+            found.append(f"minimum {name} {quality.metric.min:.4g} stays below the threshold {threshold:.4g}")
+        return found
+
+    def _acceptable_fraction(
+        self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource
+    ) -> float:
+        """Largest tested fraction of the displacement since ``committed`` that is accepted, by bisection."""
+        model = replace(self, method=replace(self.method, correction_target="threshold"))
+        origin = committed[self.roles.moving]
+        low, high = 0.0, 1.0
+        for _ in range(_FRACTION_HALVINGS):
+            middle = 0.5 * (low + high)
+            try:
+                model._attempt(committed, origin + middle * (targets - origin), factors)
+                low = middle
+            except NumericalError:
+                high = middle
+        return low
+
+
+def _with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:
+    """The method with the radii that were left to us."""
+    radius = method.support_radius
+    if radius is None:
+        radius = suggest_support_radius(points, roles)
+    enrichment_radius = method.enrichment_radius if method.enrichment_radius is not None else radius
+    return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)

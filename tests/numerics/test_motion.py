@@ -1,0 +1,139 @@
+"""One motion end to end: what is accepted, what is refused and with what, and on what the answer depends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frame_meshes import rotation, square_frame
+
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.motion import MotionModel
+
+
+def model_of(mesh=None, **choices) -> MotionModel:
+    points, cells, patches = mesh or square_frame()
+    return MotionModel.build(points, cells, patches, Method(**{"support_radius": 0.5, **choices}))
+
+
+def targets_of(model: MotionModel, degrees: float = 0.0, shift: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    return (model.points[model.roles.moving] - 0.5) @ rotation(degrees).T + 0.5 + shift
+
+
+def test_a_small_motion_is_left_alone() -> None:
+    model = model_of()
+    motion = model.move(model.points, targets_of(model, shift=(0.02, 0.01)))
+    assert motion.reached
+    assert motion.correction.method == "none"
+    assert motion.warnings == []
+    assert motion.standard.metric.min == motion.corrected.metric.min >= 0.2
+
+
+def test_a_large_motion_is_corrected_before_any_node_moves() -> None:
+    model = model_of()
+    motion = model.move(model.points, targets_of(model, 60.0, (-0.2, -0.2)))
+    assert motion.standard.inverted > 0
+    assert motion.corrected.inverted == 0
+    assert motion.reached
+    assert motion.corrected.metric.min > 0.3
+    moving, fixed = model.roles.moving, model.roles.fixed
+    assert np.array_equal(motion.points[moving], targets_of(model, 60.0, (-0.2, -0.2)))
+    assert np.array_equal(motion.points[fixed], model.points[fixed])
+
+
+def test_the_report_is_the_quality_of_the_points() -> None:
+    model = model_of()
+    motion = model.move(model.points, targets_of(model, 60.0, (-0.2, -0.2)))
+    quality = cell_quality(motion.points, model.cells, model.reference_sizes).metric("size-skew")
+    assert motion.corrected.metric.min == quality.min()
+    assert motion.corrected.worst[0].number == int(np.argmin(quality))
+
+
+def test_a_motion_through_the_wall_is_refused_with_the_largest_acceptable_fraction() -> None:
+    model = model_of()
+    targets = targets_of(model, shift=(0.7, 0.0))
+    with pytest.raises(NumericalError) as refusal:
+        model.move(model.points, targets)
+    error = refusal.value
+    assert error.fraction is not None
+    assert 0.3 < error.fraction < 0.4 / 0.7  # the block touches the wall at 0.4
+    assert error.cells
+    assert error.best <= 0
+    rest = model.points[model.roles.moving]
+    accepted = model.move(model.points, rest + error.fraction * (targets - rest))
+    assert accepted.corrected.inverted == 0
+
+
+def test_plain_motion_that_inverts_cells_is_refused_unless_asked_for() -> None:
+    model = model_of(correction="none")
+    targets = targets_of(model, 60.0, (-0.2, -0.2))
+    with pytest.raises(NumericalError, match="inverted"):
+        model.move(model.points, targets)
+    kept = model_of(correction="none", allow_invalid=True).move(model.points, targets)
+    assert kept.corrected.inverted > 0
+    assert any("allow_invalid" in warning for warning in kept.warnings)
+
+
+def test_below_the_threshold_but_valid_is_a_warning_or_where_asked_a_refusal() -> None:
+    choices = {"correction": "none", "quality_threshold": 0.95}
+    model = model_of(**choices)
+    targets = targets_of(model, shift=(0.05, 0.0))
+    motion = model.move(model.points, targets)
+    assert not motion.reached
+    assert "below the threshold 0.95" in motion.warnings[0]
+    with pytest.raises(NumericalError, match="below the threshold"):
+        model_of(**choices, refuse_below_threshold=True).move(model.points, targets)
+
+
+@pytest.mark.parametrize("predictor", ["trial-nodes", "edge-midpoint-gradient", "centre-gradient"])
+def test_predictors_agree_on_a_moderate_motion(predictor: str) -> None:
+    model = model_of(correction="none", predictor=predictor)
+    motion = model.move(model.points, targets_of(model, 5.0, (0.03, 0.0)))
+    assert motion.standard.metric.min == pytest.approx(motion.corrected.metric.min, abs=0.05)
+
+
+@pytest.mark.parametrize("kind", ["triangle", "quad"])
+@pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
+def test_every_displacement_and_cell_kind(kind: str, displacement: str) -> None:
+    model = model_of(square_frame(kind=kind), displacement=displacement)
+    committed = model.points
+    for degrees in (20.0, 40.0):
+        committed = model.move(committed, targets_of(model, degrees, (0.05, 0.0))).points
+    assert model.summary(committed).inverted == 0
+
+
+def test_the_same_question_gets_the_same_answer_bitwise() -> None:
+    model = model_of()
+    targets = targets_of(model, 60.0, (-0.2, -0.2))
+    first, second = (model.move(model.points, targets).points for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_size_is_relative_to_the_reference_mesh_whatever_was_committed() -> None:
+    model = model_of()
+    there = model.move(model.points, targets_of(model, shift=(0.1, 0.0)))
+    stays = model.move(there.points, targets_of(model, shift=(0.1, 0.0)))
+    assert np.array_equal(stays.points, there.points)
+    assert stays.corrected.size.min == there.corrected.size.min < 1
+
+
+def test_radii_are_chosen_from_the_mesh_when_none_is_given() -> None:
+    points, cells, patches = square_frame()
+    model = MotionModel.build(points, cells, patches, Method())
+    assert model.method.support_radius == 2.5
+    assert model.method.enrichment_radius == 2.5
+
+
+def test_imposed_gradient_is_for_one_dimension() -> None:
+    with pytest.raises(InvalidInput, match="1D"):
+        model_of(correction="imposed-gradient")
+
+
+def test_periodic_patches_are_refused_by_name() -> None:
+    points, cells, patches = square_frame()
+    patches = {**patches, "outer": replace(patches["outer"], role="periodic")}
+    with pytest.raises(InvalidInput, match=r"'outer'.*periodic"):
+        MotionModel.build(points, cells, patches, Method())
