@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.read_only import read_only
 
 __all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
 
@@ -92,7 +93,7 @@ def _facet_table(cells: CellTable) -> _FacetTable:
     nodes = np.empty((int(first[-1]), width), dtype=np.int32)
     for block, facets, start, stop in zip(cells, local, first, first[1:], strict=False):
         padded = np.array([facet + (-1,) * (width - len(facet)) for facet in facets], dtype=np.int64)
-        _sorted_facets(block.nodes, padded, nodes[start:stop])
+        _sorted_facets(read_only(block.nodes), padded, nodes[start:stop])
     return _FacetTable(nodes, tuple(int(f) for f in first))
 
 

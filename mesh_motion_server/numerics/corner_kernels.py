@@ -213,7 +213,9 @@ def _evaluate(  # type: ignore[no-untyped-def]
 ):
     """Size, skew and inverted of the chunk in the buffer; work is (5, CHUNK)."""
     corners = jacobians.shape[0]
-    work[:3, :count] = 0.0
+    for i in range(3):
+        for s in range(count):
+            work[i, s] = 0.0
     for c in range(corners):
         _determinants(jacobians, c, count, work[3])
         _corner_terms(jacobians, c, count, shape, ideal, work[3], work[4])
@@ -262,10 +264,10 @@ def node_sizes(points: Floats, nodes: Ints, corners: Ints, out: Floats) -> None:
         for first in range(b * BLOCK, min(m, (b + 1) * BLOCK), CHUNK):
             count = min(CHUNK, m - first)
             _gather(points, nodes, corners, first, count, jacobians)
-            out[first : first + count] = 0.0
             for c in range(corners.shape[0]):
                 _determinants(jacobians, c, count, det)
-                out[first : first + count] += det[:count]
+                for s in range(count):
+                    out[first + s] = det[s] if c == 0 else out[first + s] + det[s]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -301,10 +303,11 @@ def transformed_quality(  # type: ignore[no-untyped-def]
             count = min(CHUNK, m - first)
             last = first + count
             _gather(points, nodes, corners, first, count, before)
-            jacobians[:] = before
             for c in range(corners.shape[0]):
                 for i in range(d):
                     for j in range(d):
+                        for s in range(count):
+                            jacobians[c, i, j, s] = before[c, i, j, s]
                         for k in range(d):
                             for s in range(count):
                                 jacobians[c, i, j, s] += gradients[first + s, i, k] * before[c, k, j, s]

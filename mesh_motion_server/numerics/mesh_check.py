@@ -22,6 +22,7 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.coincidence import first_coincident_pair
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.patch_check import check_patches, patch_warnings
+from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.numerics.support_radius import suggest_support_radius
 
@@ -106,7 +107,7 @@ def _check_indices(n: int, cells: CellTable) -> None:
                 hint="node indices start at 0" if block.nodes.max() == n else "",
                 details={"cell": first + row, "index": int(block.nodes[row, place]), "nodes": n},
             )
-        row = _first_repetition(block.nodes)
+        row = _first_repetition(read_only(block.nodes))
         if row >= 0:
             raise InvalidInput(
                 f"cell {first + row} ({block.type.name}) names a node twice: {block.nodes[row].tolist()}",

@@ -41,6 +41,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics import corner_kernels as kernels
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellBlock, CellTable, CellType
 from mesh_motion_server.numerics.quality_summary import QualitySummary, summarize
+from mesh_motion_server.numerics.read_only import read_only
 
 __all__ = [
     "QUALITY_METRICS",
@@ -111,7 +112,7 @@ class CellQuality:
         code = metric_code(name)
         if name in ("size", "skew"):
             return self.size if name == "size" else self.skew
-        values: Floats = kernels.metric_values(self.size, self.skew, code)
+        values: Floats = kernels.metric_values(read_only(self.size), read_only(self.skew), code)
         return values
 
 
@@ -180,7 +181,7 @@ def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
             code="INVALID_ARGUMENT.SHAPE",
             details={"shape": list(positions.shape), "dimension": dimension},
         )
-    return positions
+    return read_only(positions)
 
 
 def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
@@ -199,7 +200,7 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
     positions = as_positions(points, cells.dimension)
     out = np.empty(len(cells))
     for block, rows in block_slices(cells):
-        kernels.node_sizes(positions, block.nodes, block.type.corner_array, out[rows])
+        kernels.node_sizes(positions, read_only(block.nodes), block.type.corner_array, out[rows])
     return out
 
 
@@ -245,11 +246,11 @@ def quality_extremes(
     for block, rows in block_slices(cells):
         least, where, inverted = kernels.node_extremes(
             positions,
-            block.nodes,
+            read_only(block.nodes),
             block.type.corner_array,
             shape_code(block.type),
             ideal_corner(block.type.name),
-            reference_sizes[rows],
+            read_only(reference_sizes[rows]),
             code,
         )
         first = int(np.argmin(least))
@@ -271,11 +272,11 @@ def _block_quality(
     """Quality of cells of one type, written into out[rows]."""
     kernels.node_quality(
         points,
-        nodes,
+        read_only(nodes),
         cell_type.corner_array,
         shape_code(cell_type),
         ideal_corner(cell_type.name),
-        reference,
+        read_only(reference),
         out.size[rows],
         out.skew[rows],
         out.inverted[rows],

@@ -38,6 +38,7 @@ from mesh_motion_server.numerics.metrics import (
     ideal_corner,
     shape_code,
 )
+from mesh_motion_server.numerics.read_only import read_only
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.evaluation import Evaluator
@@ -123,12 +124,12 @@ def _centre_gradient(
     for cell_type, nodes, rows in _batches(cells):
         kernels.transformed_quality(
             points,
-            nodes,
+            read_only(nodes),
             cell_type.corner_array,
             shape_code(cell_type),
             ideal_corner(cell_type.name),
-            reference_sizes[rows],
-            np.ascontiguousarray(field.gradient(points[nodes].mean(axis=1))),
+            read_only(reference_sizes[rows]),
+            read_only(field.gradient(points[nodes].mean(axis=1))),
             out.size[rows],
             out.skew[rows],
             out.inverted[rows],
@@ -147,11 +148,11 @@ def _edge_midpoint_gradient(
         edges = end - start
         edges = edges + np.einsum("eij,ej->ei", field.gradient(0.5 * (start + end)), edges)
         kernels.column_quality(
-            edges,
-            columns,
+            read_only(edges),
+            read_only(columns),
             shape_code(cell_type),
             ideal_corner(cell_type.name),
-            reference_sizes[rows],
+            read_only(reference_sizes[rows]),
             out.size[rows],
             out.skew[rows],
             out.inverted[rows],

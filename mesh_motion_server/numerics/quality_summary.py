@@ -14,6 +14,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.read_only import read_only
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.metrics import CellQuality
@@ -105,29 +106,21 @@ def _bin(value: float) -> int:
 
 
 @njit(cache=True, parallel=True)
-def _histogram(values):  # type: ignore[no-untyped-def]
-    """(PARTS, BINS) counts, and sum, minimum and maximum of each part."""
-    counts = np.zeros((_PARTS, _BINS), dtype=np.int64)
-    sums, minima, maxima = np.zeros(_PARTS), np.full(_PARTS, np.inf), np.full(_PARTS, -np.inf)
+def _fill_histogram(values, counts, sums, minima, maxima):  # type: ignore[no-untyped-def]
+    """Counts (PARTS, BINS) from zero, and sum, minimum and maximum of each part."""
     m = values.size
     for part in prange(_PARTS):
         total, least, most = 0.0, np.inf, -np.inf
         for e in range(part * m // _PARTS, (part + 1) * m // _PARTS):
             counts[part, _bin(values[e])] += 1
             total += values[e]
-            least = min(least, values[e])
-            most = max(most, values[e])
+            least, most = min(least, values[e]), max(most, values[e])
         sums[part], minima[part], maxima[part] = total, least, most
-    return counts, sums, minima, maxima
 
 
 @njit(cache=True, parallel=True)
-def _in_bins(values, wanted, counts):  # type: ignore[no-untyped-def]
-    """Numbers, ascending, of the values in the wanted bins; counts as from _histogram."""
-    starts = np.zeros(_PARTS + 1, dtype=np.int64)
-    for part in range(_PARTS):
-        starts[part + 1] = starts[part] + counts[part][wanted].sum()
-    out = np.empty(starts[_PARTS], dtype=np.int64)
+def _gather_bins(values, wanted, starts, out):  # type: ignore[no-untyped-def]
+    """Numbers of the values in the wanted bins; those of a part go to out from its start on."""
     m = values.size
     for part in prange(_PARTS):
         place = starts[part]
@@ -135,11 +128,27 @@ def _in_bins(values, wanted, counts):  # type: ignore[no-untyped-def]
             if wanted[_bin(values[e])]:
                 out[place] = e
                 place += 1
+
+
+def _histogram(values: Floats) -> tuple[Ints, Floats, Floats, Floats]:
+    """(PARTS, BINS) counts, and sum, minimum and maximum of each part."""
+    counts = np.zeros((_PARTS, _BINS), dtype=np.int64)
+    sums, minima, maxima = np.empty(_PARTS), np.empty(_PARTS), np.empty(_PARTS)
+    _fill_histogram(values, counts, sums, minima, maxima)
+    return counts, sums, minima, maxima
+
+
+def _in_bins(values: Floats, wanted: NDArray[np.bool_], counts: Ints) -> Ints:
+    """Numbers, ascending, of the values in the wanted bins; counts as from _histogram."""
+    starts = np.concatenate([[0], np.cumsum(counts[:, wanted].sum(axis=1))])
+    out = np.empty(starts[-1], dtype=np.int64)
+    _gather_bins(values, wanted, starts, out)
     return out
 
 
 def distribution(values: Floats) -> Distribution:
     """Minimum, mean and percentiles of the values (m,), m ≥ 1, of a quality metric."""
+    values = read_only(values)
     counts, sums, minima, maxima = _histogram(values)
     least, mean = float(minima.min()), float(sums.sum() / len(values))
     if least == maxima.max():  # a mesh at rest: every size is 1
@@ -150,7 +159,7 @@ def distribution(values: Floats) -> Distribution:
 
 def smallest(values: Floats, count: int) -> Ints:
     """Numbers of the smallest values, smallest first; of equal values the lower number first."""
-    count = min(count, len(values))
+    values, count = read_only(values), min(count, len(values))
     counts = _histogram(values)[0]
     wanted = np.arange(_BINS) <= np.searchsorted(np.cumsum(counts.sum(axis=0)), count)
     candidates = _in_bins(values, wanted, counts)
