@@ -1,4 +1,4 @@
-"""The wing's motion: its first bending mode with the tip up by a fifth of the span, and its end twisted by 10 degrees."""
+"""The wing's motion: it bends with the tip up by a fifth of the span, and its end twists by 10 degrees."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """The flag's motion: two periods of the S-shaped bending that FSI2 of Turek and Hron shows, tip ± 80 mm.
 
 The flag bends as a beam that keeps its length and its thickness: the slope of the centre line is a sum of the first two
-modes of a clamped beam, the line is the integral of the slope, and the cross-sections stay normal to it. The second mode
-alone cannot lift the tip of such a beam above 68 mm; with this much of the first, the tip goes back by 27 mm when it is
-up by 80 mm, as FSI2's does (-14.58 ± 12.44 mm).
+modes of a clamped beam, the line is the integral of the slope, and the cross-sections stay normal to it. The second
+mode alone cannot lift the tip of such a beam above 68 mm; with this much of the first, the tip goes back by 27 mm when
+it is up by 80 mm, as FSI2's does (-14.58 ± 12.44 mm).
 """
 
 from __future__ import annotations

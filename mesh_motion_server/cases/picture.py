@@ -19,14 +19,24 @@ from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.cases.slices import Polygons, cut, flat
 from mesh_motion_server.numerics.cells import CellTable
 
-__all__ = ["Snapshot", "draw_mesh", "picture_is_possible", "write_picture"]
+__all__ = [
+    "INK",
+    "INVERTED_COLOUR",
+    "Plane",
+    "Snapshot",
+    "choose_plane",
+    "choose_window",
+    "draw_mesh",
+    "picture_is_possible",
+    "write_picture",
+]
 
 FloatArray = NDArray[np.float64]
 
-INVERTED_COLOUR = "#e5007d"
+INVERTED_COLOUR, INK = "#e5007d", "#202020"
 #: A picture shows only the surroundings of the moving nodes if they take less than this share of it.
 _CROP_BELOW = 0.4
-_MAP, _EDGE, _INK = "viridis", "#10101060", "#202020"
+_MAP, _EDGE = "viridis", "#10101060"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +99,7 @@ def write_picture(path: Path, title: str, before: Snapshot, after: Snapshot, ste
     from matplotlib.figure import Figure  # noqa: PLC0415  (an extra)
 
     figure = Figure(figsize=(13.5, 10.0), dpi=110, layout="constrained")
-    figure.suptitle(title, fontsize=15, fontweight="bold", color=_INK)
+    figure.suptitle(title, fontsize=15, fontweight="bold", color=INK)
     plane = choose_plane(before, after)
     window = choose_window(before, after, plane)
     wide = window[1, 0] - window[0, 0] > 2.0 * (window[1, 1] - window[0, 1])
@@ -167,7 +177,7 @@ def draw_mesh(axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     _mark_worst(axes, mesh, polygons, window)
     where = "" if plane is None else f", cut at {'xyz'[plane.axis]} = {plane.position:.3g}"
-    axes.set_title(f"{title}{where}", fontsize=11, color=_INK)
+    axes.set_title(f"{title}{where}", fontsize=11, color=INK)
     axes.tick_params(labelsize=8)
     return colours
 
@@ -188,14 +198,14 @@ def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArra
         *place, marker="o", markersize=16, markerfacecolor="none", markeredgecolor=INVERTED_COLOUR, markeredgewidth=2
     )
     box = {"boxstyle": "round,pad=0.3", "facecolor": "white", "edgecolor": INVERTED_COLOUR, "alpha": 0.9}
-    axes.text(0.015, 0.975, text, transform=axes.transAxes, va="top", fontsize=9, color=_INK, bbox=box)
+    axes.text(0.015, 0.975, text, transform=axes.transAxes, va="top", fontsize=9, color=INK, bbox=box)
 
 
 def _draw_line(axes: Any, mesh: Snapshot, title: str) -> None:
     """A 1D mesh: the size-skew over each cell."""
     for block in mesh.cells:
         for nodes, value in zip(block.nodes, mesh.quality, strict=True):
-            axes.plot(mesh.points[nodes, 0], [value, value], color=_INK if value > 0 else INVERTED_COLOUR, linewidth=2)
+            axes.plot(mesh.points[nodes, 0], [value, value], color=INK if value > 0 else INVERTED_COLOUR, linewidth=2)
     axes.set(title=title, xlabel="x", ylabel="size-skew")
 
 

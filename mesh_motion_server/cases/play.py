@@ -58,6 +58,8 @@ class Played:
         What the server and the writers warned about, each once, in the order of first appearance.
     summary : dict
         The content of summary.json.
+    before, worst : Snapshot
+        The mesh at opening, and after the step that left the lowest minimum size-skew.
     """
 
     mesh: MeshFile
@@ -65,6 +67,8 @@ class Played:
     steps: list[StepRecord]
     warnings: list[str]
     summary: dict[str, Any]
+    before: Snapshot
+    worst: Snapshot
 
 
 def play(
@@ -106,18 +110,12 @@ def play(
         write_steps(work, played.steps)
         write_points(work, played.points)
         if picture_is_possible():
-            write_picture(work / "quality.png", _title(case_file), run.reference, run.worst, played.steps)
+            write_picture(work / "quality.png", _title(case_file), played.before, played.worst, played.steps)
     return played
 
 
 class _Run:
-    """The state of a case being played.
-
-    Attributes
-    ----------
-    reference, worst : Snapshot
-        The mesh at opening, and after the step that left the lowest minimum size-skew.
-    """
+    """The state of a case being played."""
 
     def __init__(
         self, case: Case, mesh: MeshFile, program: MotionProgram, driver: Driver, series: VtuSeries, every: int
@@ -132,7 +130,7 @@ class _Run:
         self._fixed = roles.fixed
         self._points = mesh.points
         self._quality = cell_quality(mesh.points, self._cells, self._sizes)
-        self.reference = self.worst = self._snapshot(0)
+        self._reference = self._worst = self._snapshot(0)
         self._records: list[StepRecord] = []
         self._warnings: list[str] = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
         self._begin = time.perf_counter()
@@ -146,8 +144,8 @@ class _Run:
         """Play all steps."""
         for step in range(1, self._program.count + 1):
             self._records.append(self._step(step))
-            if step == 1 or self._records[-1].min_size_skew < float(self.worst.quality.min()):
-                self.worst = self._snapshot(step)
+            if step == 1 or self._records[-1].min_size_skew < float(self._worst.quality.min()):
+                self._worst = self._snapshot(step)
             if step % self._every == 0 or step == self._program.count:
                 self._write(step)
             yield self._records[-1]
@@ -212,7 +210,7 @@ class _Run:
                 "cells": {block.type.name: len(block) for block in self._cells},
                 "patches": {name: len(nodes) for name, nodes in self._mesh.patches.items()},
                 "moving_nodes": len(self._program.nodes),
-                "reference": _plain(self.reference.quality),
+                "reference": _plain(self._reference.quality),
             },
             "worst_step": worst.step,
             "min_size_skew": worst.min_size_skew,
@@ -223,7 +221,7 @@ class _Run:
             "warnings": self._warnings,
             "steps": [record.as_dict() for record in records],
         }
-        return Played(self._mesh, self._points, records, self._warnings, summary)
+        return Played(self._mesh, self._points, records, self._warnings, summary, self._reference, self._worst)
 
 
 def _title(case_file: Path) -> str:

@@ -1,0 +1,154 @@
+"""The demonstration: the thesis' three two-dimensional cases and a flag in a channel, standard against corrected.
+
+*Standard* is plain interpolation with radial basis functions; *corrected* is the default, optimised correction. Both
+go through a real server and the real wire, as any coupling code's requests do.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mesh_motion_client import connect
+from rich.table import Table
+
+from mesh_motion_server.cases.picture import picture_is_possible
+from mesh_motion_server.cases.play import Played, play
+
+__all__ = ["DEMO_CASES", "DemoCase", "Outcome", "play_demo", "table_of"]
+
+_DATA = Path(__file__).with_name("demo_data")
+_CORRECTIONS = {"standard": "none", "corrected": "optimised"}
+
+_TEXT = """# {title}
+[mesh]
+file = "mesh.npz"
+
+[patches]
+{patches}
+
+[[motion]]
+{motion}
+
+[steps]
+count = {steps}
+
+[method]
+support_radius = {radius}
+displacement = "{displacement}"
+quality_threshold = {threshold}
+allow_invalid = true   # keep what plain interpolation makes of it, to be looked at
+correction = "{correction}"
+"""
+
+
+@dataclass(frozen=True)
+class DemoCase:
+    """One case of the demonstration; ``files`` are copied beside the case file under their new names."""
+
+    name: str
+    title: str
+    roles: Mapping[str, str]
+    motion: str
+    files: Mapping[str, str]
+    steps: int = 1
+    radius: float = 0.5
+    displacement: str = "relative"
+    threshold: float = 0.2
+
+    def text(self, correction: str) -> str:
+        """The case file."""
+        patches = "\n".join(f'{patch} = "{role}"' for patch, role in self.roles.items())
+        return _TEXT.format(**{**self.__dict__, "patches": patches, "correction": correction})
+
+
+def _slab(name: str, title: str, rigid: str) -> DemoCase:
+    """A case of the thesis: a slab moves in a square."""
+    motion = f'patch = "block"\nrigid = {{ {rigid} }}'
+    return DemoCase(name, title, {"block": "moving", "outer": "fixed"}, motion, {"square_with_slab.npz": "mesh.npz"})
+
+
+DEMO_CASES = (
+    _slab("thesis_dx", "0.3 to the left", "translation = [-0.3, 0.0]"),
+    _slab("thesis_dxdy", "0.25 to the left and down", "translation = [-0.25, -0.25]"),
+    _slab(
+        "thesis_rotation",
+        "0.2 to the left and down, turned by 60°",
+        "translation = [-0.2, -0.2], rotation = 60.0, centre = [0.5, 0.5]",
+    ),
+    DemoCase(
+        "turek_hron_flag",
+        "Turek and Hron's flag, tip ± 80 mm, one period",
+        {"flag": "moving", "cylinder": "fixed", "walls": "fixed", "inlet": "fixed", "outlet": "fixed"},
+        'patch = "flag"\ntable = "motion.npz"',
+        {"flag.npz": "mesh.npz", "flag_motion.npz": "motion.npz"},
+        steps=32,
+        radius=0.4,
+        displacement="absolute",
+        threshold=0.5,
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One case played both ways."""
+
+    case: DemoCase
+    standard: Played
+    corrected: Played
+
+
+def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list[Outcome]:
+    """Play all cases both ways into a folder, and draw them.
+
+    Parameters
+    ----------
+    folder : path
+        Receives a folder for each case, with its case files, and the pictures ``overview.png`` and ``flag.png``.
+    say : callable, optional
+        Told what is going on.
+    """
+    outcomes = []
+    with connect() as server:
+        for case in DEMO_CASES:
+            played = {}
+            for label, correction in _CORRECTIONS.items():
+                say(f"{case.title}: {label}")
+                case_file = _write_case(folder / case.name, case, label, correction)
+                played[label] = play(case_file, folder / case.name / label, endpoint=server.endpoint, every=8)
+            outcomes.append(Outcome(case, **played))
+    if picture_is_possible():
+        from mesh_motion_server.cases.demo_pictures import draw_flag, draw_overview  # noqa: PLC0415  (an extra)
+
+        say("drawing")
+        draw_overview(folder / "overview.png", outcomes[:3])
+        draw_flag(folder / "flag.png", outcomes[3])
+    return outcomes
+
+
+def table_of(outcomes: list[Outcome]) -> Table:
+    """What came of it, in numbers."""
+    table = Table(title="lowest size-skew of any step: standard RBF against the correction", title_justify="left")
+    for heading in ("case", "standard", "inverted cells", "s", "corrected", "inverted cells", "s"):
+        table.add_column(heading, justify="left" if heading == "case" else "right")
+    for outcome in outcomes:
+        cells = [outcome.case.title]
+        for played in (outcome.standard, outcome.corrected):
+            summary = played.summary
+            seconds = sum(step.seconds for step in played.steps)
+            cells += [f"{summary['min_size_skew']:.3f}", str(summary["inverted_cells"]), f"{seconds:.2f}"]
+        table.add_row(*cells)
+    return table
+
+
+def _write_case(folder: Path, case: DemoCase, label: str, correction: str) -> Path:
+    """The case's files in its folder, so that it can be played again by hand; returns the case file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for source, name in case.files.items():
+        shutil.copyfile(_DATA / source, folder / name)
+    path = folder / f"{label}.toml"
+    path.write_text(case.text(correction), encoding="utf-8")
+    return path

@@ -1,0 +1,107 @@
+"""Looking at sessions from outside: those of a running server, and those stored in a folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_client import connect
+from rich.table import Table
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.session.inspection import Inspection, inspect_session
+
+__all__ = ["Found", "inspect_folder", "list_sessions"]
+
+#: Records of a journal that are shown; there may be thousands.
+_LAST_RECORDS = 8
+
+
+@dataclass(frozen=True)
+class Found:
+    """What an inspection found.
+
+    Attributes
+    ----------
+    values : dict
+        Plain values, for programs.
+    table : rich.table.Table
+        The same for people.
+    damaged : list of str
+        Sessions that do not verify.
+    """
+
+    values: dict[str, Any]
+    table: Table
+    damaged: list[str]
+
+
+def list_sessions(endpoint: str, timeout: float) -> Found:
+    """The sessions of a running server.
+
+    Raises
+    ------
+    mesh_motion_client.MeshMotionError
+        If nobody answers within ``timeout`` seconds.
+    """
+    with connect(endpoint, timeout=timeout) as server:
+        sessions, name = server.sessions(), server.welcome.server
+    columns = ("session", "label", "state", "step", "partitions", "worker")
+    table = Table(*columns, title=f"{name} at {endpoint}: {len(sessions)} sessions", title_justify="left", box=None)
+    for session in sessions:
+        table.add_row(*(str(session.get(column, "")) for column in columns))
+    return Found({"server": name, "endpoint": endpoint, "sessions": sessions}, table, [])
+
+
+def inspect_folder(folder: Path) -> Found:
+    """The session in a folder, or all sessions of a state folder.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such folder, or neither a session nor a state folder in it.
+    JournalError
+        If a session's folder has lost its description.
+    """
+    if (folder / "spec.json").is_file():
+        inspection = inspect_session(folder)
+        return Found(inspection.as_dict(), _details(inspection), _damaged([inspection]))
+    sessions = folder / "sessions"
+    if not sessions.is_dir():
+        raise InvalidInput(
+            f"{folder}: neither a session's folder nor a server's state folder",
+            hint="a state folder has a folder 'sessions'; serve --state DIR chooses it",
+        )
+    found = [inspect_session(path) for path in sorted(sessions.iterdir()) if (path / "spec.json").is_file()]
+    values = {"folder": str(folder), "sessions": [inspection.as_dict() for inspection in found]}
+    return Found(values, _overview(folder, found), _damaged(found))
+
+
+def _damaged(found: list[Inspection]) -> list[str]:
+    return [inspection.session for inspection in found if inspection.state == "damaged"]
+
+
+def _overview(folder: Path, found: list[Inspection]) -> Table:
+    """One row a session."""
+    table = Table("session", "label", "judged", "step", "nodes", "partitions", box=None)
+    table.title, table.title_justify = f"{folder}: {len(found)} sessions", "left"
+    for i in found:
+        table.add_row(i.session, i.label, i.state, str(i.step), str(i.nodes), str(i.partitions))
+    return table
+
+
+def _details(inspection: Inspection) -> Table:
+    """All about one session."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name in ("session", "label", "state", "step", "epoch", "dimension", "partitions", "nodes", "digest"):
+        table.add_row(name, str(getattr(inspection, name)))
+    table.add_row("settings", ", ".join(f"{key} = {value}" for key, value in inspection.settings.items()))
+    for check in inspection.checks:
+        table.add_row("check", f"{check.name}: {'verified' if check.passed else check.message}")
+    hidden = len(inspection.records) - _LAST_RECORDS
+    if hidden > 0:
+        table.add_row("records", f"{hidden} earlier ones")
+    for record in inspection.records[-_LAST_RECORDS:]:
+        table.add_row("record", f"{record.sequence} at {record.offset}: {record.kind}, {record.says}")
+    return table

@@ -1,0 +1,87 @@
+"""Compile the kernels once, before anybody waits for them: tiny motions through every path of the numerics.
+
+The compiled code is kept by numba beside the sources (or in ``NUMBA_CACHE_DIR``) and found by every later process.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import Patch
+
+__all__ = ["compile_kernels", "tiny_meshes"]
+
+FloatArray = NDArray[np.float64]
+Mesh = tuple[FloatArray, CellTable]
+
+#: Corners of the unit cube in the order of a hexahedron, and how it is cut into other cells.
+_CUBE = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+_CUTS: dict[str, list[list[int]]] = {
+    "line": [[0, 1]],
+    "triangle": [[0, 1, 2], [0, 2, 3]],
+    "quad": [[0, 1, 2, 3]],
+    "tetra": [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]],
+    "hexahedron": [[0, 1, 2, 3, 4, 5, 6, 7]],
+    "wedge": [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]],
+    "pyramid": [[3, 2, 1, 0, 8], [4, 5, 6, 7, 8], [0, 1, 5, 4, 8], [1, 2, 6, 5, 8], [2, 3, 7, 6, 8], [3, 0, 4, 7, 8]],
+}
+_DIMENSION = {"line": 1, "triangle": 2, "quad": 2}
+
+
+def compile_kernels() -> float:
+    """Move tiny meshes of every cell type by every method; return the seconds it took."""
+    begin = time.perf_counter()
+    for name, (points, cells) in tiny_meshes():
+        for method in _methods(points.shape[1]):
+            _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
+    return time.perf_counter() - begin
+
+
+def tiny_meshes(rows: int = 4) -> Iterator[tuple[str, Mesh]]:
+    """A unit interval, square or cube of ``rows`` cells along each axis, cut into cells of each type."""
+    for name, cuts in _CUTS.items():
+        dimension = _DIMENSION.get(name, 3)
+        corners = _CUBE[: 2**dimension, :dimension]
+        if name == "pyramid":
+            corners = np.vstack([corners, [[0.5, 0.5, 0.5]]])
+        cubes = np.array(list(product(range(rows), repeat=dimension)))
+        places = (cubes[:, None, :] + corners).reshape(-1, dimension)
+        points, numbers = np.unique(places, axis=0, return_inverse=True)
+        nodes = numbers.reshape(len(cubes), len(corners))[:, np.array(cuts)].reshape(-1, len(cuts[0]))
+        yield name, (points / rows, CellTable.from_arrays({name: nodes}))
+
+
+def _methods(dimension: int) -> Iterator[Method]:
+    """Every path that has kernels of its own."""
+    corrections = ("none", "explicit", "enrichment", "optimised")
+    for correction in corrections if dimension > 1 else (*corrections, "imposed-gradient"):
+        yield Method(support_radius=1.0, correction=correction, quality_threshold=0.6)
+    yield Method(support_radius=1.0, correction="none", displacement="reanchored")
+    for predictor in ("centre-gradient", "edge-midpoint-gradient"):
+        yield Method(support_radius=1.0, correction="none", predictor=predictor)
+    for solver in ("sparse", "iterative"):
+        yield Method(support_radius=1.0, correction="none", solver=solver)
+
+
+def _move(points: FloatArray, cells: CellTable, method: Method, *, sliding: bool) -> None:
+    """Push the lower side in and turn it a little; a refusal has compiled what it needed."""
+    lower, upper = np.flatnonzero(points[:, 0] == 0.0), np.flatnonzero(points[:, 0] == 1.0)
+    patches = {"moving": Patch("moving", lower), "fixed": Patch("fixed", upper)}
+    if sliding:
+        patches["side"] = Patch("slip", np.flatnonzero(points[:, 1] == 0.0))
+    model = MotionModel.build(points, cells, patches, method)
+    targets = points[model.roles.moving].copy()
+    targets[:, 0] += 0.55 + 0.1 * targets[:, -1]
+    try:
+        model.move(points, targets)
+    except NumericalError:
+        return

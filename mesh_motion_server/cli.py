@@ -1,0 +1,82 @@
+"""The entry point ``mesh-motion``: what can go wrong becomes one line on standard error and an exit status.
+
+======  =============================================================================================
+status  meaning
+======  =============================================================================================
+0       done; warnings, if any, were printed
+2       usage, or an invalid case, mesh, table or setting
+3       refused: no acceptable mesh was found for a motion
+4       the session or the server's limits or storage do not allow it, or results cannot be written
+69      nobody answers: no server at the endpoint, the endpoint is taken, or a package is not installed
+70      a defect of this program
+78      the server's settings are wrong or unsafe
+130     interrupted
+======  =============================================================================================
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from enum import IntEnum
+from typing import NoReturn
+
+__all__ = ["ExitStatus", "complain", "main", "status_of"]
+
+
+class ExitStatus(IntEnum):
+    """Exit statuses; those from 64 on are those of sysexits.h."""
+
+    DONE = 0
+    INVALID = 2
+    REFUSED = 3
+    FAILED = 4
+    UNAVAILABLE = 69
+    DEFECT = 70
+    CONFIGURATION = 78
+    INTERRUPTED = 130
+
+
+#: Exit status by error code, the longest matching beginning first; any other code is FAILED.
+_BY_CODE = (
+    ("INVALID_ARGUMENT", ExitStatus.INVALID),
+    ("FAILED_PRECONDITION.QUALITY", ExitStatus.REFUSED),
+    ("UNAVAILABLE", ExitStatus.UNAVAILABLE),
+    ("DEADLINE_EXCEEDED", ExitStatus.UNAVAILABLE),
+    ("INTERNAL", ExitStatus.DEFECT),
+)
+
+#: The packages of the extra ``server`` that the command line needs at once.
+_EXTRA = ("typer", "rich", "pydantic", "numba", "scipy", "structlog", "threadpoolctl")
+
+
+def status_of(code: str) -> ExitStatus:
+    """Exit status for an error code of the protocol."""
+    return next((status for beginning, status in _BY_CODE if code.startswith(beginning)), ExitStatus.FAILED)
+
+
+def complain(message: str) -> None:
+    """One line on standard error."""
+    sys.stderr.write(f"mesh-motion: {' '.join(message.split())}\n")
+
+
+def main() -> NoReturn:
+    """Run the command line and exit."""
+    try:
+        from mesh_motion_server.commands import app  # noqa: PLC0415  (its packages may be missing: the client's do)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in _EXTRA:
+            raise
+        complain(f"the package {error.name!r} is not installed (pip install 'mesh-motion-server[server]')")
+        sys.exit(ExitStatus.UNAVAILABLE)
+    try:
+        app()
+    except BrokenPipeError:  # the reader of our output has gone, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(ExitStatus.DONE)
+    except Exception as error:
+        traceback.print_exc()
+        complain(f"a defect of this program: {type(error).__name__}; please report the lines above")
+        sys.exit(ExitStatus.DEFECT)
+    sys.exit(ExitStatus.DONE)

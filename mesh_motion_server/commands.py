@@ -1,0 +1,335 @@
+"""The commands of ``mesh-motion``; each imports what it needs when it runs, so that ``--help`` is quick."""
+
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from mesh_motion_client import MeshMotionError as ClientError
+from rich.console import Console
+
+from mesh_motion_server import __version__
+from mesh_motion_server.cli import ExitStatus, complain, status_of
+from mesh_motion_server.errors import MeshMotionError
+
+if TYPE_CHECKING:
+    from mesh_motion_server.cases.check import CheckReport
+    from mesh_motion_server.cases.records import StepRecord
+
+__all__ = ["app"]
+
+_EPILOGUE = (
+    "Exit status: 0 done, 2 usage or invalid input, 3 refused (no acceptable mesh), 4 session, limit or storage, "
+    "69 nobody answers or not installed, 70 defect, 78 wrong or unsafe server settings, 130 interrupted."
+)
+
+app = typer.Typer(
+    name="mesh-motion",
+    help="Move volume meshes with their boundaries: predict the quality, correct the motion, then move.",
+    epilog=_EPILOGUE,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+_out = Console(highlight=False, soft_wrap=True)
+_err = Console(stderr=True, highlight=False)
+
+
+@contextmanager
+def _expected_errors() -> Iterator[None]:
+    """Turn expected errors into one line and an exit status."""
+    try:
+        yield
+    except (MeshMotionError, ClientError) as error:
+        complain(str(error))
+        raise typer.Exit(status_of(error.code)) from None
+    except KeyboardInterrupt:
+        complain("interrupted")
+        raise typer.Exit(ExitStatus.INTERRUPTED) from None
+
+
+# --- play ------------------------------------------------------------------------------------------------------------
+
+CaseArgument = Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
+EndpointOption = Annotated[
+    str | None,
+    typer.Option(metavar="ENDPOINT", help="A running server: tcp://HOST:PORT or ipc:///PATH.", show_default=False),
+]
+
+
+@app.command(short_help="Drive a session through a case.")
+def play(
+    case: CaseArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives the results; made if missing.")],
+    endpoint: EndpointOption = None,
+    every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the VTU series.")] = 1,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
+) -> None:
+    """Drive a session through a case, as a coupling code would.
+
+    Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
+    mesh.pvd with its VTU files for ParaView, and quality.png; a case that is invalid or refused leaves none of them.
+
+    \b
+    mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
+    mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
+    """
+    from mesh_motion_server.cases.play import play as play_case
+
+    with _expected_errors(), _progress(quiet) as advance:
+        played = play_case(case, out, endpoint=endpoint, every=every, progress=advance)
+    for warning in played.warnings:
+        complain(f"warning: {warning}")
+    if not quiet:
+        summary = played.summary
+        _out.print(
+            f"{len(played.steps)} step{'s' if len(played.steps) > 1 else ''} in {summary['seconds']:.1f} s, "
+            f"lowest size-skew {summary['min_size_skew']:.3f} in step {summary['worst_step']}, "
+            f"{summary['inverted_cells']} inverted cells: {out}"
+        )
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Any]:
+    """A progress bar on standard error that vanishes at the end; a function to advance it."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    if quiet or not _err.is_terminal:
+        yield None
+        return
+    columns = (
+        TextColumn("step"),
+        MofNCompleteColumn(),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=_err, transient=True) as progress:
+        task = progress.add_task("opening the session", total=None)
+
+        def advance(done: int, total: int, record: StepRecord) -> None:
+            text = f"size-skew {record.min_size_skew:.3f}"
+            progress.update(task, completed=done, total=total, description=text)
+
+        yield advance
+
+
+# --- check -----------------------------------------------------------------------------------------------------------
+
+
+@app.command(short_help="Check a case or a mesh file.")
+def check(
+    path: Annotated[Path, typer.Argument(metavar="CASE.toml|MESH", help="A case or a mesh file.", show_default=False)],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Say what is wrong or odd about a case or a mesh, and what it will cost, without moving anything.
+
+    Roles of the patches, degenerate and inverted cells, duplicated and orphan nodes, a suggested support radius, and an
+    estimate of memory and time.
+
+    \b
+    mesh-motion check case.toml
+    mesh-motion check mesh.msh
+    """
+    from mesh_motion_server.cases.check import check as check_path
+
+    with _expected_errors():
+        report = check_path(path)
+    if as_json:
+        _out.print(json.dumps(_check_values(report), indent=2, ensure_ascii=False), markup=False)
+    else:
+        _print_check(report)
+    for warning in report.warnings:
+        complain(f"warning: {warning}")
+
+
+def _check_values(report: CheckReport) -> dict[str, Any]:
+    """The report as plain values."""
+    mesh, costs = report.mesh, report.costs
+    return {
+        "path": str(report.path),
+        "nodes": len(mesh.points),
+        "dimension": mesh.dimension,
+        "cells": {name: len(nodes) for name, nodes in mesh.cells.items()},
+        "patches": {n: {"role": report.roles.get(n, ""), "nodes": len(ids)} for n, ids in mesh.patches.items()},
+        "counts": report.counts,
+        "quality": report.quality,
+        "support_radius": report.support_radius,
+        "suggested_support_radius": report.suggested_radius,
+        "solver": costs.solver,
+        "estimated_seconds_factorize": costs.factorize_seconds,
+        "estimated_seconds_evaluate": costs.evaluate_seconds,
+        "estimated_memory_bytes": costs.memory_bytes,
+        "warnings": report.warnings,
+    }
+
+
+def _print_check(report: CheckReport) -> None:
+    """The report as a table."""
+    from rich.table import Table
+
+    mesh, costs = report.mesh, report.costs
+    cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    box = " × ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_row("mesh", f"{mesh.path}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}")
+    table.add_row("box", box)
+    for name, nodes in mesh.patches.items():
+        table.add_row("patch", f"{name}: {len(nodes)} nodes, {report.roles.get(name, 'no role here')}")
+    if report.counts:
+        table.add_row("nodes", ", ".join(f"{count} {kind}" for kind, count in report.counts.items()))
+    table.add_row("quality", ", ".join(f"{name} {value:.3f}" for name, value in report.quality.items()))
+    chosen = f"{report.support_radius:g} in the case, " if report.support_radius is not None else ""
+    table.add_row("support radius", f"{chosen}{report.suggested_radius:g} suggested")
+    table.add_row(
+        "estimate",
+        f"{costs.memory_bytes / 2**20:.0f} MB; {costs.solver} factorization {costs.factorize_seconds:.2g} s, then "
+        f"{costs.evaluate_seconds:.2g} s a move, and what a correction needs",
+    )
+    _out.print(table)
+    _out.print(f"usable{' as a case' if report.roles else ' as a mesh'}")
+
+
+# --- serve -----------------------------------------------------------------------------------------------------------
+
+
+@app.command(short_help="Serve sessions until SIGTERM.")
+def serve(
+    endpoint: Annotated[
+        str | None, typer.Option(metavar="ENDPOINT", help="tcp://HOST:PORT (0: any free port) or ipc:///PATH.")
+    ] = None,
+    state: Annotated[Path | None, typer.Option(metavar="DIR", help="Where sessions are stored.")] = None,
+    insecure: Annotated[bool, typer.Option(help="Listen where other machines reach it, unprotected.")] = False,
+    ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
+    threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
+    settings_file: Annotated[
+        Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
+    ] = None,
+    log_level: Annotated[str, typer.Option(metavar="LEVEL", help="debug, info, warning or error.")] = "info",
+) -> None:
+    """Serve sessions until SIGTERM; then drain, and leave every session resumable.
+
+    It listens on this machine only, unless --insecure. Logs go to standard error as JSON, one line "ready ENDPOINT" to
+    standard output.
+
+    \b
+    mesh-motion serve
+    mesh-motion serve --endpoint ipc:///run/user/1000/mesh-motion --state ~/sessions
+    """
+    from mesh_motion_server.transport.serve import serve as serve_sessions
+
+    levels = ("debug", "info", "warning", "error")
+    if log_level not in levels:
+        raise typer.BadParameter(f"one of {', '.join(levels)}", param_hint="--log-level")
+    given = {"endpoint": endpoint, "state_folder": str(state) if state else None, "threads": threads}
+    settings = _server_settings(settings_file, {key: value for key, value in given.items() if value is not None})
+    status = serve_sessions(settings, insecure=insecure, ready_file=ready_file, level=log_level)
+    raise typer.Exit(status)
+
+
+def _server_settings(file: Path | None, given: dict[str, Any]) -> Any:
+    """The settings of a file, overruled by the options; wrong ones end with status 78."""
+    import tomllib
+
+    from mesh_motion_server.settings import ServerSettings
+
+    try:
+        values = tomllib.loads(file.read_text(encoding="utf-8")) if file is not None else {}
+        return ServerSettings.from_mapping(values | given)
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        complain(f"{file}: not readable as TOML: {error}")
+    except MeshMotionError as error:
+        complain(f"{file}: {error}" if file is not None else str(error))
+    raise typer.Exit(ExitStatus.CONFIGURATION)
+
+
+# --- inspect ---------------------------------------------------------------------------------------------------------
+
+
+@app.command(short_help="List sessions, or judge stored ones.")
+def inspect(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="FOLDER", help="A session's folder, or a state folder.", show_default=False)
+    ] = None,
+    endpoint: EndpointOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+    timeout: Annotated[float, typer.Option(metavar="S", min=0.1, help="Seconds to wait for a server.")] = 5.0,
+) -> None:
+    """List the sessions of a running server, or look into stored ones without changing anything.
+
+    A folder is judged: every checksum of the journal, the mesh and the state. Status 4 tells of damage.
+
+    \b
+    mesh-motion inspect --endpoint tcp://127.0.0.1:7440
+    mesh-motion inspect ~/.local/state/mesh-motion
+    """
+    from mesh_motion_server.cases.inspect import inspect_folder, list_sessions
+
+    if (folder is None) == (endpoint is None):
+        raise typer.BadParameter("give either FOLDER or --endpoint", param_hint="FOLDER")
+    with _expected_errors():
+        found = inspect_folder(folder) if folder is not None else list_sessions(str(endpoint), timeout)
+    if as_json:
+        _out.print(json.dumps(found.values, indent=2, ensure_ascii=False), markup=False)
+    else:
+        _out.print(found.table)
+    if found.damaged:
+        complain(f"damaged: {', '.join(found.damaged)}")
+        raise typer.Exit(ExitStatus.FAILED)
+
+
+# --- demo, version ---------------------------------------------------------------------------------------------------
+
+
+@app.command(short_help="Play the thesis' cases and a flag.")
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives pictures and results.")] = Path(
+        "out/demo"
+    ),
+) -> None:
+    """Play the thesis' three cases and a flag in a channel, standard against corrected.
+
+    Prints a table and leaves overview.png, flag.png and each case's results in DIR. It takes about a minute.
+    """
+    from mesh_motion_server.cases.demo import play_demo, table_of
+
+    with _expected_errors(), _err.status("starting a server") as status:
+        outcomes = play_demo(out, status.update)
+    _out.print(table_of(outcomes))
+    for picture in sorted(out.glob("*.png")):
+        _out.print(f"see {picture}")
+
+
+@app.command(short_help="Print versions.")
+def version(
+    warm: Annotated[bool, typer.Option("--warm", help="Compile the kernels now, so that no session waits.")] = False,
+) -> None:
+    """Print the versions of the program, its protocol and what it stands on."""
+    from importlib.metadata import PackageNotFoundError
+    from importlib.metadata import version as installed
+
+    packages = []
+    for name in ("numpy", "scipy", "numba", "pyzmq"):
+        try:
+            packages.append(f"{name} {installed(name)}")
+        except PackageNotFoundError:
+            packages.append(f"{name} not installed")
+    _out.print(f"mesh-motion-server {__version__}, protocol 1.0")
+    _out.print(f"Python {platform.python_version()}, {', '.join(packages)}")
+    if warm:
+        from mesh_motion_server.cases.warm import compile_kernels
+
+        with _expected_errors(), _err.status("compiling the kernels"):
+            seconds = compile_kernels()
+        _out.print(f"kernels ready after {seconds:.0f} s")
