@@ -27,7 +27,8 @@ __all__ = ["Descent", "newton"]
 DIRECT_UNKNOWNS = 1500
 """Largest system that is factorized; above it conjugate gradients are faster."""
 
-_CG_TOLERANCE, _CG_ITERATIONS = 0.2, 60
+_BARRIER_CG = 0.2, 60  # reduction of the residual, most iterations
+_UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
 _ARMIJO, _HALVINGS = 1e-4, 25
 _FULL_STEP_GAIN = (
     1e-3  # a full Newton step that gains less: converged (CORRECTION: on short steps near det = 0 it is not)
@@ -75,7 +76,8 @@ def newton(
         least = 0.0 if done == 0 else _REFRESH / n_corners
         gradient = region.adjacency.gather(distortion_gradient(points, region.simplices, weights, norm))
         corner_blocks(points, region.simplices, weights, norm, blocks, least_weight=least)
-        step = _solve(region.adjacency, region.adjacency.assemble(blocks, d), -gradient)
+        hessian = region.adjacency.assemble(blocks, d)
+        step = _solve(region.adjacency, hessian, -gradient, _UNTANGLING_CG if norm.epsilon else _BARRIER_CG)
         slope = float(np.vdot(gradient, step))
         found = _line_search(points, region, norm, step, energy, slope)
         if found is None:
@@ -111,7 +113,9 @@ def _line_search(
     return None
 
 
-def _solve(adjacency: NodeAdjacency, hessian: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solve(
+    adjacency: NodeAdjacency, hessian: NDArray[np.float64], right: NDArray[np.float64], accuracy: tuple[float, int]
+) -> NDArray[np.float64]:
     """The step (f, d) of H (b, d, d) dx = right (f, d)."""
     if right.size <= DIRECT_UNKNOWNS:
         matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
@@ -123,7 +127,7 @@ def _solve(adjacency: NodeAdjacency, hessian: NDArray[np.float64], right: NDArra
         except RuntimeError:  # exactly singular: conjugate gradients stay in the range of H
             pass
     step = np.zeros_like(right)
-    _conjugate_gradients(adjacency.row_starts, adjacency.columns, hessian, right, _CG_TOLERANCE, _CG_ITERATIONS, step)
+    _conjugate_gradients(adjacency.row_starts, adjacency.columns, hessian, right, *accuracy, step)
     return step
 
 

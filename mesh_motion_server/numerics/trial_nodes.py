@@ -1,15 +1,16 @@
-"""The strongest correction: trial positions of nodes are freed and moved to lower the mesh's worst distortion.
+"""The strongest correction: trial positions of nodes are freed and moved to raise the mesh's worst quality.
 
 The boundary is held where the motion puts it; no node of the mesh has moved yet. :func:`polish` frees a region and
-follows a continuation from a mild p-mean to a sharp one with projected Gauss–Newton iterations (:mod:`.newton`),
-untangling first where cells are inverted. :func:`reach` frees the nodes of the bad cells only and grows the region
-until a threshold holds, so that the cost follows the bad region and not the mesh.
+follows a continuation from a mild p-mean of the distortion to a sharp one with projected Gauss–Newton iterations
+(:mod:`.newton`), untangling first where cells are inverted. :func:`reach` frees the nodes of the bad cells only and
+grows the region until a threshold holds, so that the cost follows the bad region and not the mesh.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +21,29 @@ from mesh_motion_server.numerics.free_region import FreeRegion, free_region, gro
 from mesh_motion_server.numerics.metrics import cell_quality
 from mesh_motion_server.numerics.newton import newton
 
-__all__ = ["Polished", "TrialMesh", "polish", "reach"]
+__all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach"]
 
 LEVELS = (PNorm(2, 1), PNorm(8, 2), PNorm(24, 4), PNorm(60, 8), PNorm(150, 16))
-"""Continuation: starting sharper, or with fewer iterations a level, ends at a third of the quality."""
+"""Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
+_LEVEL_ITERATIONS = 12
 _UNTANGLED = 1e-3  # least determinant from which the barrier is used
-_STAGES = 15
-_STAGE_ITERATIONS = 4
-_MARGIN = 1.15
+_STAGES, _STAGE_ITERATIONS = 25, 4
+_STALL = 0.85  # an untangling that keeps more than this of the least determinant over two stages will not succeed
+_EARLY_RISE, _TAIL = 1.5, 0.65  # what the remaining levels add at most: after the second level, after a later one
+_MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
+_LEAST_GROWTH, _MOST_GROWTH = 1.4, 3.0
 _ALL = 0.6  # past this share of the free nodes a region does not pay: free all
+_TINY = 1e-300
+
+
+class Stage(NamedTuple):
+    """One p-mean that was descended: the norm, free nodes, iterations, and the smallest quality so far."""
+
+    norm: PNorm
+    free: int
+    iterations: int
+    minimum: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +69,7 @@ class TrialMesh:
     metric: str = "size-skew"
 
     def quality(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The metric (m,) of every cell; at most 0 where a cell is inverted."""
+        """The metric (m,) of every cell; negative where a cell is inverted."""
         return signed_quality(points, self.cells, self.reference_sizes, self.metric)
 
     def free(self, marked: NDArray[np.bool_]) -> FreeRegion:
@@ -66,13 +80,10 @@ class TrialMesh:
 def signed_quality(
     points: NDArray[np.float64], cells: CellTable, reference_sizes: NDArray[np.float64], metric: str
 ) -> NDArray[np.float64]:
-    """The metric (m,) of every cell; ≤ −1e−300 where any corner is inverted, whatever the metric says."""
+    """The metric (m,) of every cell; negative where any corner is inverted, whatever the metric says."""
     quality = cell_quality(points, cells, reference_sizes)
     values = quality.metric(metric)
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
-
-
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,19 +94,21 @@ class Polished:
     ----------
     points : (n, d) array, mesh length unit
     minimum : float
-        Smallest quality over the mesh (over the region, for a single :func:`polish`); ≤ 0 where it stays tangled.
+        Smallest quality over the mesh (of :func:`polish`: over the region); negative where it stays tangled.
     freed : int
         Number of nodes that were free at the end.
     iterations : int
-    history : tuple of (str, int, float)
-        What was done, on how many free nodes, and the smallest quality after it.
+    history : tuple of Stage
+    forecast : float
+        What all levels would have reached about, where they were not worth finishing.
     """
 
     points: NDArray[np.float64]
     minimum: float
-    freed: int
-    iterations: int
-    history: tuple[tuple[str, int, float], ...] = ()
+    freed: int = 0
+    iterations: int = 0
+    history: tuple[Stage, ...] = ()
+    forecast: float = math.inf
 
 
 @dataclass(eq=False)
@@ -107,24 +120,34 @@ class _Search:
     target: float
     points: NDArray[np.float64]
     minimum: float = -math.inf
-    iterations: int = 0
-    history: list[tuple[str, int, float]] = field(default_factory=list)
+    history: list[Stage] = field(default_factory=list)
 
     def judge(self, points: NDArray[np.float64]) -> bool:
         """Remember the points if they are better; whether the target is met."""
-        minimum = float(signed_quality(points, self.region.cells, self.region.reference_sizes, self.metric).min())
-        if minimum > self.minimum:
-            self.points, self.minimum = points, minimum
+        quality = signed_quality(points, self.region.cells, self.region.reference_sizes, self.metric)
+        if quality.min() > self.minimum:
+            self.points, self.minimum = points, float(quality.min())
+        return self.met
+
+    @property
+    def met(self) -> bool:
         return self.minimum >= self.target
 
     def descend(self, points: NDArray[np.float64], norm: PNorm, iterations: int) -> NDArray[np.float64]:
-        """Newton iterations with one p-mean; judges on the way and at the end."""
+        """Newton iterations with one p-mean; judged on the way and at the end."""
         result = newton(points, self.region, norm, iterations=iterations, good_enough=self.judge)
         self.judge(result.points)
-        self.iterations += result.iterations
-        label = f"untangle ε = {norm.epsilon:.1e}" if norm.epsilon else f"p = {norm.p:g}, m = {norm.m:g}"
-        self.history.append((label, self.region.n_free, self.minimum))
+        self.history.append(Stage(norm, self.region.n_free, result.iterations, self.minimum))
         return result.points
+
+    def forecast(self) -> float:
+        """What the sharper p-means will reach, as far as the levels so far tell; inf before the second."""
+        reached = [stage.minimum for stage in self.history if stage.norm.epsilon == 0.0]
+        if len(reached) < 2:
+            return math.inf if reached else self.minimum
+        if len(reached) == 2:
+            return _EARLY_RISE * reached[-1]
+        return reached[-1] + _TAIL * (reached[-1] - reached[-2])
 
 
 def polish(
@@ -133,8 +156,9 @@ def polish(
     region: FreeRegion,
     *,
     target: float = math.inf,
+    thorough: bool = True,
 ) -> Polished:
-    """Lower the worst distortion of a region.
+    """Raise the worst quality of a region.
 
     Parameters
     ----------
@@ -145,39 +169,38 @@ def polish(
         From ``mesh.free``.
     target : float
         Stop as soon as every cell of the region is at least this good.
+    thorough : bool
+        Go through all levels even where they will not reach the target.
 
     Returns
     -------
     Polished
-        The best of all positions met, the given ones included.
+        The best of all positions met, the given ones included; nodes that are not free are bitwise the given ones.
     """
     local = points[region.nodes]
     search = _Search(region, mesh.metric, target, local)
-    met = search.judge(local)
-    if not met:
+    if not search.judge(local):
         local, barrier = _untangle(search, local)
-        if barrier:
-            for norm in LEVELS:
-                if search.minimum >= target:
-                    break
-                local = search.descend(local, norm, 12)
+        for norm in LEVELS if barrier else ():
+            if search.met or (not thorough and search.forecast() < target):
+                break
+            local = search.descend(local, norm, _LEVEL_ITERATIONS)
     moved = points.copy()
     moved[region.free] = search.points[: region.n_free]
-    return Polished(moved, search.minimum, region.n_free, search.iterations, tuple(search.history))
+    iterations = sum(stage.iterations for stage in search.history)
+    return Polished(moved, search.minimum, region.n_free, iterations, tuple(search.history), search.forecast())
 
 
 def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
     """Positions (l, d) with positive determinants, and whether they are."""
-    least = determinants(points, search.region.simplices).min()
-    for _ in range(_STAGES):
-        if least > _UNTANGLED:
+    least = [float(determinants(points, search.region.simplices).min())]
+    while least[-1] <= _UNTANGLED and len(least) <= _STAGES and not search.met:
+        if len(least) > 3 and least[-1] < _STALL * least[-3] < 0.0:
             break
-        epsilon = max(1e-3, 0.5 * abs(least)) if least < 0.0 else 1e-2
+        epsilon = max(1e-3, 0.5 * abs(least[-1])) if least[-1] < 0.0 else 1e-2
         points = search.descend(points, PNorm(2, 1, epsilon), _STAGE_ITERATIONS)
-        least = determinants(points, search.region.simplices).min()
-        if search.minimum >= search.target:
-            break
-    return points, bool(least > 0.0)
+        least.append(float(determinants(points, search.region.simplices).min()))
+    return points, least[-1] > 0.0
 
 
 def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polished:
@@ -189,25 +212,45 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polish
     mesh : TrialMesh
     target : float
         Quality that every cell shall reach.
+
+    Notes
+    -----
+    The first region has neither rings of neighbours nor a margin: both are dear, and often not needed. The next one
+    is as much larger as the first one stayed below the target.
     """
-    n, n_free = len(points), int(np.count_nonzero(~mesh.held))
+    may_move = ~mesh.held
     quality = mesh.quality(points)
-    margin, rings, iterations, history = 1.0, 0, 0, []
-    marked = np.zeros(n, dtype=bool)
-    freed = 0
-    while quality.min() < target:
-        marked |= nodes_of_cells(mesh.cells, quality < margin * target, n)
-        free = grow(mesh.cells, marked, rings) & ~mesh.held
-        if np.count_nonzero(free) > _ALL * n_free:
-            free = ~mesh.held
-        if not free.any():
+    best = Polished(points, float(quality.min()))
+    bad = nodes_of_cells(mesh.cells, quality < target, len(points))
+    free = bad & may_move
+    while best.minimum < target and free.any():
+        everything = np.count_nonzero(free) > _ALL * np.count_nonzero(may_move)
+        region = mesh.free(may_move if everything else free)
+        everything = region.n_free == np.count_nonzero(may_move)
+        found = polish(best.points, mesh, region, target=target, thorough=bool(everything))
+        quality = np.minimum(quality, mesh.quality(found.points))
+        best = _better(best, found, float(mesh.quality(found.points).min()))
+        if everything:
             break
-        region = mesh.free(free)
-        polished = polish(points, mesh, region, target=target)
-        points, freed, iterations = polished.points, region.n_free, iterations + polished.iterations
-        history += polished.history
-        quality = mesh.quality(points)
-        if freed == n_free:
-            break
-        margin, rings = _MARGIN, max(1, 2 * rings)
-    return Polished(points, float(quality.min()), freed, iterations, tuple(history))
+        bad |= nodes_of_cells(mesh.cells, quality < _MARGIN * target, len(points))
+        growth = _MOST_GROWTH if found.forecast <= 0.0 else target / found.forecast
+        free = _grown(mesh, free | (bad & may_move), min(max(growth, _LEAST_GROWTH), _MOST_GROWTH) * region.n_free)
+    return best
+
+
+def _better(best: Polished, found: Polished, minimum: float) -> Polished:
+    """The better positions of the two, with all that was done."""
+    if minimum > best.minimum:
+        best = replace(best, points=found.points, minimum=minimum)
+    return replace(
+        best, freed=found.freed, iterations=best.iterations + found.iterations, history=best.history + found.history
+    )
+
+
+def _grown(mesh: TrialMesh, marked: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
+    """Add rings of neighbours, one at least, until so many nodes (n) are free."""
+    while True:
+        larger = grow(mesh.cells, marked, 1) & ~mesh.held
+        if np.count_nonzero(larger) >= least or np.array_equal(larger, marked):
+            return larger
+        marked = larger
