@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 __all__ = ["canonical_order", "morton_codes"]
 
-#: Bits per coordinate, by dimension: as many as fit into 63.
-_BITS = {1: 62, 2: 31, 3: 21}
+#: Bits per coordinate, by dimension: as many as a code of 63 bits and a double of 53 take.
+_BITS = {1: 52, 2: 31, 3: 21}
 #: Shift and mask pairs that spread the bits of one coordinate: one gap for 2D, two gaps for 3D.
 _SPREAD = {
     1: (),
@@ -51,13 +51,14 @@ def morton_codes(points: NDArray[np.float64]) -> NDArray[np.uint64]:
     (n,) uint64 array
     """
     dimension = points.shape[1]
-    low = points.min(axis=0)
-    extent = float(np.max(points.max(axis=0) - low)) or 1.0
+    # halves, because the difference of two coordinates may overflow
+    low = 0.5 * points.min(axis=0)
+    extent = float(np.max(0.5 * points.max(axis=0) - low)) or 1.0
     top = float(2 ** _BITS[dimension] - 1)
     codes = np.zeros(len(points), dtype=np.uint64)
     for axis in range(dimension):
         # the clip guards against x·top rounding up past the last cell
-        cells = np.minimum((points[:, axis] - low[axis]) / extent * top, top).astype(np.uint64)
+        cells = np.minimum((0.5 * points[:, axis] - low[axis]) / extent * top, top).astype(np.uint64)
         codes |= _spread(cells, dimension) << np.uint64(axis)
     return codes
 

@@ -1,0 +1,49 @@
+"""Records: literal bytes, whole pages, and nothing damaged is read."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+
+import msgpack
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mesh_motion_server.session.records import MAGIC, PAGE, find_record, pack_record, unpack_record
+
+
+def test_literal_bytes() -> None:
+    packed = pack_record(3, b"p" * 32, {"kind": "epoch", "epoch": 2})
+    body = msgpack.packb({"kind": "epoch", "epoch": 2})
+    framed = b"MMJRNL\x01\n" + struct.pack("<QQ", 3, len(body)) + b"p" * 32 + body
+    assert packed == (framed + hashlib.sha256(framed).digest()).ljust(4096, b"\0")
+
+
+def test_what_is_packed_is_unpacked() -> None:
+    for size in (0, 3000, 4000, 4096, 20_000):
+        body = {"kind": "commit", "receipt": bytes(size)}
+        packed = pack_record(7, b"q" * 32, body)
+        assert len(packed) % PAGE == 0
+        record = unpack_record(b"\0" * PAGE + packed, PAGE)
+        assert record is not None
+        assert (record.sequence, record.previous, record.body) == (7, b"q" * 32, body)
+        assert (record.kind, record.length) == ("commit", len(packed))
+
+
+@given(data=st.data())
+@settings(max_examples=200, deadline=None)
+def test_no_damaged_record_is_read(data: st.DataObject) -> None:
+    packed = pack_record(1, bytes(32), {"kind": "epoch", "epoch": 9})
+    used = len(packed.rstrip(b"\0"))
+    offset = data.draw(st.integers(0, used - 1))
+    damaged = bytearray(packed)
+    damaged[offset] ^= data.draw(st.integers(1, 255))
+    assert unpack_record(bytes(damaged)) is None
+    assert unpack_record(packed[:offset]) is None
+
+
+def test_a_record_is_found_behind_damage_at_page_starts_only() -> None:
+    packed = pack_record(1, bytes(32), {"kind": "epoch", "epoch": 9})
+    assert find_record(bytes(3 * PAGE) + packed, 0) == 3 * PAGE
+    assert find_record(bytes(3 * PAGE + 8) + packed, 0) is None
+    assert find_record(MAGIC.ljust(2 * PAGE, b"\0"), 0) is None

@@ -1,0 +1,103 @@
+"""Settings: defaults, strictness, and one clear line for each mistake."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from mesh_motion_protocol.limits import default_limits
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.method import CHOICES, Method
+from mesh_motion_server.settings import DURABILITY_LEVELS, MethodSettings, ServerSettings, check_durability
+
+
+def test_the_defaults_are_those_of_the_numerics() -> None:
+    assert MethodSettings().to_method() == Method()
+    assert list(MethodSettings.model_fields) == list(Method.__dataclass_fields__)
+
+
+@pytest.mark.parametrize(("key", "value"), [(key, value) for key, known in CHOICES.items() for value in known])
+def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
+    assert getattr(MethodSettings.from_mapping({key: value}).to_method(), key) == value
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("support_radius", -1.0, "greater than 0"),
+        ("support_radius", 0, "greater than 0"),
+        ("support_radius", float("nan"), "a finite number"),
+        ("support_radius", float("inf"), "a finite number"),
+        ("support_radius", "0.5", "a valid number"),
+        ("support_radius", True, "a valid number"),
+        ("enrichment_radius", [], "a valid number"),
+        ("quality_threshold", 1.5, "less than or equal to 1"),
+        ("quality_threshold", None, "a valid number"),
+        ("max_enrichment_points", -1, "greater than or equal to 0"),
+        ("max_enrichment_points", 2.5, "a valid integer"),
+        ("max_enrichment_points", True, "a valid integer"),
+        ("refuse_below_threshold", 1, "a valid boolean"),
+        ("refuse_below_threshold", "true", "a valid boolean"),
+        ("basis", 3, "a valid string"),
+        ("displacement", "total", "one of relative, absolute, reanchored"),
+        ("correction", "", "one of none, imposed-gradient, explicit, enrichment, optimised"),
+        ("correction_target", "best", "one of auto, threshold, maximum"),
+        ("quality_metric", "aspect", "one of size-skew"),
+        ("predictor", "none", "one of trial-nodes"),
+        ("solver", "lu", "one of auto, dense, sparse, iterative"),
+        ("reduction", "greedy", "only 'none' is available in this version"),
+        ("reduction", "greddy", "one of none"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_key_and_what_was_expected(key: str, value: Any, says: str) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        MethodSettings.from_mapping({key: value})
+    error = caught.value
+    assert error.code == "INVALID_ARGUMENT.SETTINGS"
+    assert f"setting {key!r}: expected" in error.message
+    assert says in error.message
+    assert repr(value) in error.message
+    assert "\n" not in str(error)
+    assert error.details == {"setting": key, "value": repr(value)}
+
+
+def test_an_unknown_key_is_named_and_the_known_ones_are_listed() -> None:
+    with pytest.raises(InvalidInput, match=r"unknown setting 'radius'; known are basis, support_radius"):
+        MethodSettings.from_mapping({"radius": 0.5})
+
+
+@pytest.mark.parametrize("key", [1, b"basis"])
+def test_a_key_that_is_no_text_is_refused(key: Any) -> None:
+    with pytest.raises(InvalidInput):
+        MethodSettings.from_mapping({key: 2})
+
+
+def test_an_integer_is_a_length_too() -> None:
+    assert MethodSettings.from_mapping({"support_radius": 2}).support_radius == 2.0
+
+
+def test_settings_do_not_change() -> None:
+    settings = MethodSettings()
+    with pytest.raises(ValueError, match="frozen"):
+        settings.basis = "gauss"  # type: ignore[misc]
+
+
+def test_the_limits_announced_are_the_protocols() -> None:
+    limits = ServerSettings().limits()
+    assert limits == {name: default_limits()[name] for name in limits}
+
+
+@pytest.mark.parametrize(
+    "values", [{"max_sessions": 0}, {"port": 1}, {"lease_seconds": -1.0}, {"max_partitions": 257}, {"threads": 1.0}]
+)
+def test_server_settings_are_as_strict(values: dict[str, Any]) -> None:
+    with pytest.raises(InvalidInput):
+        ServerSettings.from_mapping(values)
+
+
+def test_durability() -> None:
+    assert check_durability("") == DURABILITY_LEVELS[0] == check_durability("full") == "full"
+    for level in ("replay", "relaxed", "FULL"):
+        with pytest.raises(InvalidInput, match="offered are full"):
+            check_durability(level)
