@@ -37,16 +37,21 @@ _NODES_PER_ITEM = 1024  # buckets per work item of the parallel loop
 _INSERTION_SORT = 48  # longest bucket sorted by insertion: a node of a good mesh has about 25 facets
 _LONGEST_RUN = 64  # quads with three nodes in common: in a valid mesh at most two
 
+# what becomes of a facet
+_BOUNDARY, _INSIDE, _CROWDED = 1, 2, 3
+
 
 @dataclass(frozen=True)
 class _FacetTable:
     """All facets of a mesh, block after block, cell after cell.
 
     nodes : (F, k) int32 array, ascending in each row, filled up with -1 at the end
+    side : (F,) bool array, from which side the cell sees the facet: two cells that share it differ
     first : number of the first facet of each block, and F
     """
 
     nodes: NDArray[np.int32]
+    side: NDArray[np.bool_]
     first: tuple[int, ...]
 
 
@@ -67,22 +72,24 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
     Raises
     ------
     InvalidInput
-        If a facet belongs to more than two cells; the message names the facet and the cells.
+        If a facet belongs to more than two cells, or to two on the same side of it, which then overlap; the message
+        names the facet and the cells.
     """
     table = _facet_table(cells)
     n = int(table.nodes.max()) + 1
     starts, order = _buckets(table.nodes, n)
     multiplicity = np.empty(len(table.nodes), dtype=np.int8)
-    _count_equal(table.nodes, starts, order, n, multiplicity)
-    crowded = np.flatnonzero(multiplicity > 2)
+    _count_equal(table.nodes, table.side, starts, order, n, multiplicity)
+    crowded = np.flatnonzero(multiplicity > _INSIDE)
     if len(crowded):
         raise _crowded_facet(cells, table, int(crowded[0]))
-    return _collect(cells, table, np.flatnonzero(multiplicity == 1))
+    return _collect(cells, table, np.flatnonzero(multiplicity == _BOUNDARY))
 
 
 def boundary_nodes(cells: CellTable) -> Ints:
     """(b,) node indices of the boundary, ascending, each once; raises as :func:`boundary_facets`."""
-    return np.unique(np.concatenate([nodes.ravel() for nodes in boundary_facets(cells).values()]))
+    none = np.empty(0, dtype=np.int64)
+    return np.unique(np.concatenate([none, *(nodes.ravel() for nodes in boundary_facets(cells).values())]))
 
 
 def _facet_table(cells: CellTable) -> _FacetTable:
@@ -90,15 +97,15 @@ def _facet_table(cells: CellTable) -> _FacetTable:
     local = [LOCAL_FACETS[block.type.name] for block in cells]
     width = max(len(facet) for facets in local for facet in facets)
     first = np.cumsum([0, *(len(block) * len(facets) for block, facets in zip(cells, local, strict=True))])
-    nodes = np.empty((int(first[-1]), width), dtype=np.int32)
+    nodes, side = np.empty((int(first[-1]), width), dtype=np.int32), np.empty(int(first[-1]), dtype=np.bool_)
     for block, facets, start, stop in zip(cells, local, first, first[1:], strict=False):
         padded = np.array([facet + (-1,) * (width - len(facet)) for facet in facets], dtype=np.int64)
-        _sorted_facets(read_only(block.nodes), padded, nodes[start:stop])
-    return _FacetTable(nodes, tuple(int(f) for f in first))
+        _sorted_facets(read_only(block.nodes), padded, nodes[start:stop], side[start:stop])
+    return _FacetTable(nodes, side, tuple(int(f) for f in first))
 
 
 @njit(cache=True, parallel=True)
-def _sorted_facets(cells, local, out):  # type: ignore[no-untyped-def]
+def _sorted_facets(cells, local, out, side):  # type: ignore[no-untyped-def]
     """Nodes of each facet of the cells (m, n_nodes), ascending, -1 for a place that the facet has not."""
     facets, width = local.shape
     for e in prange(cells.shape[0]):
@@ -111,6 +118,23 @@ def _sorted_facets(cells, local, out):  # type: ignore[no-untyped-def]
                     row[place] = row[place - 1]
                     place -= 1
                 row[place] = node
+            side[e * facets + f] = _side(cells[e], local[f], row[0])
+
+
+@njit(cache=True)
+def _side(cell, local, smallest):  # type: ignore[no-untyped-def]
+    """Whether, going round the facet from its smallest node, the smaller neighbour comes first."""
+    size = 0
+    while size < local.size and local[size] >= 0:
+        size += 1
+    if size == 1:
+        return local[0] == 0
+    place = 0
+    while cell[local[place]] != smallest:
+        place += 1
+    if size == 2:
+        return place == 0
+    return cell[local[(place + 1) % size]] < cell[local[(place - 1) % size]]
 
 
 @njit(cache=True)
@@ -146,8 +170,8 @@ def _sorting(keys):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _count_bucket(nodes, facets, n, multiplicity):  # type: ignore[no-untyped-def]
-    """How often each facet of one bucket occurs (at most 3 is written)."""
+def _count_bucket(nodes, side, facets, n, multiplicity):  # type: ignore[no-untyped-def]
+    """Whether each facet of one bucket occurs once, twice from different sides, or otherwise."""
     width = nodes.shape[1]
     keys = np.zeros(facets.size, dtype=np.int64)
     for i in range(facets.size):
@@ -160,21 +184,29 @@ def _count_bucket(nodes, facets, n, multiplicity):  # type: ignore[no-untyped-de
         while last < facets.size and keys[order[last]] == keys[order[first]]:
             last += 1
         for i in range(first, last):
-            equal = last - first
-            if width == 4 and equal <= _LONGEST_RUN:
-                equal = 0
-                for j in range(first, last):
-                    equal += nodes[facets[order[i]], 3] == nodes[facets[order[j]], 3]
-            multiplicity[facets[order[i]]] = min(equal, 3)
+            multiplicity[facets[order[i]]] = _fate(nodes, side, facets, order[first:last], order[i])
         first = last
 
 
+@njit(cache=True)
+def _fate(nodes, side, facets, run, own):  # type: ignore[no-untyped-def]
+    """_BOUNDARY, _INSIDE or _CROWDED, for one facet of a run of facets with the same first three nodes."""
+    if run.size > _LONGEST_RUN:
+        return _CROWDED
+    equal, same_side = 0, 0
+    for other in run:
+        if nodes.shape[1] < 4 or nodes[facets[other], 3] == nodes[facets[own], 3]:
+            equal += 1
+            same_side += side[facets[other]] == side[facets[own]]
+    return _CROWDED if same_side > 1 else min(equal, _CROWDED)
+
+
 @njit(cache=True, parallel=True)
-def _count_equal(nodes, starts, order, n, multiplicity):  # type: ignore[no-untyped-def]
+def _count_equal(nodes, side, starts, order, n, multiplicity):  # type: ignore[no-untyped-def]
     """How often each facet occurs, bucket by bucket."""
     for item in prange((n + _NODES_PER_ITEM - 1) // _NODES_PER_ITEM):
         for node in range(item * _NODES_PER_ITEM, min(n, (item + 1) * _NODES_PER_ITEM)):
-            _count_bucket(nodes, order[starts[node] : starts[node + 1]], n, multiplicity)
+            _count_bucket(nodes, side, order[starts[node] : starts[node + 1]], n, multiplicity)
 
 
 def _collect(cells: CellTable, table: _FacetTable, facets: Ints) -> dict[str, Ints]:
@@ -194,13 +226,14 @@ def _collect(cells: CellTable, table: _FacetTable, facets: Ints) -> dict[str, In
 
 
 def _crowded_facet(cells: CellTable, table: _FacetTable, facet: int) -> InvalidInput:
-    """The error for a facet of more than two cells."""
+    """The error for a facet of too many cells."""
     nodes = [int(node) for node in table.nodes[facet] if node >= 0]
     same = np.flatnonzero((table.nodes == table.nodes[facet]).all(axis=1))
     numbers = [_owner(cells, table, int(f)) for f in same]
+    listed = ", ".join(map(str, numbers[:4])) + (", …" if len(same) > 4 else "")
     return InvalidInput(
-        f"the facet with the nodes {nodes} belongs to {len(same)} cells ({', '.join(map(str, numbers[:4]))}"
-        f"{', …' if len(same) > 4 else ''}); expected one cell on the boundary, two inside",
+        f"the facet with the nodes {nodes} belongs to {len(same)} cells ({listed}); expected one cell on the boundary, "
+        "two inside, on different sides",
         code="INVALID_ARGUMENT.MESH_DEGENERATE",
         hint="remove duplicate or overlapping cells",
         details={"facet": nodes, "cells": numbers[:16]},

@@ -92,3 +92,21 @@ def test_a_facet_of_three_cells_is_named():
 def test_quads_with_three_nodes_in_common_are_different_facets():
     cells = CellTable.from_arrays({"pyramid": np.array([[0, 1, 2, 3, 8], [0, 1, 2, 4, 9]])})
     assert len(boundary_facets(cells)["quad"]) == 2
+
+
+@pytest.mark.parametrize("name", CELL_TYPES)
+def test_a_cell_and_its_copy_overlap(name):
+    nodes = np.arange(CELL_TYPES[name].n_nodes)
+    with pytest.raises(InvalidInput, match=r"belongs to 2 cells \(0, 1\); .* on different sides"):
+        boundary_facets(CellTable.from_arrays({name: np.array([nodes, nodes])}))
+
+
+def test_cells_on_one_side_of_their_common_facet_overlap():
+    with pytest.raises(InvalidInput, match=r"nodes \[0, 1\] belongs to 2 cells"):
+        boundary_facets(CellTable.from_arrays({"triangle": np.array([[0, 1, 2], [0, 1, 3]])}))
+
+
+def test_a_closed_surface_has_no_boundary():
+    cells = CellTable.from_arrays({"triangle": np.array([[0, 1, 2], [0, 2, 1]])})
+    assert boundary_facets(cells) == {}
+    assert len(boundary_nodes(cells)) == 0

@@ -8,6 +8,8 @@ from numba import get_num_threads, set_num_threads
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.corner_kernels import METRIC_CODES
+from mesh_motion_server.numerics.method import CHOICES
 from mesh_motion_server.numerics.metrics import (
     QUALITY_METRICS,
     cell_quality,
@@ -211,3 +213,7 @@ def test_unknown_names_and_wrong_shapes_are_refused_in_words():
     with pytest.raises(InvalidInput, match=r"expected an array of shape \(n, 2\) for 2D cells, got \(9, 3\)") as caught:
         cell_quality(np.zeros((9, 3)), cells, sizes)
     assert caught.value.code == "INVALID_ARGUMENT.SHAPE"
+
+
+def test_a_method_offers_every_metric():
+    assert set(CHOICES["quality_metric"]) == set(QUALITY_METRICS) == set(METRIC_CODES)

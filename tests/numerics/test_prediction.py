@@ -10,6 +10,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.method import CHOICES
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.prediction import PREDICTORS, CallableField, InterpolantField, predict
 
@@ -193,6 +194,10 @@ def test_a_mesh_larger_than_one_batch(monkeypatch):
         monkeypatch.undo()
         np.testing.assert_array_equal(whole.size, parts.size)
         np.testing.assert_array_equal(whole.skew, parts.skew)
+
+
+def test_a_method_offers_every_predictor():
+    assert set(CHOICES["predictor"]) == set(PREDICTORS)
 
 
 def test_an_unknown_predictor_is_refused():

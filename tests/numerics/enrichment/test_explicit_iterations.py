@@ -8,14 +8,15 @@ import pytest
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.correction import CorrectionProblem
 from mesh_motion_server.numerics.enrichment.explicit_iterations import (
     EnrichmentTerm,
     ExplicitSettings,
     explicit_iterations,
     mean_gradient,
 )
-from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolant import factorize
 from mesh_motion_server.numerics.metrics import cell_quality, minimum_quality, reference_sizes
 from mesh_motion_server.numerics.prediction import InterpolantField
 
@@ -28,17 +29,10 @@ CASES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A correction problem as the method reads it, and the standard motion as a field."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case(CorrectionProblem):
+    """A correction problem, and the standard motion as a field."""
 
-    start: np.ndarray
-    standard: np.ndarray
-    held: np.ndarray
-    cells: CellTable
-    reference_sizes: np.ndarray
-    factorization: Factorization
-    evaluator: Evaluator
     field: InterpolantField
 
 
@@ -61,7 +55,16 @@ def case(name: str, radius: float = 0.5) -> Case:
     standard[control] = target[control]
     held = np.isin(np.arange(len(points)), control)
     sizes = reference_sizes(points, cells)
-    return Case(points, standard, held, cells, sizes, factorization, LocalEvaluator(), field)
+    return Case(
+        start=points,
+        standard=standard,
+        held=held,
+        cells=cells,
+        reference_sizes=sizes,
+        factorization=factorization,
+        evaluator=LocalEvaluator(),
+        field=field,
+    )
 
 
 def thesis(threshold: float) -> ExplicitSettings:
