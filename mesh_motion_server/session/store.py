@@ -178,10 +178,11 @@ class SessionStore:
             ) from error
         except OSError as error:
             raise _disk_error("the session cannot be opened", error) from error
-        if not self._files.exists(path / MANIFEST):
+        try:
+            return SessionFolder(path, self._files, lock)
+        except BaseException:
             self._files.close(lock)
-            raise _not_found(session)
-        return SessionFolder(path, self._files, lock)
+            raise
 
     def check_token(self, session: str, token: bytes) -> StoredSpec:
         """The spec of a session whose token this is.
@@ -189,9 +190,9 @@ class SessionStore:
         Raises
         ------
         SessionError
-            NOT_FOUND alike for an unknown session and a wrong token.
+            NOT_FOUND alike for an unknown session, a wrong token, and one that was never built.
         """
-        if not _SESSION_ID.fullmatch(session) or not self._files.exists(self._path(session) / _SPEC):
+        if not self._files.exists(self._path(session) / MANIFEST):
             raise _not_found(session)
         spec = self._read_spec(self._path(session))
         if not spec.admits(token):

@@ -238,10 +238,14 @@ def make_driver(store: Any, meshes: list[PartitionMesh], **options: Any) -> Driv
     return Driver(SessionHost.create(spec, store, build_model=StandIn, **options), meshes)
 
 
+def resume(store: Any, session: str = SESSION, **options: Any) -> SessionHost:
+    """A stored session in another process."""
+    return SessionHost.resume(session, TOKEN, store, build_model=StandIn, **options)
+
+
 def resume_driver(driver: Driver, store: Any, **options: Any) -> Driver:
     """The same ranks with their request numbers, after the session was resumed in another process."""
-    host = SessionHost.resume(driver.host.session, TOKEN, store, build_model=StandIn, **options)
-    again = Driver(host, driver.meshes)
+    again = Driver(resume(store, driver.host.session, **options), driver.meshes)
     again.sequences = driver.sequences
     again.join()
     return again
@@ -272,6 +276,7 @@ def kit() -> SimpleNamespace:
         SESSION=SESSION,
         files=load("model_files"),
         make_driver=make_driver,
+        resume=resume,
         resume_driver=resume_driver,
         Driver=Driver,
     )

@@ -1,0 +1,149 @@
+"""Folders of sessions: rights, locks, lists, and what is removed."""
+
+from __future__ import annotations
+
+import json
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.state import State
+from mesh_motion_server.session.store import SessionStore, StoredSession
+
+OTHER = "f" * 32
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SessionStore:
+    return SessionStore(tmp_path / "state")
+
+
+def build(kit: Any, store: SessionStore, session: str = "", **options: Any) -> Any:
+    driver = kit.make_driver(store, [kit.grid_mesh()], session=session or kit.SESSION, **options)
+    driver.open()
+    return driver
+
+
+def test_only_the_owner_may_look(kit: Any, store: SessionStore) -> None:
+    build(kit, store).host.close()
+    for path in [store.root / "sessions", *(store.root / "sessions").rglob("*")]:
+        assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
+
+
+def test_the_token_is_not_stored(kit: Any, store: SessionStore) -> None:
+    build(kit, store).host.close()
+    for path in (store.root / "sessions" / kit.SESSION).iterdir():
+        data = path.read_bytes()
+        assert kit.TOKEN not in data
+        assert kit.TOKEN.hex().encode() not in data
+
+
+def test_sessions_are_listed_without_secrets(kit: Any, store: SessionStore) -> None:
+    assert store.sessions() == []
+    driver = build(kit, store, spec={"label": "flag"})
+    driver.advance(1)
+    build(kit, store, OTHER).host.close()
+    assert store.sessions() == [
+        StoredSession(kit.SESSION, "flag", 2, 1, 1, State.READY),
+        StoredSession(OTHER, "", 2, 1, 0, State.READY),
+    ]
+    (store.root / "sessions" / OTHER / "manifest").write_bytes(b"damage")
+    assert store.sessions()[1].state is State.FAILED
+    driver.host.close()
+
+
+@pytest.mark.parametrize("session", ["0" * 32, "", "../../etc", "0" * 31 + "G", "0" * 33, "a/" * 16])
+def test_an_unknown_session_and_a_wrong_token_are_alike(kit: Any, store: SessionStore, session: str) -> None:
+    build(kit, store).host.close()
+    with pytest.raises(SessionError) as unknown:
+        store.open(session, kit.TOKEN)
+    with pytest.raises(SessionError) as wrong:
+        store.open(kit.SESSION, bytes(32))
+    assert unknown.value.code == wrong.value.code == "NOT_FOUND"
+    assert unknown.value.message.replace(repr(session), "") == wrong.value.message.replace(repr(kit.SESSION), "")
+    with pytest.raises(SessionError):
+        store.discard(session[:-1] + "x")
+
+
+def test_a_session_is_held_once(kit: Any, store: SessionStore) -> None:
+    driver = build(kit, store)
+    with pytest.raises(SessionError, match="still held") as caught:
+        store.open(kit.SESSION, kit.TOKEN)
+    assert caught.value.code == "UNAVAILABLE.STARTING"
+    with pytest.raises(SessionError, match="already"):
+        store.create(kit.make_spec())
+    driver.host.close()
+    folder = store.open(kit.SESSION, kit.TOKEN)
+    folder.release()
+    folder.release()
+
+
+def test_a_session_that_was_never_built_cannot_be_resumed_and_is_swept(kit: Any, store: SessionStore) -> None:
+    folder = store.create(kit.make_spec())
+    assert store.sweep() == []  # held
+    folder.release()
+    with pytest.raises(SessionError) as caught:
+        store.open(kit.SESSION, kit.TOKEN)
+    assert caught.value.code == "NOT_FOUND"
+    build(kit, store, OTHER).host.close()
+    (store.root / "sessions" / f"{'e' * 32}.discarded").mkdir()
+    assert store.sweep() == [f"{'e' * 32}.discarded", kit.SESSION]
+    assert [s.session for s in store.sessions()] == [OTHER]
+
+
+def test_closing_a_session_that_was_never_built_removes_it(kit: Any, store: SessionStore) -> None:
+    driver = kit.make_driver(store, [kit.grid_mesh()])
+    driver.host.close()
+    assert list((store.root / "sessions").iterdir()) == []
+
+
+def test_a_discarded_session_is_gone(kit: Any, store: SessionStore) -> None:
+    build(kit, store).host.close()
+    store.discard(kit.SESSION)
+    store.discard(kit.SESSION)
+    assert list((store.root / "sessions").iterdir()) == []
+
+
+def test_a_state_folder_that_cannot_be_written(kit: Any, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResourceError) as caught:
+        SessionStore(tmp_path / "file" / "below").create(kit.make_spec())
+    assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
+
+
+@pytest.mark.parametrize("name", ["spec.json", "mesh.bin"])
+def test_damage_of_what_is_immutable_is_found(kit: Any, store: SessionStore, name: str) -> None:
+    build(kit, store).host.close()
+    path = store.root / "sessions" / kit.SESSION / name
+    data = path.read_bytes()
+    for offset in range(0, len(data), max(1, len(data) // 100)):
+        path.write_bytes(data[:offset] + bytes([data[offset] ^ 2]) + data[offset + 1 :])
+        with pytest.raises(MeshMotionError) as caught:
+            kit.resume(store)
+        assert isinstance(caught.value, (JournalError, SessionError))
+        assert caught.value.code in ("DATA_LOSS.CHECKSUM", "NOT_FOUND")
+
+
+def test_the_spec_is_json_and_survives_a_round_trip(kit: Any, store: SessionStore) -> None:
+    build(kit, store, spec={"label": "flügel"}).host.close()
+    raw = (store.root / "sessions" / kit.SESSION / "spec.json").read_bytes()
+    values = json.loads(raw)
+    assert values["label"] == "flügel"
+    assert values["settings"]["basis"] == "wendland-c2"
+    stored = StoredSpec.from_bytes(raw)
+    assert stored.to_bytes() == raw
+    assert stored.admits(kit.TOKEN)
+    assert not stored.admits(bytes(32))
+    for damaged in (b"", b"[]", raw.replace(b'"format": 1', b'"format": 2'), raw.replace(b"wendland-c2", b"x" * 11)):
+        if damaged.find(b"xxx") < 0:
+            with pytest.raises(JournalError):
+                StoredSpec.from_bytes(damaged)
+
+
+def test_a_home_folder_is_expanded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert SessionStore("~/state").root == tmp_path / "state"
