@@ -112,7 +112,7 @@ def main() -> int:
     """Serve one coupling partner until it says stop, or stays silent for too long."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bind", default="tcp://127.0.0.1:5560")
-    parser.add_argument("--dt", type=float, default=0.01)
+    parser.add_argument("--dt", type=float, default=0.02)
     parser.add_argument("--patience", type=float, default=120.0, help="seconds without a request until it gives up")
     options = parser.parse_args()
     structure: Structure | None = None
