@@ -95,6 +95,11 @@ class Case:
     content: CaseFile
 
     @property
+    def name(self) -> str:
+        """The folder's name for a case.toml, the file's name for any other."""
+        return self.path.resolve().parent.name if self.path.stem == "case" else self.path.stem
+
+    @property
     def mesh_path(self) -> Path:
         """The mesh file; a relative name is relative to the case file."""
         return self.path.parent / self.content.mesh.file

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mesh_motion_client import connect
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from mesh_motion_server.cases.picture import picture_is_possible
@@ -71,16 +72,16 @@ def _slab(name: str, title: str, rigid: str) -> DemoCase:
 
 
 DEMO_CASES = (
-    _slab("thesis_dx", "0.3 to the left", "translation = [-0.3, 0.0]"),
-    _slab("thesis_dxdy", "0.25 to the left and down", "translation = [-0.25, -0.25]"),
+    _slab("thesis_dx", "slab moved 0.3 to the left", "translation = [-0.3, 0.0]"),
+    _slab("thesis_dxdy", "slab moved 0.25 left and down", "translation = [-0.25, -0.25]"),
     _slab(
         "thesis_rotation",
-        "0.2 to the left and down, turned by 60°",
+        "slab moved 0.2 left and down, turned by 60°",
         "translation = [-0.2, -0.2], rotation = 60.0, centre = [0.5, 0.5]",
     ),
     DemoCase(
         "turek_hron_flag",
-        "Turek and Hron's flag, tip ± 80 mm, one period",
+        "Turek-Hron flag, tip ± 80 mm, one period",
         {"flag": "moving", "cylinder": "fixed", "walls": "fixed", "inlet": "fixed", "outlet": "fixed"},
         'patch = "flag"\ntable = "motion.npz"',
         {"flag.npz": "mesh.npz", "flag_motion.npz": "motion.npz"},
@@ -131,9 +132,10 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
 
 def table_of(outcomes: list[Outcome]) -> Table:
     """What came of it, in numbers."""
-    table = Table(title="lowest size-skew of any step: standard RBF against the correction", title_justify="left")
-    for heading in ("case", "standard", "inverted cells", "s", "corrected", "inverted cells", "s"):
-        table.add_column(heading, justify="left" if heading == "case" else "right")
+    table = Table(title="lowest size-skew of any step, inverted cells, seconds", title_justify="left", box=SIMPLE_HEAD)
+    table.add_column("case", no_wrap=True)
+    for heading in ("standard", "inv", "s", "corrected", "inv", "s"):
+        table.add_column(heading, justify="right")
     for outcome in outcomes:
         cells = [outcome.case.title]
         for played in (outcome.standard, outcome.corrected):

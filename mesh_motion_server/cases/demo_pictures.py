@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from mesh_motion_server.cases.picture import INK, INVERTED_COLOUR, choose_plane, choose_window, draw_mesh
+from mesh_motion_server.cases.picture import INK, INVERTED_COLOUR, choose_window, draw_mesh
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.demo import Outcome
@@ -20,19 +20,16 @@ _STANDARD, _CORRECTED = "#9a9a9a", "#3b528b"
 
 def draw_overview(path: Path, outcomes: Sequence[Outcome]) -> None:
     """Two rows, standard and corrected; a column a case."""
-    figure = Figure(figsize=(5.0 * len(outcomes), 9.6), dpi=100, layout="constrained")
+    figure = Figure(figsize=(5.0 * len(outcomes), 10.6), dpi=100, layout="constrained")
     axes = figure.subplots(2, len(outcomes), squeeze=False)
     for column, outcome in enumerate(outcomes):
         for row, (label, played) in enumerate((("standard RBF", outcome.standard), ("corrected", outcome.corrected))):
             before, after = played.before, played.worst
-            plane = choose_plane(before, after)
             summary = played.summary
             title = f"{label}: lowest size-skew {summary['min_size_skew']:.3f}, {summary['inverted_cells']} inverted"
-            colours = draw_mesh(axes[row, column], after, plane, title, choose_window(before, after, plane))
-            axes[row, column].set_xticks([])
-            axes[row, column].set_yticks([])
-        heading = {"ha": "center", "fontsize": 13, "fontweight": "bold", "color": INK}
-        axes[0, column].annotate(outcome.case.title, (0.5, 1.09), xycoords="axes fraction", **heading)
+            title = f"{outcome.case.title}\n{title}" if row == 0 else title
+            colours = draw_mesh(axes[row, column], after, None, title, choose_window(before, after, None))
+            axes[row, column].tick_params(labelbottom=False, labelleft=False, length=0)
     _colour_bar(figure, colours, axes.ravel().tolist())
     figure.savefig(path, metadata={"Software": None})
 
@@ -44,7 +41,7 @@ def draw_flag(path: Path, outcome: Outcome) -> None:
     axes = figure.subplot_mosaic([["standard", "corrected"], ["history", "history"]], height_ratios=[1.6, 1.0])
     for label, played in (("standard", outcome.standard), ("corrected", outcome.corrected)):
         before, after = played.before, played.worst
-        title = f"{label}, step {after.step}"
+        title = f"{label}, its worst step: {after.step}"
         colours = draw_mesh(axes[label], after, None, title, choose_window(before, after, None))
     _colour_bar(figure, colours, [axes["standard"], axes["corrected"]])
     for label, played, colour in (

@@ -6,12 +6,12 @@ Tests put a stand-in behind :class:`Driver`; everything else talks to a server o
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from mesh_motion_client import Mesh, Patch, Session, connect
+from mesh_motion_client import Mesh, MeshMotionError, Patch, Session, connect
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import Case
@@ -76,11 +76,15 @@ def open_session(case: Case, mesh: MeshFile, endpoint: str | None) -> Iterator[D
     """
     patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
     settings = case.content.method.model_dump(exclude_unset=True)
-    with connect(endpoint) as server:
-        session = server.open(Mesh(mesh.points, mesh.cells, patches), settings, label=case.path.stem)
-        with session:
+    with (
+        connect(endpoint) as server,
+        server.open(Mesh(mesh.points, mesh.cells, patches), settings, label=case.name) as session,
+    ):
+        try:
             yield _Session(session)
-            session.close("discard")
+        finally:
+            with suppress(MeshMotionError):  # the results do not depend on it
+                session.close("discard")
 
 
 class _Session:

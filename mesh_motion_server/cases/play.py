@@ -110,7 +110,7 @@ def play(
         write_steps(work, played.steps)
         write_points(work, played.points)
         if picture_is_possible():
-            write_picture(work / "quality.png", _title(case_file), played.before, played.worst, played.steps)
+            write_picture(work / "quality.png", case.name, played.before, played.worst, played.steps)
     return played
 
 
@@ -222,11 +222,6 @@ class _Run:
             "steps": [record.as_dict() for record in records],
         }
         return Played(self._mesh, self._points, records, self._warnings, summary, self._reference, self._worst)
-
-
-def _title(case_file: Path) -> str:
-    """The folder's name for a case.toml, the file's name for any other."""
-    return case_file.resolve().parent.name if case_file.stem == "case" else case_file.stem
 
 
 def _plain(quality: FloatArray) -> dict[str, float]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_client import Server, connect
 
 from mesh_motion_server.files import MeshFile, write_npz
 
@@ -64,3 +65,10 @@ def make_case(tmp_path: Path) -> MakeCase:
         return folder / "case.toml"
 
     return make
+
+
+@pytest.fixture(scope="session")
+def server() -> Iterator[Server]:
+    """A private server for all tests that go over the wire."""
+    with connect() as server:
+        yield server

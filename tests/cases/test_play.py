@@ -1,0 +1,292 @@
+"""What play does with a case and with replies: through a stand-in, and once through a real server over the wire."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput as Refusal
+from mesh_motion_client import QualityRefused, Server
+
+from mesh_motion_server import __version__
+from mesh_motion_server.cases import play as play_module
+from mesh_motion_server.cases.case import Case, read_case
+from mesh_motion_server.cases.driver import Reply
+from mesh_motion_server.cases.motion_program import MotionProgram
+from mesh_motion_server.cases.outputs import RESULTS
+from mesh_motion_server.cases.play import play
+from mesh_motion_server.errors import InvalidInput, NumericalError, ResourceError
+from mesh_motion_server.files import MeshFile, read_mesh, write_npz
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+
+
+class StandIn:
+    """A session without a server: plain interpolation from the reference mesh; it refuses move ``refuse_at``."""
+
+    def __init__(self, case: Case, mesh: MeshFile, refuse_at: int | None = None) -> None:
+        roles = case.content.patches
+        split = BoundaryRoles.from_patches({name: Patch(roles[name], nodes) for name, nodes in mesh.patches.items()})
+        control = np.concatenate([split.moving, split.fixed])
+        radius = case.content.method.support_radius
+        assert radius is not None
+        self.moving = len(split.moving)
+        self.control = control
+        self.matrix = wendland(mesh.points[control], mesh.points[control], radius)
+        self.evaluate = wendland(mesh.points, mesh.points[control], radius)
+        self.refuse_at = refuse_at
+        self.moves: list[np.ndarray] = []
+        self.commits: list[int] = []
+        self.settings: dict[str, Any] = case.content.method.model_dump()
+
+    def move(self, displacement: np.ndarray) -> Reply:
+        self.moves.append(displacement)
+        if len(self.moves) == self.refuse_at:
+            raise NumericalError("no valid mesh was found", hint="take a smaller step")
+        values = np.zeros((len(self.control), displacement.shape[1]))
+        values[: self.moving] = displacement
+        moved = self.evaluate @ np.linalg.solve(self.matrix, values)
+        moved[self.control] = values
+        seconds = {"solve": 1.0, "predict": 2.0, "correct": 3.0, "displace": 4.0, "total": 10.0}
+        return Reply(moved, 0.5, 0.25, 3, 7, seconds, [f"warning {len(self.moves)}", "always"])
+
+    def commit(self) -> None:
+        self.commits.append(len(self.moves))
+
+    def peak_memory_bytes(self) -> int:
+        return 1 << 40
+
+
+def wendland(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
+    """(n, k) values of Wendland's C2 function."""
+    x = np.linalg.norm(a[:, None] - b, axis=2) / radius
+    return np.clip(1 - x, 0, None) ** 4 * (4 * x + 1)
+
+
+def opener(sessions: list[StandIn], refuse_at: int | None = None) -> Any:
+    """What replaces ``open_session``; the sessions it opened go to a list."""
+
+    @contextmanager
+    def open_stand_in(case: Case, mesh: MeshFile, endpoint: str | None) -> Iterator[StandIn]:
+        sessions.append(StandIn(case, mesh, refuse_at))
+        yield sessions[-1]
+
+    return open_stand_in
+
+
+Plays = Callable[..., list[StandIn]]
+
+
+@pytest.fixture
+def stand_in(monkeypatch: pytest.MonkeyPatch) -> Plays:
+    """Replace the server; return the list of the sessions that were opened."""
+
+    def use(refuse_at: int | None = None) -> list[StandIn]:
+        sessions: list[StandIn] = []
+        monkeypatch.setattr(play_module, "open_session", opener(sessions, refuse_at))
+        return sessions
+
+    return use
+
+
+def results(folder: Path) -> list[str]:
+    return sorted(f.name for pattern in RESULTS for f in folder.glob(pattern))
+
+
+def test_all_results_and_every_promised_key(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    stand_in()
+    case = make_case()
+    played = play(case, tmp_path / "out" / "deep")
+    folder = tmp_path / "out" / "deep"
+    assert sorted(f.name for f in folder.iterdir()) == results(folder)
+    assert results(folder) == [
+        "mesh.pvd",
+        "mesh_0000.vtu",
+        "mesh_0001.vtu",
+        "mesh_0002.vtu",
+        "points.npy",
+        "quality.png",
+        "steps.csv",
+        "summary.json",
+    ]
+    summary = json.loads((folder / "summary.json").read_text())
+    for key in ("steps", "boundary_error", "peak_memory_bytes", "method", "version"):
+        assert key in summary
+    for key in (
+        "step", "min_size", "min_skew", "min_size_skew", "mean_size_skew", "inverted_cells", "predicted_min",
+        "enrichment_points", "seconds", "seconds_solve", "seconds_predict", "seconds_correct", "seconds_displace",
+    ):  # fmt: skip
+        assert [key in step for step in summary["steps"]] == [True, True]
+    assert summary["version"] == __version__
+    assert summary["method"]["correction"] == "none"
+    assert summary["peak_memory_bytes"] > 1 << 40
+    assert summary["warnings"] == ["warning 1", "always", "warning 2"]
+    assert played.summary == summary
+    rows = list(csv.DictReader((folder / "steps.csv").read_text().splitlines()))
+    assert [float(row["min_size_skew"]) for row in rows] == [step["min_size_skew"] for step in summary["steps"]]
+
+
+def test_points_and_quality_are_those_of_the_last_step(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    stand_in()
+    case_file = make_case()
+    play(case_file, tmp_path / "out")
+    mesh, points = read_mesh(case_file.parent / "mesh.npz"), np.load(tmp_path / "out" / "points.npy")
+    program = MotionProgram.of(read_case(case_file), mesh)
+    np.testing.assert_allclose(points[program.nodes], mesh.points[program.nodes] + program.displacement(2), atol=1e-15)
+    quality = cell_quality(points, mesh.cell_table, reference_sizes(mesh.points, mesh.cell_table))
+    last = json.loads((tmp_path / "out" / "summary.json").read_text())["steps"][-1]
+    assert last["min_size"] == quality.size.min()
+    assert last["min_skew"] == quality.skew.min()
+    assert last["min_size_skew"] == (np.sqrt(np.abs(quality.size)) * np.sign(quality.size) * quality.skew).min()
+    assert last["inverted_cells"] == 0
+
+
+def test_iterations_approach_the_step_from_its_committed_state(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    sessions = stand_in()
+    case_file = make_case(("count = 2", "count = 2\niterations = 3"))
+    played = play(case_file, tmp_path / "out")
+    [session] = sessions
+    mesh = read_mesh(case_file.parent / "mesh.npz")
+    program = MotionProgram.of(read_case(case_file), mesh)
+    one, two = program.displacement(1), program.displacement(2)
+    expected = [0.5 * one, 0.75 * one, one, one + 0.5 * (two - one), one + 0.75 * (two - one), two]
+    for move, wanted in zip(session.moves, expected, strict=True):
+        np.testing.assert_allclose(move, wanted, atol=1e-16)
+    assert session.commits == [3, 6]
+    np.testing.assert_array_equal(session.moves[2], one)  # the committed one is exact
+    assert played.steps[0].iterations == 3
+    assert played.steps[0].seconds_correct == 9.0  # all iterations together
+
+
+def test_every_writes_fewer_files_but_always_the_last_step(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    stand_in()
+    play(make_case(("count = 2", "count = 5")), tmp_path / "out", every=3)
+    text = (tmp_path / "out" / "mesh.pvd").read_text()
+    assert [float(part.split('"')[1]) for part in text.split("timestep=")[1:]] == [0.0, 3.0, 5.0]
+
+
+def test_a_refused_step_leaves_nothing_and_takes_old_results_away(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    stand_in()
+    play(make_case(), out)
+    (out / "notes.txt").write_text("mine")
+    stand_in(refuse_at=2)
+    with pytest.raises(NumericalError):
+        play(make_case(), out)
+    assert [f.name for f in out.iterdir()] == ["notes.txt"]
+    with pytest.raises(NumericalError):
+        play(make_case(), tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_invalid_case_takes_old_results_away_and_makes_no_folder(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    stand_in()
+    play(make_case(), out)
+    with pytest.raises(InvalidInput):
+        play(make_case(("0.6", "-1")), out)
+    assert results(out) == []
+    with pytest.raises(InvalidInput):
+        play(make_case(("0.6", "-1")), tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_interrupt_leaves_nothing(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    stand_in()
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        play(make_case(), tmp_path / "out", progress=interrupt)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    stand_in()
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(ResourceError, match="results cannot be written there"):
+        play(make_case(), tmp_path / "out")
+    assert (tmp_path / "out").read_text() == "a file"
+
+
+def test_without_matplotlib_all_but_the_picture(
+    make_case, stand_in: Plays, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand_in()
+    monkeypatch.setattr(play_module, "picture_is_possible", lambda: False)
+    played = play(make_case(), tmp_path / "out")
+    assert not (tmp_path / "out" / "quality.png").exists()
+    assert (tmp_path / "out" / "points.npy").exists()
+    assert any("mesh-motion-server[plot]" in warning for warning in played.warnings)
+
+
+# --- over the wire ---------------------------------------------------------------------------------------------------
+
+
+def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path) -> None:
+    case_file = make_case(
+        ("count = 2", "count = 3\niterations = 2"), ('"none"', '"optimised"\nquality_threshold = 0.5')
+    )
+    played = play(case_file, tmp_path / "out", endpoint=server.endpoint)
+    summary = played.summary
+    assert summary["boundary_error"] <= 1e-12
+    assert summary["inverted_cells"] == 0
+    assert summary["method"]["basis"] == "wendland-c2"  # defaults are filled in
+    assert summary["peak_memory_bytes"] > 50 << 20  # two processes with numpy
+    for step in played.steps:
+        assert step.predicted_min == pytest.approx(step.min_size_skew, rel=1e-9)
+        assert step.seconds > 0
+    assert server.sessions() == []  # nothing is left behind
+    again = play(case_file, tmp_path / "again", endpoint=server.endpoint)
+    np.testing.assert_array_equal(again.points, played.points)
+
+
+def test_what_the_server_refuses_leaves_nothing(make_case, server: Server, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    through_the_wall = make_case(("[0.05, 0.02], rotation = 10.0, centre = [0.5, 0.5]", "[0.9, 0.0]"))
+    with pytest.raises(QualityRefused) as refused:
+        play(through_the_wall, out, endpoint=server.endpoint)
+    assert "\n" not in str(refused.value)
+    assert not out.exists()
+    strict = ('"none"', '"none"\nquality_threshold = 0.999\nrefuse_below_threshold = true')
+    with pytest.raises(QualityRefused):
+        play(make_case(strict), out, endpoint=server.endpoint)
+    with pytest.raises(Refusal, match="wendland-c9"):
+        play(make_case(("0.6", '0.6\nbasis = "wendland-c9"')), out, endpoint=server.endpoint)
+    assert not out.exists()
+    assert server.sessions() == []
+
+
+def test_a_mesh_that_cannot_be_used_is_refused_by_its_first_offender(make_case, server: Server, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    case_file = make_case()
+    mesh = read_mesh(case_file.parent / "mesh.npz")
+    flipped = {"triangle": mesh.cells["triangle"].copy()}
+    flipped["triangle"][5] = flipped["triangle"][5, [1, 0, 2]]
+    flat = mesh.points.copy()
+    flat[mesh.cells["triangle"][7]] = flat[mesh.cells["triangle"][7, 0]]
+    twin = np.concatenate([mesh.points, mesh.points[mesh.patches["block"][:1]]])
+    patches = {**mesh.patches, "block": np.append(mesh.patches["block"], len(mesh.points))}
+    for values, message in (
+        ({"cells": flipped}, r"cell \d+ .*inverted"),
+        ({"points": flat}, r"cell \d+ .*degenerate|same place"),
+        ({"points": twin, "patches": patches}, "same place"),
+    ):
+        write_npz(mesh.path, type(mesh)(**{**mesh.__dict__, **values}))
+        with pytest.raises(Refusal, match=message) as refused:
+            play(case_file, out, endpoint=server.endpoint)
+        assert "\n" not in str(refused.value)
+        assert not out.exists()
+
+
+def test_a_valid_motion_below_the_threshold_is_kept_with_a_warning(make_case, server: Server, tmp_path: Path) -> None:
+    played = play(make_case(('"none"', '"none"\nquality_threshold = 0.99')), tmp_path / "out", endpoint=server.endpoint)
+    assert played.warnings
+    assert (tmp_path / "out" / "points.npy").exists()
