@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.read_only import read_only
+from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
 
@@ -34,6 +35,7 @@ LOCAL_FACETS: dict[str, tuple[tuple[int, ...], ...]] = {
 _FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 _NODES_PER_ITEM = 1024  # buckets per work item of the parallel loop
+_CELLS_PER_THREAD = 4096  # fewer are done before a thread is awake
 _INSERTION_SORT = 48  # longest bucket sorted by insertion: a node of a good mesh has about 25 facets
 _LONGEST_RUN = 64  # quads with three nodes in common: in a valid mesh at most two
 
@@ -79,7 +81,8 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
     n = int(table.nodes.max()) + 1
     starts, order = _buckets(table.nodes, n)
     multiplicity = np.empty(len(table.nodes), dtype=np.int8)
-    _count_equal(table.nodes, table.side, starts, order, n, multiplicity)
+    with threads_for(n // _NODES_PER_ITEM):
+        _count_equal(table.nodes, table.side, starts, order, n, multiplicity)
     crowded = np.flatnonzero(multiplicity > _INSIDE)
     if len(crowded):
         raise _crowded_facet(cells, table, int(crowded[0]))
@@ -100,7 +103,8 @@ def _facet_table(cells: CellTable) -> _FacetTable:
     nodes, side = np.empty((int(first[-1]), width), dtype=np.int32), np.empty(int(first[-1]), dtype=np.bool_)
     for block, facets, start, stop in zip(cells, local, first, first[1:], strict=False):
         padded = np.array([facet + (-1,) * (width - len(facet)) for facet in facets], dtype=np.int64)
-        _sorted_facets(read_only(block.nodes), padded, nodes[start:stop], side[start:stop])
+        with threads_for(len(block) // _CELLS_PER_THREAD):
+            _sorted_facets(read_only(block.nodes), padded, nodes[start:stop], side[start:stop])
     return _FacetTable(nodes, side, tuple(int(f) for f in first))
 
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "ANGLES",
+    "BLOCK",
     "LENGTH",
     "MEAN_RATIO",
     "METRIC_CODES",

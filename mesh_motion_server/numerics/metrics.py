@@ -42,6 +42,7 @@ from mesh_motion_server.numerics import corner_kernels as kernels
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellBlock, CellTable, CellType
 from mesh_motion_server.numerics.quality_summary import QualitySummary, summarize
 from mesh_motion_server.numerics.read_only import read_only
+from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = [
     "QUALITY_METRICS",
@@ -112,7 +113,8 @@ class CellQuality:
         code = metric_code(name)
         if name in ("size", "skew"):
             return self.size if name == "size" else self.skew
-        values: Floats = kernels.metric_values(read_only(self.size), read_only(self.skew), code)
+        with threads_for(work_items(len(self))):
+            values: Floats = kernels.metric_values(read_only(self.size), read_only(self.skew), code)
         return values
 
 
@@ -172,6 +174,11 @@ def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
         yield block, slice(first, first + len(block))
 
 
+def work_items(cells: int) -> int:
+    """How many work items the kernels' parallel loops have for so many cells."""
+    return -(-cells // kernels.BLOCK)
+
+
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
     """Points as the kernels want them; InvalidInput if they are not (n, d) with the cells' dimension."""
     positions = np.ascontiguousarray(points, dtype=np.float64)
@@ -200,7 +207,8 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
     positions = as_positions(points, cells.dimension)
     out = np.empty(len(cells))
     for block, rows in block_slices(cells):
-        kernels.node_sizes(positions, read_only(block.nodes), block.type.corner_array, out[rows])
+        with threads_for(work_items(len(block))):
+            kernels.node_sizes(positions, read_only(block.nodes), block.type.corner_array, out[rows])
     return out
 
 
@@ -244,15 +252,16 @@ def quality_extremes(
     positions, code = as_positions(points, cells.dimension), metric_code(metric)
     best, inversions = (np.inf, 0), 0
     for block, rows in block_slices(cells):
-        least, where, inverted = kernels.node_extremes(
-            positions,
-            read_only(block.nodes),
-            block.type.corner_array,
-            shape_code(block.type),
-            ideal_corner(block.type.name),
-            read_only(reference_sizes[rows]),
-            code,
-        )
+        with threads_for(work_items(len(block))):
+            least, where, inverted = kernels.node_extremes(
+                positions,
+                read_only(block.nodes),
+                block.type.corner_array,
+                shape_code(block.type),
+                ideal_corner(block.type.name),
+                read_only(reference_sizes[rows]),
+                code,
+            )
         first = int(np.argmin(least))
         best = min(best, (float(least[first]), rows.start + int(where[first])))
         inversions += int(inverted.sum())
@@ -270,14 +279,15 @@ def _block_quality(
     points: Floats, cell_type: CellType, nodes: Ints, reference: Floats, out: CellQuality, rows: slice
 ) -> None:
     """Quality of cells of one type, written into out[rows]."""
-    kernels.node_quality(
-        points,
-        read_only(nodes),
-        cell_type.corner_array,
-        shape_code(cell_type),
-        ideal_corner(cell_type.name),
-        read_only(reference),
-        out.size[rows],
-        out.skew[rows],
-        out.inverted[rows],
-    )
+    with threads_for(work_items(len(nodes))):
+        kernels.node_quality(
+            points,
+            read_only(nodes),
+            cell_type.corner_array,
+            shape_code(cell_type),
+            ideal_corner(cell_type.name),
+            read_only(reference),
+            out.size[rows],
+            out.skew[rows],
+            out.inverted[rows],
+        )

@@ -37,8 +37,10 @@ from mesh_motion_server.numerics.metrics import (
     empty_quality,
     ideal_corner,
     shape_code,
+    work_items,
 )
 from mesh_motion_server.numerics.read_only import read_only
+from mesh_motion_server.numerics.thread_share import threads_for
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.evaluation import Evaluator
@@ -122,18 +124,20 @@ def _centre_gradient(
     """Thesis (3.20), (3.27): one gradient for a cell."""
     out = empty_quality(len(cells))
     for cell_type, nodes, rows in _batches(cells):
-        kernels.transformed_quality(
-            points,
-            read_only(nodes),
-            cell_type.corner_array,
-            shape_code(cell_type),
-            ideal_corner(cell_type.name),
-            read_only(reference_sizes[rows]),
-            read_only(field.gradient(points[nodes].mean(axis=1))),
-            out.size[rows],
-            out.skew[rows],
-            out.inverted[rows],
-        )
+        gradients = read_only(field.gradient(points[nodes].mean(axis=1)))
+        with threads_for(work_items(len(nodes))):
+            kernels.transformed_quality(
+                points,
+                read_only(nodes),
+                cell_type.corner_array,
+                shape_code(cell_type),
+                ideal_corner(cell_type.name),
+                read_only(reference_sizes[rows]),
+                gradients,
+                out.size[rows],
+                out.skew[rows],
+                out.inverted[rows],
+            )
     return out
 
 
@@ -147,16 +151,17 @@ def _edge_midpoint_gradient(
         start, end = points[ends[:, 0]], points[ends[:, 1]]
         edges = end - start
         edges = edges + np.einsum("eij,ej->ei", field.gradient(0.5 * (start + end)), edges)
-        kernels.column_quality(
-            read_only(edges),
-            read_only(columns),
-            shape_code(cell_type),
-            ideal_corner(cell_type.name),
-            read_only(reference_sizes[rows]),
-            out.size[rows],
-            out.skew[rows],
-            out.inverted[rows],
-        )
+        with threads_for(work_items(len(nodes))):
+            kernels.column_quality(
+                read_only(edges),
+                read_only(columns),
+                shape_code(cell_type),
+                ideal_corner(cell_type.name),
+                read_only(reference_sizes[rows]),
+                out.size[rows],
+                out.skew[rows],
+                out.inverted[rows],
+            )
     return out
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.read_only import read_only
+from mesh_motion_server.numerics.thread_share import threads_for
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.metrics import CellQuality
@@ -28,6 +29,8 @@ _BINS = 2048
 # work items of the parallel pass: fixed, so that the mean does not depend on the number of threads
 _PARTS = 64
 _PERCENTILES = (1, 5, 50)
+# fewer are done before a thread is awake
+_VALUES_PER_THREAD = 50_000
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,8 @@ def _histogram(values: Floats) -> tuple[Ints, Floats, Floats, Floats]:
     """(PARTS, BINS) counts, and sum, minimum and maximum of each part."""
     counts = np.zeros((_PARTS, _BINS), dtype=np.int64)
     sums, minima, maxima = np.empty(_PARTS), np.empty(_PARTS), np.empty(_PARTS)
-    _fill_histogram(values, counts, sums, minima, maxima)
+    with threads_for(len(values) // _VALUES_PER_THREAD):
+        _fill_histogram(values, counts, sums, minima, maxima)
     return counts, sums, minima, maxima
 
 
@@ -142,7 +146,8 @@ def _in_bins(values: Floats, wanted: NDArray[np.bool_], counts: Ints) -> Ints:
     """Numbers, ascending, of the values in the wanted bins; counts as from _histogram."""
     starts = np.concatenate([[0], np.cumsum(counts[:, wanted].sum(axis=1))])
     out = np.empty(starts[-1], dtype=np.int64)
-    _gather_bins(values, wanted, starts, out)
+    with threads_for(len(values) // _VALUES_PER_THREAD):
+        _gather_bins(values, wanted, starts, out)
     return out
 
 
