@@ -197,9 +197,8 @@ class SessionHost:
         return epoch
 
     def suspend(self) -> list[Envelope]:
-        """The lease ended: nobody speaks for the session until somebody joins again."""
+        """The lease ended: whoever comes back has to join again."""
         self._session.suspend()
-        self._holders.clear()
         return self._execution.abandon(
             SessionError("the lease ended while the request waited", code="ABORTED", hint="JOIN again")
         )

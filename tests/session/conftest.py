@@ -279,4 +279,6 @@ def kit() -> SimpleNamespace:
         resume=resume,
         resume_driver=resume_driver,
         Driver=Driver,
+        Envelope=Envelope,
+        Join=Join,
     )

@@ -1,0 +1,210 @@
+"""Collective requests: all partitions together, bitwise the same for any number of them, and every way to disagree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Rollback, Status, Upload
+
+from mesh_motion_server.session.state import State
+from mesh_motion_server.settings import ServerSettings
+
+
+class Clock:
+    """Seconds that the test decides about."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def pair(kit: Any, store: Any) -> Any:
+    """Two partitions, READY, with a clock and 10 s of patience."""
+    clock = Clock()
+    limits = ServerSettings(collective_timeout_seconds=10.0)
+    driver = kit.make_driver(store, kit.split_mesh(kit.grid_mesh(), 2, 3), limits=limits, clock=clock)
+    driver.open()
+    driver.clock = clock
+    return driver
+
+
+def move(driver: Any, partition: int, **fields: Any) -> Any:
+    return driver.request(Move, partition, **{"step": 1, "displacement": driver.displacement(1)[partition]} | fields)
+
+
+@pytest.mark.parametrize("parts", [2, 3, 5])
+def test_any_number_of_partitions_gives_the_same_bits(kit: Any, store: Any, parts: int) -> None:
+    whole = kit.grid_mesh(7)
+    one = kit.make_driver(store, [whole], session="1" * 32)
+    many = kit.make_driver(store, kit.split_mesh(whole, parts, parts), session="2" * 32)
+    for driver in (one, many):
+        driver.open()
+    for step in (1, 2, 3):
+        (expected,) = one.move(step)
+        moved = many.move(step)
+        for p, mesh in enumerate(many.meshes):
+            assert moved[p].displacement.tobytes() == expected.displacement[mesh.global_ids].tobytes()
+            assert {k: v for k, v in moved[p].quality["corrected"].items() if k != "worst"} == {
+                k: v for k, v in expected.quality["corrected"].items() if k != "worst"
+            }
+        (committed,) = one.all(Commit, step=step)
+        assert {reply.digest for reply in many.all(Commit, step=step)} == {committed.digest}
+    for p, mesh in enumerate(many.meshes):
+        assert many.ask(Fetch, p).points.tobytes() == one.ask(Fetch).points[mesh.global_ids].tobytes()
+
+
+def test_worst_cells_are_named_as_their_partition_knows_them(kit: Any, pair: Any) -> None:
+    moved = pair.move(1)
+    places = moved[0].quality["corrected"]["worst"]
+    points = [m.points + r.displacement for m, r in zip(pair.meshes, moved, strict=True)]
+    for place in places:
+        corners = points[place["partition"]][pair.meshes[place["partition"]].cells["triangle"][place["cell"]]]
+        a, b = corners[1] - corners[0], corners[2] - corners[0]
+        assert place["size"] == pytest.approx(a[0] * b[1] - a[1] * b[0], rel=1e-12)
+
+
+def test_everybody_waits_for_the_last(pair: Any) -> None:
+    assert pair.send(move(pair, 1)) == []
+    status = pair.ask(Status, 0)
+    assert status.waiting_for == [0]
+    assert pair.host.state is State.READY
+    assert len(pair.send(move(pair, 0))) == 2
+    assert pair.ask(Status, 1).waiting_for == []
+
+
+def test_what_is_wrong_with_one_partition_is_told_to_it_alone(pair: Any) -> None:
+    assert pair.send(move(pair, 0)) == []
+    assert pair.send(move(pair, 1, step=2))[0].code == "FAILED_PRECONDITION.STEP"
+    assert pair.send(move(pair, 1, displacement=np.zeros((99, 2))))[0].code == "INVALID_ARGUMENT.SHAPE"
+    assert len(pair.send(move(pair, 1))) == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "says"),
+    [
+        (Move, {"frame": "reference"}, "partition 0 for MOVE step 1 frame committed, partition 1 for MOVE step 1"),
+        (Rollback, {}, "partition 1 for ROLLBACK step 1"),
+    ],
+)
+def test_partitions_that_ask_for_different_things(pair: Any, kind: Any, fields: Any, says: str) -> None:
+    pair.send(move(pair, 0))
+    own = fields if kind is Rollback else fields | {"displacement": pair.displacement(1)[1]}
+    replies = pair.send(pair.request(kind, 1, step=1, **own))
+    assert [reply.code for reply in replies] == ["INVALID_ARGUMENT.PARTITION"] * 2
+    assert says in replies[0].message
+    assert pair.ask(Status, 0).waiting_for == []
+    assert pair.move(1)[-1].type == "MOVED"
+
+
+def test_partitions_that_move_a_shared_node_differently(pair: Any) -> None:
+    rows = pair.displacement(1)
+    rows[1] = rows[1] + 1.0
+    replies = pair.all(Move, rows, step=1)
+    assert [reply.code for reply in replies] == ["INVALID_ARGUMENT.PARTITION"] * 2
+    assert "global id" in replies[0].message
+    assert pair.host.state is State.READY
+
+
+def test_a_partition_that_asks_anew_gives_its_waiting_request_up(pair: Any) -> None:
+    pair.send(move(pair, 0))
+    second = move(pair, 0)
+    (stale,) = pair.send(second)
+    assert (stale.code, stale.sequence) == ("ABORTED.STALE", second.sequence - 1)
+    replies = pair.send(move(pair, 1))
+    assert [reply.sequence for reply in replies] == [second.sequence, pair.sequences[1]]
+
+
+def test_other_content_while_it_waits_conflicts(pair: Any) -> None:
+    first = move(pair, 0)
+    pair.send(first)
+    other = move(pair, 0, sequence=first.sequence, frame="reference")
+    assert pair.send(other)[0].code == "ABORTED.CONFLICT"
+    assert pair.send(first) == []
+
+
+def test_a_partition_that_does_not_come_is_named(pair: Any) -> None:
+    assert pair.host.next_deadline is None
+    first = move(pair, 0)
+    pair.send(first)
+    assert pair.host.next_deadline == 110.0
+    assert pair.host.expire(109.9) == []
+    (late,) = pair.host.expire(110.0)
+    assert late.peer == b"peer 0"
+    assert (late.message.code, late.message.details) == ("DEADLINE_EXCEEDED", {"missing": [1]})
+    assert late.message.retryable
+    assert "partitions 1 did not make the request within 10 s" in late.message.message
+    assert pair.host.next_deadline is None
+    assert pair.host.state is State.READY
+    assert pair.send(first) == []  # the same request again, now with the other one
+    assert len(pair.send(move(pair, 1))) == 2
+
+
+def test_building_waits_for_everybody_and_nobody_uploads_meanwhile(kit: Any, store: Any) -> None:
+    driver = kit.make_driver(store, kit.split_mesh(kit.grid_mesh(), 2))
+    driver.join()
+    driver.upload()
+    assert driver.send(driver.request(Build, 0)) == []
+    refused = driver.ask(Upload, 0, item="nodes", rows=np.zeros((1, 2)))
+    assert refused.code == "FAILED_PRECONDITION.STATE"
+    assert driver.ask(Upload, 1, item="nodes", rows=np.zeros((0, 2))).type == "UPLOADED"
+    built = driver.send(driver.request(Build, 1))
+    for p, reply in enumerate(built):
+        np.testing.assert_array_equal(reply.moving_nodes, driver.moving[p])
+
+
+def test_an_inverted_cell_is_named_by_partition(kit: Any, store: Any) -> None:
+    meshes = kit.split_mesh(kit.grid_mesh(), 2)
+    meshes[1].cells["triangle"][4] = meshes[1].cells["triangle"][4][::-1]
+    driver = kit.make_driver(store, meshes)
+    driver.join()
+    driver.upload()
+    replies = driver.all(Build)
+    assert replies[0].details["partition"] == 1
+    assert (replies[0].details["type"], replies[0].details["cell"]) == ("triangle", 4)
+
+
+def test_the_last_to_leave_closes_the_session(pair: Any, store: Any) -> None:
+    pair.send(move(pair, 0))
+    replies = pair.send(pair.request(Close, 1))
+    assert [reply.type for reply in replies] == ["ERROR", "CLOSED"]
+    assert replies[0].code == "ABORTED"
+    assert not pair.host.closed
+    assert pair.ask(Close, 0).type == "CLOSED"
+    assert pair.host.closed
+    assert len(store.sessions()) == 1
+
+
+def test_discarding_is_done_when_all_have_left(pair: Any, store: Any) -> None:
+    pair.ask(Close, 0, outcome="discard")
+    assert len(store.sessions()) == 1
+    pair.ask(Close, 1)
+    assert store.sessions() == []
+
+
+def test_who_waits_when_the_lease_ends_is_told(pair: Any) -> None:
+    pair.send(move(pair, 0))
+    (told,) = pair.host.suspend()
+    assert told.message.code == "ABORTED"
+    assert pair.host.state is State.SUSPENDED
+
+
+def test_who_waits_when_the_session_is_reclaimed_is_fenced(kit: Any, pair: Any) -> None:
+    first = move(pair, 0)
+    pair.send(first)
+    pair.host.reclaim(kit.TOKEN)
+    assert pair.host.next_deadline is None
+    assert pair.send(first)[0].code == "ABORTED.FENCED"
+
+
+def test_a_partition_without_moving_nodes_takes_part(kit: Any, store: Any) -> None:
+    meshes = kit.split_mesh(kit.grid_mesh(), 2, 1)
+    meshes[1].patches.pop("left", None)
+    driver = kit.make_driver(store, meshes)
+    driver.open()
+    moved = driver.move(1)
+    assert [reply.type for reply in moved] == ["MOVED", "MOVED"]
+    assert moved[1].displacement.shape == meshes[1].points.shape

@@ -1,0 +1,332 @@
+"""A session's life through requests and replies: one partition, no socket."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.messages import (
+    Build,
+    Close,
+    Commit,
+    Fetch,
+    Hello,
+    Join,
+    Move,
+    Ping,
+    Rollback,
+    Status,
+    Upload,
+)
+
+from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.service.dispatch import Envelope, SessionHost
+from mesh_motion_server.session.state import State
+from mesh_motion_server.settings import MethodSettings, ServerSettings
+
+
+def test_a_life(kit: Any, driver: Any, store: Any) -> None:
+    assert driver.join().state == "NEW"
+    driver.upload()
+    assert driver.host.state is State.OPENING
+    (built,) = driver.all(Build)
+    assert built.settings["correction"] == "optimised"
+    assert built.settings["support_radius"] == 1.0
+    assert built.mesh["nodes"] == 25
+    assert built.mesh["cells"] == {"triangle": 32}
+    assert built.mesh["patches"] == {
+        "left": {"role": "moving", "nodes": 5},
+        "right": {"role": "fixed", "nodes": 5},
+    }
+    assert built.mesh["box"] == [[0.0, 0.0], [1.0, 1.0]]
+    assert built.quality["cells"] == 32
+    np.testing.assert_array_equal(built.moving_nodes, [0, 5, 10, 15, 20])
+    x = kit.grid_mesh().points
+    for step in (1, 2, 3):
+        rows = driver.displacement(step)[0]
+        moved = driver.move(step)[0]
+        assert (moved.step, moved.iteration) == (step, 1)
+        assert moved.displacement[built.moving_nodes].tobytes() == rows.tobytes()
+        x = x + moved.displacement
+        (committed,) = driver.all(Commit, step=step)
+        assert (committed.step, committed.durable_step) == (step, step)
+        # whoever adds up the answers has the server's coordinates bitwise, and can prove it
+        assert committed.digest == state_digest(step, x)
+        fetched = driver.ask(Fetch)
+        assert fetched.points.tobytes() == x.tobytes()
+    assert driver.ask(Fetch, what="reference").points.tobytes() == kit.grid_mesh().points.tobytes()
+    assert driver.ask(Close).step == 3
+    assert driver.host.closed
+    assert [s.step for s in store.sessions()] == [3]
+
+
+def test_iterations_start_from_the_committed_state_and_share_a_factorization(ready: Any) -> None:
+    first = ready.move(1)[0]
+    ready.all(Move, [2 * ready.displacement(1)[0]], step=1)
+    third = ready.move(1)[0]
+    assert [first.iteration, third.iteration] == [1, 3]
+    assert (first.caches, third.caches) == ({"factorization": "made"}, {"factorization": "reused"})
+    assert first.displacement.tobytes() == third.displacement.tobytes()
+    assert (first.quality, first.correction, first.warnings) == (third.quality, third.correction, third.warnings)
+
+
+def test_both_frames_lead_to_the_same_mesh(kit: Any, ready: Any) -> None:
+    ready.advance(1)
+    committed = ready.ask(Fetch).points
+    reference = kit.grid_mesh().points
+    rows = ready.displacement(2)[0]
+    by_step = ready.all(Move, [rows], step=2)[0]
+    moving = ready.moving[0]
+    total = committed[moving] + rows - reference[moving]
+    by_total = ready.all(Move, [total], step=2, frame="reference")[0]
+    np.testing.assert_allclose(reference + by_total.displacement, committed + by_step.displacement, atol=1e-15)
+    assert by_total.displacement[moving].tobytes() == total.tobytes()
+    digest = ready.all(Commit, step=2)[0].digest
+    assert digest == state_digest(2, reference + by_total.displacement)
+
+
+def test_rollback_drops_the_trial(ready: Any) -> None:
+    before = ready.ask(Fetch).points
+    ready.move(1)
+    assert ready.all(Rollback, step=1)[0].step == 0
+    assert ready.host.state is State.READY
+    assert ready.all(Commit, step=1)[0].code == "FAILED_PRECONDITION.STATE"
+    assert ready.all(Rollback, step=1)[0].type == "ROLLED_BACK"
+    assert ready.ask(Fetch).points.tobytes() == before.tobytes()
+    assert ready.move(1)[0].iteration == 1
+
+
+def test_a_refused_move_says_what_is_possible_and_keeps_the_earlier_trial(ready: Any) -> None:
+    ready.move(1)
+    (refused,) = ready.all(Move, [np.full((5, 2), [1.5, 0.0])], step=1)
+    assert refused.code == "FAILED_PRECONDITION.QUALITY"
+    assert refused.details["fraction"] == 0.25
+    assert refused.details["best"] < 0
+    assert set(refused.details["worst"][0]) == {"partition", "type", "cell"}
+    assert not refused.retryable
+    assert refused.state == "TRIAL"
+    assert ready.all(Commit, step=1)[0].type == "COMMITTED"
+
+
+@pytest.mark.parametrize(
+    ("fields", "code", "says"),
+    [
+        ({"step": 0}, "FAILED_PRECONDITION.STEP", "expected step 1 .step 0 is committed., got step 0"),
+        ({"step": 2}, "FAILED_PRECONDITION.STEP", "expected step 1"),
+        ({"frame": "world"}, "INVALID_ARGUMENT.VALUE", "frame: expected one of committed, reference, got 'world'"),
+        ({"displacement": np.zeros((4, 2))}, "INVALID_ARGUMENT.SHAPE", r"expected floats of shape \(5, 2\)"),
+        ({"displacement": np.zeros((5, 3))}, "INVALID_ARGUMENT.SHAPE", r"got float64 of shape \(5, 3\)"),
+        ({"displacement": np.zeros((5, 2), int)}, "INVALID_ARGUMENT.DTYPE", "expected floats"),
+        (
+            {"displacement": np.array([[0, 0]] * 3 + [[0, np.nan]] + [[np.inf, 0]])},
+            "INVALID_ARGUMENT.NONFINITE",
+            r"row 3 \(node 15\): component 1 is nan",
+        ),
+    ],
+)
+def test_a_wrong_move_names_the_first_offender(ready: Any, fields: dict[str, Any], code: str, says: str) -> None:
+    good = {"step": 1, "displacement": np.zeros((5, 2))}
+    reply = ready.ask(Move, **good | fields)
+    assert reply.code == code
+    assert ready.host.state is State.READY
+    with pytest.raises(AssertionError, match=says):
+        raise AssertionError(reply.message)
+
+
+def test_a_displacement_out_of_range_is_told(ready: Any) -> None:
+    ready.advance(1)
+    rows = np.full((5, 2), 1.7e308)
+    with np.errstate(over="ignore"):
+        reply = ready.all(Move, [rows], step=2, frame="committed")[0]
+    assert reply.type == "ERROR"
+
+
+def test_steps_come_one_after_the_other(ready: Any) -> None:
+    ready.advance(1)
+    for kind in (Commit, Rollback):
+        assert ready.all(kind, step=1)[0].code == "FAILED_PRECONDITION.STEP"
+
+
+def test_what_is_wrong_with_the_mesh_is_told_in_the_senders_numbers(kit: Any, driver: Any) -> None:
+    driver.join()
+    driver.meshes[0].cells["triangle"][17] = driver.meshes[0].cells["triangle"][17][::-1]
+    driver.upload()
+    (reply,) = driver.all(Build)
+    assert reply.message == "cell 17 is inverted"
+    assert reply.details == {"cell": 17}
+    assert reply.state == "OPENING"
+
+
+def test_only_who_joined_is_served(kit: Any, ready: Any) -> None:
+    for request in (ready.request(Status), ready.request(Move, step=1, displacement=ready.displacement(1)[0])):
+        assert ready.send(request, peer=b"stranger")[0].code == "UNAUTHENTICATED"
+    wrong = ready.send(ready.request(Join, token=bytes(32)), peer=b"stranger")[0]
+    assert wrong.code == "NOT_FOUND"
+    assert ready.ask(Status, session="f" * 32).code == "NOT_FOUND"
+    assert ready.ask(Status).type == "STATUS_REPORT"
+    assert ready.send(ready.request(Join, token=kit.TOKEN), peer=b"again")[0].type == "JOINED"
+    assert ready.ask(Status).code == "UNAUTHENTICATED"
+
+
+def test_a_partition_that_is_not_there(ready: Any) -> None:
+    assert ready.send(replace(ready.request(Status), partition=1))[0].code == "INVALID_ARGUMENT.VALUE"
+
+
+def test_joined_says_what_a_partition_needs(kit: Any, ready: Any) -> None:
+    joined = ready.join()
+    assert (joined.state, joined.step, joined.iteration, joined.dimension, joined.nodes) == ("READY", 0, 0, 2, 25)
+    np.testing.assert_array_equal(joined.moving_nodes, ready.moving[0])
+
+
+def test_a_new_epoch_fences_the_old_holder(kit: Any, ready: Any) -> None:
+    ready.move(1)
+    old = ready.request(Move, step=1, displacement=ready.displacement(1)[0])
+    with pytest.raises(SessionError, match="for this token"):
+        ready.host.reclaim(bytes(32))
+    assert ready.host.reclaim(kit.TOKEN) == 2
+    assert ready.host.state is State.READY
+    fenced = ready.send(old)[0]
+    assert fenced.code == "ABORTED.FENCED"
+    assert ready.ask(Status).code == "UNAUTHENTICATED"
+    ready.join()
+    assert ready.all(Commit, step=1)[0].code == "ABORTED.TRIAL_LOST"
+    assert ready.ask(Join, epoch=3, token=kit.TOKEN).code == "ABORTED.FENCED"
+
+
+def test_the_epoch_is_durable(kit: Any, ready: Any, store: Any) -> None:
+    ready.host.reclaim(kit.TOKEN)
+    ready.host.close()
+    again = kit.resume(store)
+    assert (again.epoch, again.step, again.state) == (3, 0, State.READY)
+    again.close()
+
+
+def test_status(ready: Any) -> None:
+    ready.advance(1)
+    ready.move(2)
+    report = ready.ask(Status)
+    assert (report.state, report.step, report.iteration, report.waiting_for) == ("TRIAL", 1, 1, [])
+    assert report.report["replies"]["MOVED"] == 2
+    assert report.report["factorizations"]["made"] == 2
+    assert report.report["quality"]["cells"] == 32
+    assert report.report["peak_memory_bytes"] > 1e6
+
+
+def test_pings_are_answered_and_other_messages_are_not(ready: Any) -> None:
+    assert ready.host.handle(Envelope(b"any", Ping(sequence=3)))[0].message.sequence == 3
+    assert ready.host.handle(Envelope(b"any", Hello()))[0].message.code == "UNIMPLEMENTED.MESSAGE"  # type: ignore[attr-defined]
+
+
+def test_unknown_values(kit: Any, ready: Any) -> None:
+    assert ready.ask(Fetch, what="trial").code == "INVALID_ARGUMENT.VALUE"
+    assert ready.ask(Close, outcome="maybe").code == "INVALID_ARGUMENT.VALUE"
+    assert not ready.host.closed
+
+
+def test_an_upload_without_rows(driver: Any) -> None:
+    driver.join()
+    assert driver.ask(Upload, item="nodes").code == "INVALID_ARGUMENT.SHAPE"
+    assert driver.host.state is State.NEW
+
+
+def test_closing(kit: Any, ready: Any, store: Any) -> None:
+    ready.ask(Close, outcome="discard")
+    assert ready.host.closed
+    assert store.sessions() == []
+    ready.host.close()
+    assert ready.ask(Join, token=kit.TOKEN).code == "FAILED_PRECONDITION.STATE"
+
+
+def test_something_unforeseen_is_internal_and_changes_nothing(
+    ready: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*arguments: Any) -> Any:
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr(type(ready.host._session.model), "move", broken)
+    (reply,) = ready.move(1)
+    assert (reply.code, reply.state) == ("INTERNAL", "READY")
+    assert "ZeroDivisionError: a defect" in reply.message
+    assert "a request failed unexpectedly" in caplog.text
+    monkeypatch.undo()
+    assert ready.move(1)[0].type == "MOVED"
+
+
+def test_something_unforeseen_while_committing_fails_the_session(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*arguments: Any) -> Any:
+        raise ZeroDivisionError("a defect")
+
+    ready.move(1)
+    monkeypatch.setattr(type(ready.host._session._built.journal), "commit", broken)
+    (reply,) = ready.all(Commit, step=1)
+    assert (reply.code, reply.state) == ("INTERNAL", "FAILED")
+
+
+def test_no_memory_is_a_typed_error(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def large(*arguments: Any) -> Any:
+        raise MemoryError
+
+    monkeypatch.setattr(type(ready.host._session.model), "move", large)
+    assert ready.move(1)[0].code == "RESOURCE_EXHAUSTED.MEMORY"
+
+
+def test_what_create_refuses(kit: Any, store: Any) -> None:
+    for spec, says in (
+        (kit.make_spec(durability="relaxed"), "not offered"),
+        (kit.make_spec(settings=MethodSettings(basis="wendland")), "wendland"),
+    ):
+        with pytest.raises(InvalidInput, match=says):
+            SessionHost.create(spec, store, build_model=kit.StandIn)
+    assert store.sessions() == []
+
+
+def test_uploads_are_bounded(kit: Any, store: Any) -> None:
+    driver = kit.make_driver(store, [kit.grid_mesh()], limits=ServerSettings(max_session_bytes=1024))
+    driver.join()
+    driver.ask(Upload, item="nodes", rows=np.zeros((60, 2)))
+    assert driver.ask(Upload, item="nodes", rows=np.zeros((60, 2))).code == "RESOURCE_EXHAUSTED.BYTES"
+
+
+def test_every_reply_fits_the_wire(ready: Any) -> None:
+    """The codec takes all of them: plain values within the header's limits."""
+    built = ready.host.handle(Envelope(b"peer 0", ready.request(Status)))[0].message
+    replies = [built, *ready.move(1), ready.ask(Fetch), *ready.all(Commit, step=1), ready.ask(Status), ready.join()]
+    replies += ready.all(Move, [np.full((5, 2), [1.5, 0.0])], step=2)
+    replies += ready.all(Rollback, step=2)
+    replies += [ready.ask(Fetch, what="x"), ready.ask(Close)]
+    for reply in replies:
+        assert encode(reply), reply
+
+
+def test_a_resumed_session_continues_bitwise(kit: Any, store: Any, tmp_path: Any) -> None:
+    """Against one that was never interrupted, with a resume after each step."""
+    whole = kit.make_driver(store, [kit.grid_mesh()], session="a" * 32)
+    whole.open()
+    broken = kit.make_driver(store, [kit.grid_mesh()])
+    broken.open()
+    for step in range(1, 6):
+        expected = whole.move(step)[0], whole.all(Commit, step=step)[0]
+        broken.move(step)
+        broken.host.close()
+        broken = kit.resume_driver(broken, store)
+        got = broken.move(step)[0], broken.all(Commit, step=step)[0]
+        assert got[0].displacement.tobytes() == expected[0].displacement.tobytes()
+        assert got[0].quality == expected[0].quality
+        assert (got[1].digest, got[1].quality) == (expected[1].digest, expected[1].quality)
+    assert broken.host.epoch == 6
+    whole.host.close()
+    broken.host.close()
+
+
+def test_the_digest_is_the_documented_one(kit: Any, ready: Any) -> None:
+    """From literal bytes, as a stranger would compute it."""
+    ready.advance(1)
+    points = ready.ask(Fetch).points
+    (committed,) = ready.all(Rollback, step=2) and [ready.host._session.commits[-1]]
+    header = b"mesh-motion state 1\n" + b"".join(n.to_bytes(8, "little") for n in (1, 25, 2))
+    assert committed.digest == hashlib.sha256(header + points.astype("<f8").tobytes()).digest()

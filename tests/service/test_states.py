@@ -1,0 +1,91 @@
+"""Every state × operation cell, through the requests themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Join, Move, Rollback, Status, Upload
+
+from mesh_motion_server.errors import SessionError
+from mesh_motion_server.session.state import TABLE, Operation, State
+from mesh_motion_server.session.store import SessionStore
+
+
+def bring(kit: Any, state: State) -> Any:
+    """A driver whose session is in this state."""
+    failing = kit.files.FailingFiles(kit.files.ModelFiles())
+    driver = kit.make_driver(SessionStore(Path("/model"), files=failing), [kit.grid_mesh()])
+    driver.join()
+    if state is State.NEW:
+        return driver
+    driver.upload()
+    if state is State.OPENING:
+        return driver
+    driver.all(Build)
+    if state in (State.TRIAL, State.FROZEN):
+        driver.move(1)
+    if state is State.FROZEN:
+        failing.fail_at = 0
+        driver.all(Commit, step=1)
+    if state is State.SUSPENDED:
+        driver.host.suspend()
+    if state is State.FAILED:
+        driver.host._session.fail()
+    if state is State.COMMITTING:
+        driver.host._session._swap(state=State.COMMITTING)
+    if state is State.CLOSED:
+        driver.host.close()
+    return driver
+
+
+def perform(kit: Any, driver: Any, operation: Operation) -> Any:
+    """Ask for it; the reply, or what was raised."""
+    if operation is Operation.RESUME:
+        try:
+            return driver.host.reclaim(kit.TOKEN)
+        except SessionError as error:
+            return error
+    if operation is Operation.LEASE_END:
+        return driver.host.suspend()
+    fields: dict[Operation, dict[str, Any]] = {
+        Operation.JOIN: {"token": kit.TOKEN},
+        Operation.UPLOAD: {"item": "nodes", "rows": np.zeros((1, 2))},
+        Operation.MOVE: {"step": 1, "displacement": driver.displacement(1)[0]},
+        Operation.COMMIT: {"step": 1},
+        Operation.ROLLBACK: {"step": 1},
+    }
+    kinds: dict[Operation, Any] = {
+        Operation.JOIN: Join, Operation.UPLOAD: Upload, Operation.BUILD: Build, Operation.MOVE: Move,
+        Operation.COMMIT: Commit, Operation.ROLLBACK: Rollback, Operation.FETCH: Fetch, Operation.STATUS: Status,
+        Operation.CLOSE: Close,
+    }  # fmt: skip
+    return driver.ask(kinds[operation], **fields.get(operation, {}))
+
+
+@pytest.mark.parametrize("operation", list(Operation), ids=str)
+@pytest.mark.parametrize("state", list(State), ids=str)
+def test_every_cell(kit: Any, state: State, operation: Operation) -> None:
+    driver = bring(kit, state)
+    assert driver.host.state is state
+    reply = perform(kit, driver, operation)
+    cell = TABLE[state][operation]
+    if isinstance(cell, State):
+        assert getattr(reply, "type", "") != "ERROR", reply
+        assert driver.host.state is cell
+        return
+    assert driver.host.state is state
+    assert reply.code == cell.code
+    assert cell.message in reply.message
+
+
+def test_a_suspended_session_admits_nothing_but_what_the_table_says_after_a_join_elsewhere(kit: Any) -> None:
+    driver = bring(kit, State.TRIAL)
+    driver.host.suspend()
+    assert driver.ask(Join, token=kit.TOKEN).state == "READY"
+    assert driver.all(Commit, step=1)[0].code == "ABORTED.TRIAL_LOST"
+    moved = driver.move(1)[0]
+    assert moved.iteration == 1
+    assert driver.all(Commit, step=1)[0].type == "COMMITTED"
