@@ -121,18 +121,24 @@ def _cross(a, i, j, k):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _largest_first(gram, v):  # type: ignore[no-untyped-def]
+    """Sort the eigenvalues on the diagonal of gram (3, 3), and the columns of v with them."""
+    for i in range(2):
+        for j in range(i + 1, 3):
+            if gram[j, j] > gram[i, i]:
+                gram[i, i], gram[j, j] = gram[j, j], gram[i, i]
+                for r in range(3):
+                    v[r, i], v[r, j] = v[r, j], v[r, i]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _signed_svd_3(jac, u, s, v, gram):  # type: ignore[no-untyped-def]
     """Through the eigenvectors of JᵀJ; only the smallest singular value may be negative."""
     for i in range(3):
         for j in range(3):
             gram[i, j] = jac[0, i] * jac[0, j] + jac[1, i] * jac[1, j] + jac[2, i] * jac[2, j]
     _symmetric_eigen(gram, 3, v)
-    for i in range(2):  # the largest two first
-        for j in range(i + 1, 3):
-            if gram[j, j] > gram[i, i]:
-                gram[i, i], gram[j, j] = gram[j, j], gram[i, i]
-                for r in range(3):
-                    v[r, i], v[r, j] = v[r, j], v[r, i]
+    _largest_first(gram, v)
     _cross(v, 0, 1, 2)
     for k in range(2):
         for r in range(3):
@@ -207,6 +213,17 @@ def _corner_blocks(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _product(a, b, d, out):  # type: ignore[no-untyped-def]
+    """out = a b, all (d, d)."""
+    for j in range(d):
+        for k in range(d):
+            t = 0.0
+            for r in range(d):
+                t += a[j, r] * b[r, k]
+            out[j, k] = t
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _block(  # type: ignore[no-untyped-def]
     points, corner, ideal, weight, p, m, epsilon, d, small, long, pairs, total, out
 ):
@@ -222,15 +239,8 @@ def _block(  # type: ignore[no-untyped-def]
     else:
         u[0, 0], v[0, 0], s[0] = 1.0, 1.0, tau
     _modes(s, q, h1, h2, p, d, matrix, vectors, values, pairs)
-    for j in range(d):  # z = P V: the right singular vectors at the edges
-        for k in range(d):
-            t = 0.0
-            for r in range(d):
-                t += ideal[j, r] * v[r, k]
-            z[j, k] = t
-    for a in range(d * d):
-        for b in range(a + 1):
-            total[a, b] = 0.0
+    _product(ideal, v, d, z)  # the right singular vectors at the edges
+    total[:] = 0.0
     for number in range(d * d):
         if values[number] > 0.0:
             _mode_at_edges(number, u, z, vectors, pairs, d, mode)

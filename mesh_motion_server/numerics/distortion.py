@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable, CellType
 
-__all__ = ["CornerSimplices", "PNorm", "corner_simplices", "distortion_gradient", "mean_distortion"]
+__all__ = ["CornerSimplices", "PNorm", "corner_simplices", "determinants", "distortion_gradient", "mean_distortion"]
 
 BLOCK = 512
 """Corners per block of the compiled loops: the unit of work of a thread and of every partial sum."""
@@ -81,7 +81,7 @@ class CornerSimplices:
     @property
     def dimension(self) -> int:
         """1, 2 or 3."""
-        return self.nodes.shape[1] - 1
+        return int(self.nodes.shape[1]) - 1
 
 
 def corner_simplices(
@@ -149,6 +149,13 @@ def distortion_gradient(
     gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
     _corner_gradients(points, simplices.nodes, simplices.ideal, weights, norm.m, norm.epsilon, gradient)
     return gradient
+
+
+def determinants(points: NDArray[np.float64], simplices: CornerSimplices) -> NDArray[np.float64]:
+    """τ (c,) of every corner at the points (n, d)."""
+    out = np.empty(len(simplices))
+    _determinants(points, simplices.nodes, simplices.ideal, out)
+    return out
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -301,13 +308,6 @@ def _gradient(points, corner, ideal, weight, m, epsilon, d, jac, cof, out):  # t
             out[j + 1, i] = weight * t
             first -= weight * t
         out[0, i] = first
-
-
-def determinants(points: NDArray[np.float64], simplices: CornerSimplices) -> NDArray[np.float64]:
-    """τ (c,) of every corner at the points (n, d)."""
-    out = np.empty(len(simplices))
-    _determinants(points, simplices.nodes, simplices.ideal, out)
-    return out
 
 
 @njit(cache=True, error_model="numpy", parallel=True)

@@ -111,7 +111,12 @@ def grow(cells: CellTable, marked: NDArray[np.bool_], rings: int) -> NDArray[np.
 
 
 def free_region(
-    reference: NDArray[np.float64], cells: CellTable, reference_sizes: NDArray[np.float64], free: NDArray[np.bool_]
+    reference: NDArray[np.float64],
+    cells: CellTable,
+    reference_sizes: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    *,
+    chosen: NDArray[np.bool_] | None = None,
 ) -> FreeRegion:
     """Cut the region of the free nodes out of the mesh.
 
@@ -123,18 +128,22 @@ def free_region(
     reference_sizes : (m,) array, length^d
     free : (n,) bool array
         At least one node is free, and each belongs to a cell.
+    chosen : (m,) bool array, optional
+        Cells of the region; by default all that touch a free node.
     """
-    chosen = cells_of_nodes(cells, free)
+    chosen = cells_of_nodes(cells, free) if chosen is None else chosen
     marked = nodes_of_cells(cells, chosen, len(free))
     free = free & marked
     nodes = np.concatenate([np.flatnonzero(free), np.flatnonzero(marked & ~free)])
     n_free = int(np.count_nonzero(free))
     local = np.empty(len(free), dtype=np.int64)
     local[nodes] = np.arange(len(nodes))
-    parts = {}
-    for block, first in zip(cells, cells.offsets, strict=False):
-        parts[block.type.name] = local[block.nodes[chosen[first : first + len(block)]]]
-    table = CellTable.from_arrays(parts)
+    table = CellTable.from_arrays(
+        {
+            block.type.name: local[block.nodes[chosen[first : first + len(block)]]]
+            for block, first in zip(cells, cells.offsets, strict=False)
+        }
+    )
     sizes = reference_sizes[chosen]
     simplices = corner_simplices(reference[nodes], table, sizes)
     adjacency = NodeAdjacency(*_adjacency(simplices.nodes, n_free, len(nodes)))
@@ -227,8 +236,8 @@ def _assemble(starts, entries, slots, row_starts, blocks, out):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _add_rows(corner_block, a, slots, d, row, out):  # type: ignore[no-untyped-def]
-    """Add the rows of a corner's node a; node 0 is minus the sum of the edges, in rows and in columns."""
+def _rows(corner_block, a, d, row):  # type: ignore[no-untyped-def]
+    """row (d, d²) = the rows of a corner's node a: an edge's, or minus the sum of all for node 0."""
     for r in range(d):
         for q in range(d * d):
             if a > 0:
@@ -238,6 +247,12 @@ def _add_rows(corner_block, a, slots, d, row, out):  # type: ignore[no-untyped-d
                 for j in range(d):
                     t -= corner_block[j * d + r, q]
                 row[r, q] = t
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _add_rows(corner_block, a, slots, d, row, out):  # type: ignore[no-untyped-def]
+    """Add the rows of a corner's node a to the blocks of its slots; the column of node 0 is minus the sum of all."""
+    _rows(corner_block, a, d, row)
     if slots[0] >= 0:
         for r in range(d):
             for q in range(d):

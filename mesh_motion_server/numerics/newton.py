@@ -22,7 +22,7 @@ from mesh_motion_server.numerics.curvature import corner_blocks
 from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.free_region import FreeRegion, NodeAdjacency
 
-__all__ = ["Descent", "newton"]
+__all__ = ["Descent", "StepSolver", "newton"]
 
 DIRECT_UNKNOWNS = 1500
 """Largest system that is factorized; above it conjugate gradients are faster."""
@@ -37,6 +37,10 @@ _LEAST_DECREMENT = 1e-3
 _LEAST_GAIN = 1e-7
 _REFRESH = 0.003  # of the mean weight: lighter corners keep the block of an earlier iteration
 _ROWS = 512
+
+
+StepSolver = Callable[[NodeAdjacency, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,7 @@ def newton(
     *,
     iterations: int = 12,
     good_enough: Callable[[NDArray[np.float64]], bool] | None = None,
+    solve: StepSolver | None = None,
 ) -> Descent:
     """Lower E from the points (l, d) of the region; the nodes that are not free stay, bit by bit.
 
@@ -67,6 +72,8 @@ def newton(
         At most so many.
     good_enough : callable, optional
         Asked with the points after every second iteration; true stops.
+    solve : StepSolver, optional
+        Gives the step; by default every free node moves on its own.
     """
     d, n_corners = points.shape[1], len(region.simplices)
     blocks = np.zeros((n_corners, d * d, d * d), dtype=np.float32)
@@ -77,7 +84,10 @@ def newton(
         gradient = region.adjacency.gather(distortion_gradient(points, region.simplices, weights, norm))
         corner_blocks(points, region.simplices, weights, norm, blocks, least_weight=least)
         hessian = region.adjacency.assemble(blocks, d)
-        step = _solve(region.adjacency, hessian, -gradient, _UNTANGLING_CG if norm.epsilon else _BARRIER_CG)
+        if solve is None:
+            step = _solve(region.adjacency, hessian, -gradient, _UNTANGLING_CG if norm.epsilon else _BARRIER_CG)
+        else:
+            step = solve(region.adjacency, hessian, -gradient)
         slope = float(np.vdot(gradient, step))
         found = _line_search(points, region, norm, step, energy, slope)
         if found is None:

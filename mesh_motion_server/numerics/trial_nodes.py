@@ -19,7 +19,7 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.distortion import PNorm, determinants
 from mesh_motion_server.numerics.free_region import FreeRegion, free_region, grow, nodes_of_cells
 from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.newton import newton
+from mesh_motion_server.numerics.newton import StepSolver, newton
 
 __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach"]
 
@@ -119,6 +119,7 @@ class _Search:
     metric: str
     target: float
     points: NDArray[np.float64]
+    solve: StepSolver | None = None
     minimum: float = -math.inf
     history: list[Stage] = field(default_factory=list)
 
@@ -135,7 +136,7 @@ class _Search:
 
     def descend(self, points: NDArray[np.float64], norm: PNorm, iterations: int) -> NDArray[np.float64]:
         """Newton iterations with one p-mean; judged on the way and at the end."""
-        result = newton(points, self.region, norm, iterations=iterations, good_enough=self.judge)
+        result = newton(points, self.region, norm, iterations=iterations, good_enough=self.judge, solve=self.solve)
         self.judge(result.points)
         self.history.append(Stage(norm, self.region.n_free, result.iterations, self.minimum))
         return result.points
@@ -157,6 +158,7 @@ def polish(
     *,
     target: float = math.inf,
     thorough: bool = True,
+    solve: StepSolver | None = None,
 ) -> Polished:
     """Raise the worst quality of a region.
 
@@ -171,6 +173,8 @@ def polish(
         Stop as soon as every cell of the region is at least this good.
     thorough : bool
         Go through all levels even where they will not reach the target.
+    solve : StepSolver, optional
+        Restricts the steps to a space of displacements; by default every free node moves on its own.
 
     Returns
     -------
@@ -178,7 +182,7 @@ def polish(
         The best of all positions met, the given ones included; nodes that are not free are bitwise the given ones.
     """
     local = points[region.nodes]
-    search = _Search(region, mesh.metric, target, local)
+    search = _Search(region, mesh.metric, target, local, solve)
     if not search.judge(local):
         local, barrier = _untangle(search, local)
         for norm in LEVELS if barrier else ():
@@ -224,10 +228,10 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polish
     bad = nodes_of_cells(mesh.cells, quality < target, len(points))
     free = bad & may_move
     while best.minimum < target and free.any():
-        everything = np.count_nonzero(free) > _ALL * np.count_nonzero(may_move)
+        count = int(np.count_nonzero(free))
+        everything = count > _ALL * np.count_nonzero(may_move) or count <= best.freed  # too large, or cannot grow
         region = mesh.free(may_move if everything else free)
-        everything = region.n_free == np.count_nonzero(may_move)
-        found = polish(best.points, mesh, region, target=target, thorough=bool(everything))
+        found = polish(best.points, mesh, region, target=target, thorough=everything)
         quality = np.minimum(quality, mesh.quality(found.points))
         best = _better(best, found, float(mesh.quality(found.points).min()))
         if everything:

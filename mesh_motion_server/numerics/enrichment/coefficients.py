@@ -1,0 +1,191 @@
+"""Optimised enrichment: all coefficients of all enrichment points at once, chosen for the best worst cell.
+
+With H_m the enrichment functions and φ_bb the boundary's interpolation matrix, ::
+
+    ψ_m(x) = H_m(x) − φ(x, b) φ_bb⁻¹ H_m(b)
+
+vanishes on the boundary nodes (thesis 5.16 as a function), so the boundary condition holds for *any* coefficients, and
+the trial positions of all nodes are linear in them: ``y = y_standard + Σ ψ_m C_m``. The coefficients that minimise the
+p-mean of the distortion (:mod:`~mesh_motion_server.numerics.distortion`) are found by the same projected Gauss–Newton
+as free nodes, with its steps restricted to the space of the ψ: a dense system of K d² unknowns.
+
+On a large mesh only a working set of cells enters: the worst ones and a sample of the others. The result is judged on
+all cells, and those that turn out worse than the working set join it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
+from scipy.sparse import csr_matrix
+
+from mesh_motion_server.numerics.enrichment import functions
+from mesh_motion_server.numerics.enrichment.placement import Placement
+from mesh_motion_server.numerics.evaluation import Evaluator
+from mesh_motion_server.numerics.free_region import NodeAdjacency, free_region, nodes_of_cells
+from mesh_motion_server.numerics.interpolant import Factorization
+from mesh_motion_server.numerics.trial_nodes import Polished, TrialMesh, polish
+
+__all__ = ["Enriched", "EnrichmentSpace", "optimised_enrichment"]
+
+Floats = NDArray[np.float64]
+
+WORKING_CELLS = 20_000
+"""Meshes up to this size are optimised as a whole; of larger ones, this many cells."""
+
+_ROUNDS = 4
+_RIDGE = 1e-9  # of the unit diagonal: neighbouring enrichment functions are nearly dependent
+
+
+@dataclass(frozen=True, eq=False)
+class EnrichmentSpace:
+    """The functions ψ of some enrichment points, anywhere.
+
+    Attributes
+    ----------
+    placement : Placement
+        The K points and their radii.
+    factorization : Factorization
+        Of the boundary.
+    evaluator : Evaluator
+    """
+
+    placement: Placement
+    factorization: Factorization
+    evaluator: Evaluator
+
+    def values(self, points: Floats) -> Floats:
+        """(n, K d) values ψ at points (n, d)."""
+        return self.displacement(points, np.eye(self.placement.points.size))
+
+    def displacement(self, points: Floats, coefficients: Floats) -> Floats:
+        """(n, k) displacement ψ C at points (n, d), for coefficients (K d, k)."""
+        at_boundary = _own(self.placement, self.factorization.control_points) @ coefficients
+        compensation = self.evaluator.displacement(self.factorization.solve(-at_boundary), points)
+        return np.asarray(_own(self.placement, points) @ coefficients + compensation)
+
+
+def _own(placement: Placement, points: Floats) -> Floats:
+    """(n, K d) values H at points (n, d)."""
+    pairs = zip(placement.points, placement.radii, strict=True)
+    return np.hstack([functions.values("H1", points, centre, float(radius)) for centre, radius in pairs])
+
+
+@dataclass(frozen=True, eq=False)
+class Enriched:
+    """An enriched motion.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+    minimum : float
+        Smallest quality of all cells; negative where some stay inverted.
+    enrichment_points : (K, d) array, mesh length unit
+    iterations : int
+    """
+
+    points: Floats
+    minimum: float
+    enrichment_points: Floats
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class _SpaceSteps:
+    """Newton steps within the span of functions (f, s) at the free nodes."""
+
+    functions: Floats
+
+    def __call__(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
+        """Step (f, d): the Hessian (b, d, d) and the right side (f, d) projected to coefficients (s, d), solved."""
+        psi, (n, d) = self.functions, right.shape
+        s = psi.shape[1]
+        reduced = np.empty((s, d, s, d))
+        for i in range(d):
+            for j in range(d):
+                part = csr_matrix((hessian[:, i, j], adjacency.columns, adjacency.row_starts), shape=(n, n))
+                reduced[:, i, :, j] = psi.T @ (part @ psi)
+        coefficients = _solve_scaled(reduced.reshape(s * d, s * d), (psi.T @ right).ravel())
+        return np.asarray(psi @ coefficients.reshape(s, d))
+
+
+def _solve_scaled(matrix: Floats, right: Floats) -> Floats:
+    """Solve with unit diagonal and a ridge; a matrix that is not even then definite gives the scaled gradient."""
+    scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
+    scaled = matrix * scale[:, None] * scale + _RIDGE * np.eye(len(scale))
+    try:
+        return np.asarray(scale * cho_solve(cho_factor(scaled), scale * right))
+    except LinAlgError:
+        return np.asarray(scale * scale * right)
+
+
+def optimised_enrichment(
+    mesh: TrialMesh,
+    start: Floats,
+    standard: Floats,
+    space: EnrichmentSpace,
+    *,
+    target: float,
+) -> Enriched:
+    """Choose the coefficients of an enrichment space for the best worst cell.
+
+    Parameters
+    ----------
+    mesh : TrialMesh
+    start, standard : (n, d) arrays, mesh length unit
+        Positions before the motion, and where the standard motion would put the nodes.
+    space : EnrichmentSpace
+        Over the positions ``start``.
+    target : float
+        Stop as soon as every cell is at least this good.
+    """
+    quality = mesh.quality(standard)
+    chosen = _working_set(quality)
+    points, minimum, iterations = standard, float(quality.min()), 0
+    found = points
+    for _ in range(_ROUNDS):
+        found, polished = _optimise(mesh, start, standard, found, space, chosen, target)
+        iterations += polished.iterations
+        quality = mesh.quality(found)
+        if quality.min() > minimum:
+            points, minimum = found, float(quality.min())
+        if minimum >= target or quality.min() >= polished.minimum:
+            break
+        chosen |= quality < max(polished.minimum, np.partition(quality, WORKING_CELLS // 10)[WORKING_CELLS // 10])
+    return Enriched(points, minimum, space.placement.points, iterations)
+
+
+def _working_set(quality: Floats) -> NDArray[np.bool_]:
+    """Mark (m) the cells that enter: all, or half of the places for the worst and half for a sample of the rest."""
+    chosen = np.ones(len(quality), dtype=bool)
+    if len(quality) > WORKING_CELLS:
+        chosen[:] = False
+        chosen[np.argsort(quality, kind="stable")[: WORKING_CELLS // 2]] = True
+        chosen[:: -(-2 * len(quality) // WORKING_CELLS)] = True
+    return chosen
+
+
+def _optimise(
+    mesh: TrialMesh,
+    start: Floats,
+    standard: Floats,
+    points: Floats,
+    space: EnrichmentSpace,
+    chosen: NDArray[np.bool_],
+    target: float,
+) -> tuple[Floats, Polished]:
+    """Optimise over the chosen (m) cells from ``points`` (n, d); all nodes follow."""
+    marked = nodes_of_cells(mesh.cells, chosen, len(points)) & ~mesh.held
+    region = free_region(mesh.reference, mesh.cells, mesh.reference_sizes, marked, chosen=chosen)
+    psi = space.values(start[region.free])
+    polished = polish(points, mesh, region, target=target, solve=_SpaceSteps(psi))
+    if region.n_free == np.count_nonzero(~mesh.held):
+        return polished.points, polished
+    coefficients = lstsq(psi, polished.points[region.free] - standard[region.free], lapack_driver="gelsy")[0]
+    rest = np.flatnonzero(~mesh.held)
+    moved = standard.copy()
+    moved[rest] += space.displacement(start[rest], coefficients)
+    return moved, polished
