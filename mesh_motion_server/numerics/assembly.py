@@ -13,6 +13,7 @@ from mesh_motion_server.numerics.centres import CentreLayout
 from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, phi, wendland_c2
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
+from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["dense_block", "mean_row_entries", "sparse_matrix"]
 
@@ -38,7 +39,8 @@ def _fill_block(code: int, rows: Array, columns: Array, inverse_radius: float, o
 def dense_block(basis: Basis, support_radius: float, rows: Array, columns: Array) -> Array:
     """(m, n) block of φ between (m, 3) and (n, 3) points."""
     out = np.empty((len(rows), len(columns)))
-    _fill_block(basis.code, rows, np.ascontiguousarray(columns.T), 1.0 / support_radius, out)
+    with threads_for(out.size):
+        _fill_block(basis.code, rows, np.ascontiguousarray(columns.T), 1.0 / support_radius, out)
     return out
 
 
@@ -89,16 +91,23 @@ def _fill_rows(
 
 def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
     """Mean number of centres closer than R to a centre: nonzero entries a row of the matrix of a compact basis."""
-    return float(np.mean(_count_rows(layout.coordinates, 1.0 / support_radius, *layout.grid())))
+    return float(np.mean(_row_counts(layout, support_radius)))
+
+
+def _row_counts(layout: CentreLayout, support_radius: float) -> Integers:
+    with threads_for(layout.fraction * layout.n_centres**2):
+        counts: Integers = _count_rows(layout.coordinates, 1.0 / support_radius, *layout.grid())
+    return counts
 
 
 def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> csr_array:
     """(nc, nc) interpolation matrix of a compact basis, rows and columns in the layout's order."""
-    inverse_radius = 1.0 / support_radius
-    counts = _count_rows(layout.coordinates, inverse_radius, *layout.grid())
+    counts = _row_counts(layout, support_radius)
     pointers = np.zeros(layout.n_centres + 1, dtype=np.int64)
     np.cumsum(counts, out=pointers[1:])
     columns = np.empty(pointers[-1], dtype=np.int32)
     entries = np.empty(pointers[-1])
-    _fill_rows(basis.code, layout.coordinates, inverse_radius, *layout.grid(), pointers, columns, entries)
+    inverse_radius = 1.0 / support_radius
+    with threads_for(layout.fraction * layout.n_centres**2):
+        _fill_rows(basis.code, layout.coordinates, inverse_radius, *layout.grid(), pointers, columns, entries)
     return csr_array((entries, columns, pointers.astype(np.int32)), shape=(layout.n_centres,) * 2)

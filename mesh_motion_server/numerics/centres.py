@@ -9,14 +9,16 @@ The layout depends on the control points and the radius only, never on where it 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.kernels import Basis
+from mesh_motion_server.numerics.threads import threads_for
 
-__all__ = ["CentreLayout", "padded", "pairs_fraction"]
+__all__ = ["CentreLayout", "padded"]
 
 #: A run of a few centres costs about as much as thirty of a long one; below this gain the direct sum is faster.
 _WORTHWHILE_FRACTION = 0.5
@@ -52,6 +54,8 @@ class CentreLayout:
         Cells along each axis.
     starts : (n_cells + 1,) int64 array
         First sorted centre of each cell, x fastest.
+    fraction : float
+        Mean share of the centres in the cells around a centre: what a sum visits.
     """
 
     order: NDArray[np.int64]
@@ -60,6 +64,7 @@ class CentreLayout:
     inverse_side: float
     shape: NDArray[np.int64]
     starts: NDArray[np.int64]
+    fraction: float
 
     @classmethod
     def build(cls, control_points: NDArray[np.float64], basis: Basis, support_radius: float) -> CentreLayout:
@@ -67,7 +72,7 @@ class CentreLayout:
         points = padded(control_points)
         if basis.compact:
             by_cells = _sorted_by_cells(points, support_radius * _SLACK)
-            if pairs_fraction(by_cells) < _WORTHWHILE_FRACTION:
+            if by_cells.fraction < _WORTHWHILE_FRACTION:
                 return by_cells
         return _single_cell(points)
 
@@ -85,17 +90,34 @@ class CentreLayout:
         return np.ascontiguousarray(weights[self.order].T)
 
     def grid(self) -> tuple[NDArray[np.float64], float, NDArray[np.int64], NDArray[np.int64]]:
-        """The grid's arguments of the compiled sums."""
+        """The grid's arguments of the compiled loops."""
         return self.origin, self.inverse_side, self.shape, self.starts
 
+    def sum(
+        self,
+        kernel: Callable[..., None],
+        basis: Basis,
+        support_radius: float,
+        points: NDArray[np.float64],
+        weights: NDArray[np.float64],
+        out: NDArray[np.float64],
+        *,
+        threads: int | None = None,
+    ) -> NDArray[np.float64]:
+        """Run a sum of ``summation.py`` at (n, 3) points with (k, nc) sorted weights, into ``out`` and return it."""
+        columns = 1.0 + weights.shape[0] / 8.0  # a column's products cost an eighth of evaluating φ
+        with threads_for(len(points) * self.fraction * self.n_centres * columns, threads):
+            kernel(basis.code, points, self.coordinates, weights, 1.0 / support_radius, *self.grid(), out)
+        return out
 
-def pairs_fraction(layout: CentreLayout) -> float:
-    """Mean fraction of all centres that lie in the cells around a centre: what a sum by cells visits at most."""
-    counts = np.diff(layout.starts).reshape(tuple(layout.shape[::-1]))
+
+def _visited_fraction(starts: NDArray[np.int64], shape: NDArray[np.int64]) -> float:
+    """Mean share of all centres that lie in the cells around a centre."""
+    counts = np.diff(starts).reshape(tuple(shape[::-1]))
     around = counts
     for axis in range(3):
         around = around + _shifted(around, axis, 1) + _shifted(around, axis, -1)
-    return float(np.sum(counts * around)) / float(layout.n_centres) ** 2
+    return float(np.sum(counts * around)) / float(starts[-1]) ** 2
 
 
 def _shifted(counts: NDArray[np.int64], axis: int, step: int) -> NDArray[np.int64]:
@@ -116,6 +138,7 @@ def _single_cell(points: NDArray[np.float64]) -> CentreLayout:
         inverse_side=0.0,
         shape=np.ones(3, dtype=np.int64),
         starts=np.array([0, n], dtype=np.int64),
+        fraction=1.0,
     )
 
 
@@ -132,4 +155,5 @@ def _sorted_by_cells(points: NDArray[np.float64], side: float) -> CentreLayout:
     order = np.argsort(number, kind="stable")
     starts = np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
     np.cumsum(np.bincount(number, minlength=int(np.prod(shape))), out=starts[1:])
-    return CentreLayout(order, np.ascontiguousarray(points[order].T), origin, 1.0 / side, shape, starts)
+    fraction = _visited_fraction(starts, shape)
+    return CentreLayout(order, np.ascontiguousarray(points[order].T), origin, 1.0 / side, shape, starts, fraction)

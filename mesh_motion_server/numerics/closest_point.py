@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.centres import padded
+from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["FacetSet"]
 
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 
 @njit(cache=True, error_model="numpy")
 def _dot(a: Array, b: Array) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @njit(cache=True, error_model="numpy")
@@ -106,5 +107,6 @@ class FacetSet:
         starts = np.zeros(len(points) + 1, dtype=np.int64)
         np.cumsum([len(candidates) for candidates in lists], out=starts[1:])
         out = np.empty_like(places)
-        _closest(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out)
+        with threads_for(10.0 * starts[-1]):  # a facet costs about ten basis functions
+            _closest(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out)
         return np.ascontiguousarray(out[:, : self._dimension])

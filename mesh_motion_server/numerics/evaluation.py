@@ -6,11 +6,9 @@ far-field grid, workers of an engine that hold the points) is an :class:`Evaluat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +16,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.kernels import require_gradient
 from mesh_motion_server.numerics.summation import sum_gradients, sum_values
+from mesh_motion_server.numerics.threads import checked_threads
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.interpolant import Interpolant
@@ -50,12 +49,7 @@ class LocalEvaluator:
     """
 
     def __init__(self, threads: int | None = None) -> None:
-        available = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # set at run time
-        if threads is not None and not 1 <= threads <= available:
-            raise InvalidInput(
-                f"expected 1 to {available} evaluation threads, got {threads}", hint="set NUMBA_NUM_THREADS for more"
-            )
-        self._threads = threads or available
+        self._threads = checked_threads(threads)
 
     def displacement(self, interpolant: Interpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k) values at (n, d) points.
@@ -92,32 +86,14 @@ class LocalEvaluator:
         interpolant: Interpolant,
         points: NDArray[np.float64],
         out: NDArray[np.float64],
-    ) -> None:
+    ) -> NDArray[np.float64]:
         """Run a compiled sum over the interpolant's centres."""
         if points.ndim != 2 or points.shape[1] != interpolant.dimension:
             raise InvalidInput(
                 f"expected points of shape (n, {interpolant.dimension}), got {points.shape}",
                 code="INVALID_ARGUMENT.SHAPE",
             )
-        layout = interpolant.layout
-        with _threads(self._threads):
-            kernel(
-                interpolant.basis.code,
-                padded(points),
-                layout.coordinates,
-                layout.sort(interpolant.weights),
-                1.0 / interpolant.support_radius,
-                *layout.grid(),
-                out,
-            )
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Limit this thread's parallel kernels, and restore."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(count)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
+        weights = interpolant.layout.sort(interpolant.weights)
+        return interpolant.layout.sum(
+            kernel, interpolant.basis, interpolant.support_radius, padded(points), weights, out, threads=self._threads
+        )

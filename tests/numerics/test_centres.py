@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.centres import CentreLayout, pairs_fraction
+from mesh_motion_server.numerics.centres import CentreLayout
 from mesh_motion_server.numerics.kernels import BASES
 from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
 
@@ -41,7 +41,7 @@ def test_large_radius_and_global_bases_sum_directly():
     assert CentreLayout.build(centres, C2, 1.0).is_direct
     assert CentreLayout.build(centres, BASES["tps"], 0.01).is_direct
     assert not CentreLayout.build(centres, C2, 0.05).is_direct
-    assert pairs_fraction(CentreLayout.build(centres, C2, 1.0)) == 1.0
+    assert CentreLayout.build(centres, C2, 1.0).fraction == 1.0
 
 
 def test_a_tiny_radius_does_not_make_a_huge_grid():

@@ -64,11 +64,8 @@ class NullSpaceCholesky:
 
     def _multiply(self, vectors: Array) -> Array:
         """(nc, k) product of the interpolation matrix."""
-        out = np.empty_like(vectors)
-        weights = np.ascontiguousarray(vectors.T)
-        layout = self._layout
-        sum_values(self._basis.code, self._points, layout.coordinates, weights, 1.0 / self._radius, *layout.grid(), out)
-        return out
+        weights = np.ascontiguousarray(vectors.T)  # a basis without compact support: sorted as given
+        return self._layout.sum(sum_values, self._basis, self._radius, self._points, weights, np.empty_like(vectors))
 
     def _two_sided_correction(self) -> Array:
         """W with ``Qᵀ φ Q = φ − W Vᵀ − V Wᵀ``."""

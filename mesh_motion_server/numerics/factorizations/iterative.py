@@ -142,9 +142,7 @@ def _operator(
         return matrix.__matmul__, int(matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes)
 
     def apply(vectors: Array) -> Array:
-        out = np.empty_like(vectors)
         weights = np.ascontiguousarray(vectors.T)
-        sum_values(basis.code, points, layout.coordinates, weights, 1.0 / support_radius, *layout.grid(), out)
-        return out
+        return layout.sum(sum_values, basis, support_radius, points, weights, np.empty_like(vectors))
 
     return apply, 0

@@ -23,6 +23,7 @@ from scipy.sparse import csr_array
 from mesh_motion_server.numerics.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_server.numerics.kernel_functions import phi
 from mesh_motion_server.numerics.kernels import Basis
+from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["SparseInverse"]
 
@@ -89,7 +90,8 @@ class SparseInverse:
         order, near = nearest_preceding(points, nested_levels(points), neighbours)
         n = len(points)
         entries = np.empty((n, neighbours + 1))
-        _fill(basis.code, np.ascontiguousarray(points[order]), near, 1.0 / support_radius, entries)
+        with threads_for(n * neighbours**3 / 6.0):
+            _fill(basis.code, np.ascontiguousarray(points[order]), near, 1.0 / support_radius, entries)
         used = np.count_nonzero(near >= 0, axis=1)
         rows, places = np.nonzero(np.arange(neighbours + 1) <= used[:, None])
         source = used[rows] - 1 - places  # farthest first, as _fill stored them

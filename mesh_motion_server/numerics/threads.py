@@ -1,0 +1,46 @@
+"""How many threads a compiled loop gets: one where the work is over before a second one has started.
+
+A parallel loop ends when its last thread does. On a machine with other work that thread may have to wait for a core,
+for milliseconds; a loop of less than that must not ask for it. Results do not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numba
+
+from mesh_motion_server.errors import InvalidInput
+
+__all__ = ["checked_threads", "threads_for"]
+
+#: Evaluations of a basis function (about a nanosecond each) below which a loop stays on its caller's thread.
+_SMALL = 2e6
+
+
+def checked_threads(threads: int | None) -> int:
+    """A number of threads that can be had; None stands for all.
+
+    Raises
+    ------
+    InvalidInput
+        If it is less than 1 or more than numba was started with.
+    """
+    available = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # set at run time
+    if threads is not None and not 1 <= threads <= available:
+        raise InvalidInput(
+            f"expected 1 to {available} evaluation threads, got {threads}", hint="set NUMBA_NUM_THREADS for more"
+        )
+    return threads or available
+
+
+@contextmanager
+def threads_for(work: float, at_most: int | None = None) -> Iterator[None]:
+    """Limit the calling thread's parallel loops while about ``work`` basis functions are evaluated, and restore."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1 if work < _SMALL else min(before, at_most or before))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
