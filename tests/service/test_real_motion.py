@@ -1,0 +1,122 @@
+"""The real numerics behind the requests: quality, refusal, partitions and a resume, bitwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.messages import Build, Commit, Move
+
+from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.service.dispatch import SessionHost
+from mesh_motion_server.session.model import build_motion_model
+from mesh_motion_server.settings import MethodSettings
+
+
+def boxed(kit: Any, count: int = 12) -> Any:
+    """The grid with all four sides in patches."""
+    mesh = kit.grid_mesh(count)
+    sides = np.flatnonzero(((mesh.points == 0) | (mesh.points == 1)).any(axis=1))
+    left = mesh.patches["left"].nodes
+    return replace(mesh, patches={"left": Patch("moving", left), "walls": Patch("fixed", np.setdiff1d(sides, left))})
+
+
+def driver_of(kit: Any, store: Any, meshes: list[Any], session: str = "", **settings: Any) -> Any:
+    spec = kit.make_spec(
+        session or kit.SESSION,
+        partitions=len(meshes),
+        settings=MethodSettings.from_mapping({"support_radius": 0.8} | settings),
+    )
+    return kit.Driver(SessionHost.create(spec, store, build_model=build_motion_model), meshes)
+
+
+def bulge(driver: Any, size: float) -> list[Any]:
+    """The left side bulges; its ends, shared with the walls, stay."""
+    return [
+        np.stack([size * np.sin(np.pi * m.points[i, 1]), 0 * i], axis=1)
+        for m, i in zip(driver.meshes, driver.moving, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("correction", ["none", "optimised"])
+def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
+    kit: Any, store: Any, correction: str
+) -> None:
+    whole = boxed(kit)
+    settings = {"correction": correction, "quality_threshold": 0.3 if correction == "none" else 0.45}
+    one = driver_of(kit, store, [whole], **settings)
+    many = driver_of(kit, store, kit.split_mesh(whole, 3), "3" * 32, **settings)
+    for driver in (one, many):
+        driver.open()
+    for step in (1, 2):
+        moved, parts = one.all(Move, bulge(one, 0.15), step=step), many.all(Move, bulge(many, 0.15), step=step)
+        assert moved[0].type == "MOVED", moved[0]
+        for part, mesh in zip(parts, many.meshes, strict=True):
+            assert part.displacement.tobytes() == moved[0].displacement[mesh.global_ids].tobytes()
+        assert moved[0].displacement[one.moving[0]].tobytes() == bulge(one, 0.15)[0].tobytes()
+        (committed,) = one.all(Commit, step=step)
+        assert {reply.digest for reply in many.all(Commit, step=step)} == {committed.digest}
+        one.host.close()
+        host = SessionHost.resume(kit.SESSION, kit.TOKEN, store)
+        one.host = host
+        one.join()
+    assert moved[0].quality["metric"] == "size-skew"
+    many.host.close()
+    one.host.close()
+
+
+def test_an_impossible_motion_is_refused_with_the_best_found(kit: Any, store: Any) -> None:
+    driver = driver_of(kit, store, [boxed(kit)])
+    driver.open()
+    (refused,) = driver.all(Move, bulge(driver, 1.5), step=1)
+    assert refused.code == "FAILED_PRECONDITION.QUALITY"
+    assert 0 < refused.details["fraction"] < 1
+    assert refused.details["best"] < 0.2
+    assert {"partition", "type", "cell"} == set(refused.details["worst"][0])
+    (moved,) = driver.all(Move, bulge(driver, 1.5 * refused.details["fraction"]), step=1)
+    assert moved.type == "MOVED"
+    assert moved.quality["corrected"]["inverted"] == 0
+    driver.host.close()
+
+
+@pytest.mark.parametrize("refuse", [False, True])
+def test_below_the_threshold_is_a_warning_or_a_refusal(kit: Any, store: Any, refuse: bool) -> None:
+    settings = {"quality_threshold": 0.95, "correction": "none", "refuse_below_threshold": refuse}
+    driver = driver_of(kit, store, [boxed(kit)], **settings)
+    driver.open()
+    (reply,) = driver.all(Move, bulge(driver, 0.1), step=1)
+    if refuse:
+        assert reply.code == "FAILED_PRECONDITION.QUALITY"
+        assert "below the threshold 0.95" in reply.message
+    else:
+        assert reply.type == "MOVED"
+        assert any("below the threshold" in warning for warning in reply.warnings)
+        assert not reply.correction["reached"]
+    driver.host.close()
+
+
+def test_an_inverted_cell_is_named_as_its_sender_knows_it(kit: Any, store: Any) -> None:
+    mesh = boxed(kit)
+    mesh.cells["triangle"][101] = mesh.cells["triangle"][101][::-1]
+    driver = driver_of(kit, store, [mesh])
+    driver.join()
+    driver.upload()
+    (reply,) = driver.all(Build)
+    assert reply.code == "INVALID_ARGUMENT.MESH_DEGENERATE"
+    assert reply.message.startswith("cell 101 (triangle")
+    driver.host.close()
+
+
+def test_warnings_use_the_senders_numbers(kit: Any, store: Any) -> None:
+    mesh = kit.grid_mesh(12)
+    driver = driver_of(kit, store, [mesh])
+    (built,) = driver.open()
+    floating = np.setdiff1d(
+        np.flatnonzero(((mesh.points == 0) | (mesh.points == 1)).any(axis=1)),
+        np.union1d(mesh.patches["left"].nodes, mesh.patches["right"].nodes),
+    )
+    (warning,) = built.mesh["warnings"]
+    assert f"{len(floating)} boundary nodes are in no patch, the first is node {floating[0]};" in warning
+    driver.host.close()
