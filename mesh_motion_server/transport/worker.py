@@ -104,6 +104,11 @@ class Worker:
             self._keep_time()
             self._report()
 
+    def disconnect(self) -> None:
+        """Stop watching connections; the socket itself still sends what is queued."""
+        self._socket.disable_monitor()
+        self._lease.monitor.close()
+
     def _patience(self) -> int:
         """Milliseconds until there may be something to do unasked."""
         waits = [self._settings.lease_seconds / 4, 15.0]
@@ -224,11 +229,12 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         endpoint = bind(socket, Endpoint.parse(order["endpoint"]).worker_address)
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
-        Worker(channel, socket, host, settings).run(signals)
+        worker = Worker(channel, socket, host, settings)
+        worker.run(signals)
+        worker.disconnect()
         channel.send({"event": "over", "closed": host.closed})
     finally:
         host.close()
-        socket.disable_monitor()
         socket.close(linger=5_000)
         context.term()
     return 0

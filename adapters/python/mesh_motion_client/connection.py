@@ -118,6 +118,7 @@ class Connection:
         """Close the socket; idempotent."""
         if not self._socket.closed:
             self._socket.disable_monitor()
+            self._events.close()
             self._socket.close()
 
 

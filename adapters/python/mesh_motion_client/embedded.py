@@ -73,7 +73,12 @@ class EmbeddedServer:
 
     def _last_words(self) -> str:
         lines = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"no output within {self._timeout} s"
+        if not lines:
+            return f"no output within {self._timeout} s"
+        try:
+            return str(json.loads(lines[-1])["reason"])
+        except (ValueError, KeyError, TypeError):
+            return lines[-1]
 
     def stop(self) -> None:
         """Drain and end it; idempotent."""

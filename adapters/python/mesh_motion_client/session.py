@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from mesh_motion_client.control import Control
 from mesh_motion_client.courier import Courier
 from mesh_motion_client.credentials import Credentials
-from mesh_motion_client.errors import InvalidInput, MeshMotionError
+from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError
 from mesh_motion_client.mesh import Mesh, finite_rows
 
 __all__ = ["Frame", "Session"]
@@ -143,6 +143,9 @@ class Session:
         try:
             if self.dimension:
                 self._courier.deliver(Close(**self._courier.address, outcome=outcome), Closed, self._timeout)
+        except SessionError as error:
+            if error.code != "ABORTED.FENCED":  # another holder has it, nothing of it is ours to end
+                raise
         finally:
             self._courier.disconnect()
             self._control.close()

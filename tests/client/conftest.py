@@ -1,0 +1,240 @@
+"""A server with a plain model, a small mesh, and a proxy that breaks connections."""
+
+import contextlib
+import json
+import os
+import selectors
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_motion_client import Mesh, Patch, connect
+from mesh_motion_client.control import Control
+
+HERE = Path(__file__).parent
+PATIENCE = 30.0
+
+
+def wait_until(condition, what, seconds=PATIENCE):
+    """Poll until the condition holds and return what it gave."""
+    deadline = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"{what}: not within {seconds} s"
+        time.sleep(0.01)
+    return value
+
+
+class PlainServer:
+    """The server under test, which may be killed and started again on the same endpoint."""
+
+    wait_until = staticmethod(wait_until)
+
+    def __init__(self, folder):
+        self.folder, self.endpoint, self.process = folder, "tcp://127.0.0.1:0", None
+
+    def start(self):
+        ready = self.folder / "ready.json"
+        ready.unlink(missing_ok=True)
+        values = {"endpoint": self.endpoint, "state_folder": str(self.folder / "state"), "threads": 1}
+        with (self.folder / "log").open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(ready)],
+                env=os.environ | {"PYTHONPATH": str(HERE), "PLAIN_FOLDER": str(self.folder)},
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+            )
+
+        def is_ready():
+            assert self.process.poll() is None, (self.folder / "log").read_text()
+            return ready.exists()
+
+        wait_until(is_ready, "the server is ready")
+        self.endpoint = json.loads(ready.read_text())["endpoint"]
+        return self
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self):
+        if self.process is not None and self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                self.kill()
+
+    def worker_of(self, session):
+        """Process id of a session's worker, from the log."""
+        lines = [json.loads(line) for line in (self.folder / "log").read_text().splitlines()]
+        at_work = [e for e in lines if e.get("session") == session and e["event"] in ("open", "resume", "reclaim")]
+        return at_work[-1]["worker"]
+
+    def moves(self):
+        """How many moves were computed."""
+        with contextlib.suppress(OSError):
+            return len((self.folder / "moves").read_text().splitlines())
+        return 0
+
+    @contextlib.contextmanager
+    def hold(self):
+        """Moves wait meanwhile."""
+        path = self.folder / "hold"
+        path.touch()
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+
+
+class Proxy:
+    """Forwards bytes between a client and a worker; may cut all connections or swallow the replies."""
+
+    def __init__(self, target):
+        host, _, port = target.removeprefix("tcp://").rpartition(":")
+        self._target, self.deaf, self.stubborn = (host, int(port)), False, False
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._peers, self._lock, self._over = {}, threading.RLock(), False
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        while not self._over:
+            for key, _ in self._selector.select(0.02):
+                with self._lock:
+                    self._accept() if key.fileobj is self._listener else self._forward(key.fileobj)
+
+    def _accept(self):
+        client, _ = self._listener.accept()
+        try:
+            worker = socket.create_connection(self._target)
+        except OSError:
+            client.close()
+            return
+        self._peers |= {client: (worker, True), worker: (client, False)}
+        for end in (client, worker):
+            self._selector.register(end, selectors.EVENT_READ)
+
+    def _forward(self, source):
+        if source not in self._peers:
+            return
+        other, from_client = self._peers[source]
+        try:
+            data = source.recv(1 << 16)
+        except OSError:
+            data = b""
+        if not data and self.stubborn and not from_client:
+            self._selector.unregister(source)  # the client does not learn that the worker is gone
+        elif not data:
+            self._close(source, other)
+        elif from_client or not self.deaf:
+            with contextlib.suppress(OSError):
+                other.sendall(data)
+
+    def _close(self, *ends):
+        for end in ends:
+            if self._peers.pop(end, None) is not None:
+                with contextlib.suppress(KeyError, ValueError):
+                    self._selector.unregister(end)
+                end.close()
+
+    def cut(self):
+        with self._lock:
+            self._close(*list(self._peers))
+
+    def close(self):
+        self._over = True
+        self._thread.join()
+        self.cut()
+        self._selector.close()
+        self._listener.close()
+
+
+@pytest.fixture
+def server(tmp_path):
+    running = PlainServer(tmp_path).start()
+    yield running
+    (tmp_path / "hold").unlink(missing_ok=True)
+    running.stop()
+
+
+@pytest.fixture
+def mesh():
+    """A square of 4 × 4 nodes in triangles: the left side moves, the right one is fixed."""
+    x = np.arange(4) / 4  # exact in binary
+    points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    i = (np.arange(3)[:, None] * 4 + np.arange(3)).ravel()
+    triangles = np.concatenate([np.stack([i, i + 1, i + 5], axis=1), np.stack([i, i + 5, i + 4], axis=1)])
+    left, right = np.arange(0, 16, 4), np.arange(3, 16, 4)
+    return Mesh(points, {"triangle": triangles}, {"left": Patch("moving", left), "right": Patch("fixed", right)})
+
+
+@pytest.fixture
+def client(server):
+    with connect(server.endpoint, timeout=20, compute_timeout=30) as client:
+        yield client
+
+
+@pytest.fixture
+def session(client, mesh):
+    with client.open(mesh, {"support_radius": 1.0}, label="test") as session:
+        yield session
+
+
+@pytest.fixture
+def proxy(monkeypatch):
+    """Every data connection goes through a proxy; the list holds them, newest last."""
+    proxies = []
+
+    def through_proxy(self, endpoint):
+        for known in proxies:
+            if known.target == endpoint:
+                return known.endpoint
+        proxies.append(Proxy(endpoint))
+        proxies[-1].target = endpoint
+        return proxies[-1].endpoint
+
+    monkeypatch.setattr(Control, "data_endpoint", through_proxy)
+    yield proxies
+    for made in proxies:
+        made.close()
+
+
+@pytest.fixture
+def background():
+    """Runs a call in a thread; returns a function that waits for its result or raises its error."""
+    threads = []
+
+    def background(call):
+        outcome = {}
+
+        def run():
+            try:
+                outcome["result"] = call()
+            except BaseException as error:
+                outcome["error"] = error
+
+        thread = threading.Thread(target=run)
+        threads.append(thread)
+        thread.start()
+
+        def result(seconds=PATIENCE):
+            thread.join(seconds)
+            assert not thread.is_alive(), "the call did not return"
+            if "error" in outcome:
+                raise outcome["error"]
+            return outcome["result"]
+
+        return result
+
+    yield background
+    for thread in threads:
+        thread.join(PATIENCE)

@@ -1,0 +1,52 @@
+"""``connect()`` without an endpoint: a private server that never outlives its client."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from mesh_motion_client import Unavailable, connect
+
+CLIENT = """
+import time
+from mesh_motion_client import connect
+server = connect()
+print(server._embedded.process.pid, flush=True)
+time.sleep(600)
+"""
+
+
+def gone(pid):
+    deadline = time.monotonic() + 30
+    while Path(f"/proc/{pid}").exists() and Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return True
+
+
+def test_it_answers_and_ends_with_the_connection():
+    with connect() as server:
+        assert server.endpoint.startswith("ipc://")
+        assert server.sessions() == []
+        embedded = server._embedded
+    assert embedded.process.poll() == 0
+    assert not Path(server.endpoint.removeprefix("ipc://")).parent.exists()
+
+
+def test_kill_9_of_the_client_ends_it():
+    with subprocess.Popen([sys.executable, "-c", CLIENT], stdout=subprocess.PIPE, text=True) as client:
+        pid = int(client.stdout.readline())
+        os.kill(client.pid, signal.SIGKILL)
+    assert gone(pid)
+
+
+def test_a_server_that_cannot_start_says_why(tmp_path, monkeypatch):
+    deep = tmp_path / ("x" * 100)
+    deep.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(deep))
+    with pytest.raises(Unavailable, match=r"did not become ready: an ipc path must leave room in 107 bytes"):
+        connect()

@@ -1,0 +1,152 @@
+"""A session through real sockets: what a driver does, and what it did wrong."""
+
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
+from mesh_motion_protocol.digests import state_digest
+
+UP = np.array([[0.0, 0.25]] * 4)
+
+
+def test_open_tells_what_is_needed(session):
+    assert session.moving_nodes.tolist() == [0, 4, 8, 12]
+    assert (session.step, session.iteration, session.dimension) == (0, 0, 2)
+    assert session.settings["support_radius"] == 1.0
+    assert session.mesh_report["nodes"] == 16
+
+
+def test_move_and_commit(session, mesh):
+    moved = session.move(UP)
+    assert moved.displacement.tolist() == [[0.0, 0.25]] * 16
+    assert (moved.step, moved.iteration, session.iteration) == (1, 1, 1)
+    assert moved.warnings == ["a warning"]
+    assert set(moved.quality) == {"metric", "threshold", "standard", "corrected"}
+    committed = session.commit()
+    assert (committed.step, committed.durable_step, session.step, session.iteration) == (1, 1, 1, 0)
+    assert (session.points() == mesh.points + moved.displacement).all()
+    assert (session.points("reference") == mesh.points).all()
+    assert committed.digest == state_digest(1, session.points())
+
+
+def test_iterations_start_from_the_committed_state(session):
+    session.move(2 * UP)
+    assert session.move(UP).displacement[0, 1] == 0.25
+    assert session.iteration == 2
+    session.commit()
+    assert session.move(UP, frame="reference").displacement.tolist() == [[0.0, 0.25]] * 16
+
+
+def test_rollback_drops_the_trial(session, mesh):
+    session.move(UP)
+    session.rollback()
+    assert session.iteration == 0
+    with pytest.raises(SessionError, match="no trial"):
+        session.commit()
+    assert (session.points() == mesh.points).all()
+
+
+def test_displacements_by_patch(session):
+    assert session.move({"left": UP}).displacement.tolist() == [[0.0, 0.25]] * 16
+    with pytest.raises(InvalidInput, match=r"must name the moving patches \['left'\], got \['right'\]"):
+        session.move({"right": UP})
+    with pytest.raises(InvalidInput, match=r"patch 'left' must have shape \(4, 2\), got \(3, 2\)"):
+        session.move({"left": UP[:3]})
+
+
+@pytest.mark.parametrize(
+    ("displacements", "message"),
+    [
+        (np.zeros((3, 2)), r"must have shape \(4, 2\), one row a moving node, got \(3, 2\)"),
+        (np.zeros((4, 3)), r"must have shape \(4, 2\)"),
+        (np.full((4, 2), np.nan), "must be finite, got nan in row 0"),
+        (np.array([[0, 0], [0, np.inf], [0, 0], [0, 0]]), "must be finite, got inf in row 1"),
+        ([["a", "b"]] * 4, "must be numbers"),
+    ],
+)
+def test_wrong_displacements_are_refused_before_they_are_sent(session, server, displacements, message):
+    with pytest.raises(InvalidInput, match=message):
+        session.move(displacements)
+    assert server.moves() == 0
+
+
+def test_a_refused_motion_says_how_far_one_can_go(session):
+    with pytest.raises(QualityRefused, match="too far") as caught:
+        session.move(1000 * UP)
+    error = caught.value
+    assert (error.best, error.fraction, error.hint) == (-0.5, 0.25, "move less")
+    assert [set(cell) for cell in error.worst] == [{"partition", "type", "cell"}] * 2
+    assert session.move(UP).iteration == 1
+
+
+def test_the_caller_may_reuse_its_array(session):
+    displacements = UP.copy()
+    moved = session.move(displacements)
+    displacements[:] = 7.0
+    assert session.commit().step == 1
+    assert moved.displacement[0, 1] == 0.25
+
+
+def test_status(session):
+    session.move(UP)
+    status = session.status()
+    assert (status.state, status.step, status.iteration) == ("TRIAL", 0, 1)
+
+
+def test_two_sessions_do_not_disturb_each_other(client, mesh):
+    with client.open(mesh) as one, client.open(mesh) as two:
+        one.move(UP)
+        one.commit()
+        assert (two.points() == mesh.points).all()
+        two.move(2 * UP)
+        two.commit()
+        assert one.points()[0, 1] == 0.25
+        assert two.points()[0, 1] == 0.5
+        assert len(client.sessions()) == 2
+
+
+def test_a_closed_session_is_kept_or_discarded(client, mesh):
+    kept, dropped = client.open(mesh), client.open(mesh)
+    kept.close()
+    kept.close()
+    dropped.close("discard")
+    assert [entry["session"] for entry in client.sessions() if entry["worker"] == "none"] == [kept.credentials.session]
+
+
+def test_wrong_settings_name_the_key(client, mesh):
+    with pytest.raises(InvalidInput, match="unknown setting 'radius'"):
+        client.open(mesh, {"radius": 1.0})
+    with pytest.raises(InvalidInput, match="support_radius"):
+        client.open(mesh, {"support_radius": -1.0})
+    assert client.sessions() == []
+
+
+def test_an_error_inside_the_block_is_not_hidden(client, mesh):
+    with pytest.raises(ZeroDivisionError), client.open(mesh) as session:
+        session.move(UP / (1 // 0))
+    assert session.credentials.session
+
+
+def test_the_server_is_greeted(client):
+    assert client.welcome.version == [1, 0]
+    assert client.welcome.server.startswith("mesh-motion-server ")
+
+
+def test_sessions_in_1d_and_3d(client):
+    line = Mesh(
+        np.arange(5.0),
+        {"line": np.stack([np.arange(4), np.arange(1, 5)], axis=1)},
+        {"end": Patch("moving", [0]), "wall": Patch("fixed", [4])},
+    )
+    with client.open(line) as session:
+        assert session.move(np.array([0.5])).displacement.shape == (5, 1)
+    cube = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    tetra = Mesh(cube, {"tetra": [[0, 1, 2, 3]]}, {"tip": Patch("moving", [3]), "base": Patch("fixed", [0, 1, 2])})
+    with client.open(tetra) as session:
+        assert session.move([[0.0, 0.0, 0.5]]).displacement.shape == (4, 3)
+
+
+def test_connect_reads_like_the_readme(server, mesh):
+    with connect(server.endpoint) as opened, opened.open(mesh) as session:
+        session.move(UP)
+        session.commit()
+    assert session.step == 1
