@@ -8,7 +8,7 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from benchmarks.peers.measurement import Measurement, SystemFailure
 from benchmarks.peers.openfoam import run as openfoam
@@ -64,7 +64,7 @@ class PythonSystem:
 
     label: str
     place: str
-    options: dict[str, str] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
     needs: str = "numpy"
     kratos: bool = False
 
@@ -136,7 +136,22 @@ def _last_line(log: Path) -> str:
 
 _KRATOS = "KratosMultiphysics.MeshMovingApplication"
 
+_OURS = "mesh_motion_server.numerics.motion"
+
 SYSTEMS: dict[str, System] = {
+    "ours": PythonSystem("**mesh-motion server**, as it comes", "ours:MotionModelMover", needs=_OURS),
+    "ours-maximum": PythonSystem(
+        "**mesh-motion server**, as good as it gets",
+        "ours:MotionModelMover",
+        {"correction_target": "maximum"},
+        needs=_OURS,
+    ),
+    "ours-plain": PythonSystem(
+        "mesh-motion server, plain RBF",
+        "ours:MotionModelMover",
+        {"correction": "none", "allow_invalid": True},
+        needs=_OURS,
+    ),
     "dense-rbf": PythonSystem("dense RBF in numpy, all centres", "dense_rbf:DenseRBF"),
     "openfoam": OpenFoamSystem("OpenFOAM displacementLaplacian, tolerance 1e-5", Settings(tolerance="usual")),
     "openfoam-converged": OpenFoamSystem("OpenFOAM displacementLaplacian, converged", Settings()),

@@ -10,6 +10,7 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from benchmarks.peers.task import Task, step_file
 __all__ = ["measure"]
 
 
-def measure(kind: type[Mover], options: dict[str, str], task: Task, folder: Path) -> Measurement:
+def measure(kind: type[Mover], options: dict[str, Any], task: Task, folder: Path) -> Measurement:
     """Build the mover, ask for every step, leave the positions in ``folder``."""
     if prepare := getattr(kind, "prepare", None):  # compiled kernels are loaded once in a server's life
         prepare(task, options)

@@ -25,14 +25,14 @@ class DenseRBF:
     Parameters
     ----------
     task : Task
-    support_radius : str
+    support_radius : float
         R, mesh length unit.
     displacement : {"relative", "absolute"}
     """
 
-    def __init__(self, task: Task, *, support_radius: str = "2.5", displacement: str = "relative") -> None:
+    def __init__(self, task: Task, *, support_radius: float = 2.5, displacement: str = "relative") -> None:
         self.task = task
-        self.radius = float(support_radius)
+        self.radius = support_radius
         self.relative = displacement == "relative"
         self.centres = np.concatenate([task.moving, task.fixed])
         self.positions = task.points.copy()

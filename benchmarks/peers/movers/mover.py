@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ __all__ = ["Mover"]
 class Mover(Protocol):
     """Construction is the set-up; steps are asked for in order, once each."""
 
-    def __init__(self, task: Task, **options: str) -> None: ...
+    def __init__(self, task: Task, **options: Any) -> None: ...
 
     def move(self, step: int) -> NDArray[np.float64]:
         """Positions (n, d) of all nodes after a step, counted from 0."""

@@ -13,29 +13,32 @@ __all__ = ["small_task"]
 
 Ints = NDArray[np.int64]
 
-_SIDE = 8  # nodes on an edge of the box
+#: Nodes on an edge of the box, by dimension: about a thousand free nodes, enough for every solver to be used.
+_SIDE = {2: 32, 3: 12}
 
 
 def small_task(task: Task) -> Task:
     """A unit box around a moving cube, displaced far enough to distort the cells between them."""
     dimension = task.points.shape[1]
-    axis = np.linspace(0, 1, _SIDE)
+    axis = np.linspace(0, 1, _SIDE[dimension])
     points = np.stack(np.meshgrid(*[axis] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     cubes = _cubes(dimension)
-    cubes = cubes[np.any(np.abs(points[cubes].mean(axis=1) - 0.5) > 0.2, axis=1)]
+    inside = np.all(np.abs(points[cubes].mean(axis=1) - 0.5) < 0.2, axis=1)
+    body, cubes = cubes[inside], cubes[~inside]
     used = np.isin(np.arange(len(points)), cubes)
     number = np.cumsum(used) - 1
     points = points[used]
     cells = {name: _CELLS_OF_CUBE[name](number[cubes]) for name in task.cells}
-    moving = np.flatnonzero(np.all(np.abs(points - 0.5) < 0.25, axis=1))
+    moving = number[np.intersect1d(body, cubes)]
     fixed = np.flatnonzero(np.any((points == 0) | (points == 1), axis=1))
     return Task(points, cells, moving, fixed, np.full((1, len(moving), dimension), 0.12))
 
 
 def _cubes(dimension: int) -> Ints:
     """Nodes of every square or cube of the grid, corners in binary order (the last axis changes fastest)."""
-    number = np.arange(_SIDE**dimension).reshape((_SIDE,) * dimension)
-    corners = [number[tuple(slice(o, o + _SIDE - 1) for o in offset)] for offset in np.ndindex((2,) * dimension)]
+    side = _SIDE[dimension]
+    number = np.arange(side**dimension).reshape((side,) * dimension)
+    corners = [number[tuple(slice(o, o + side - 1) for o in offset)] for offset in np.ndindex((2,) * dimension)]
     return np.stack([corner.ravel() for corner in corners], axis=1)
 
 

@@ -95,4 +95,4 @@ class _Watch:
             self.cpu.append(cpu_seconds(process) - self._step_cpu)
             self._step_start = None
         elif "FOAM FATAL" in line or "sigFpe" in line:
-            self.error = self.error or line.strip()
+            self.error = self.error or ("floating point exception" if "sigFpe" in line else line.strip())
