@@ -54,11 +54,19 @@ def build_motion_model(
 
 
 def check_basis(name: str) -> None:
-    """Raise InvalidInput unless the numerics know the basis and can use it."""
+    """Raise INVALID_ARGUMENT.SETTINGS unless the numerics know the basis and can use it."""
     # imported here for the same reason
     from mesh_motion_server.numerics.kernels import basis_named  # noqa: PLC0415
 
-    basis_named(name)
+    try:
+        basis_named(name)
+    except InvalidInput as error:
+        raise InvalidInput(
+            f"setting 'basis': {error.message}",
+            code="INVALID_ARGUMENT.SETTINGS",
+            hint=error.hint,
+            details={"setting": "basis", "value": repr(name)},
+        ) from error
 
 
 def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Model:

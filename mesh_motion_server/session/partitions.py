@@ -118,7 +118,8 @@ class MergedMesh:
 
     def scatter(self, values: Floats, partition: int) -> Floats:
         """(n_p, d) rows of canonical ``values`` (n, d), in a partition's own order."""
-        return values[self.node_maps[partition]]
+        # take is three times as fast as indexing with an array
+        return np.take(values, self.node_maps[partition], axis=0)
 
     def gather_moving(self, displacements: Sequence[Floats]) -> Floats:
         """One displacement per moving node from each partition's rows.

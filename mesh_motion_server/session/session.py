@@ -299,7 +299,7 @@ class Session:
         built, trial = self._require_built(), self._now.trial
         if trial is None:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
-        durable = trial.points[built.mesh.id_order]
+        durable = np.take(trial.points, built.mesh.id_order, axis=0)
         digest = state_digest(trial.step, durable)
         outcome = CommitOutcome(trial.step, digest, built.model.summary(trial.points))
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
