@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import statistics
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -28,7 +29,7 @@ class Measurement:
     cpu_seconds : list of float
         Processor time of each step, all threads: nearly independent of what else the machine does.
     peak_bytes : int
-        Largest resident set of the process, libraries and mesh included.
+        Largest resident set, libraries and mesh included.
     """
 
     setup_seconds: float
@@ -56,12 +57,27 @@ class Measurement:
         return cls(**json.loads((folder / "measurement.json").read_text(encoding="utf-8")))
 
 
-def peak_memory(process: int | str = "self") -> int:
-    """Largest resident set so far, bytes; 0 if the process has gone or the platform does not say.
+def peak_memory(process: int) -> int:
+    """Largest resident sets so far of a process and its descendants, added up, bytes; 0 if it has gone.
 
-    The kernel's high-water mark of this address space: a parent's memory before ``exec`` does not count, as it does in
+    The kernel's high-water mark of each address space: a parent's memory before ``exec`` does not count, as it does in
     ``getrusage``.
     """
+    return sum(_high_water_mark(member) for member in _family(process))
+
+
+def cpu_seconds(process: int) -> float:
+    """Processor time that the living threads of a process and its descendants have used so far; 0 if it has gone."""
+    nanoseconds = 0
+    for member in _family(process):
+        for thread in Path(f"/proc/{member}/task").glob("*/schedstat"):
+            with suppress(OSError):
+                nanoseconds += int(thread.read_text(encoding="ascii").split()[0])
+    return nanoseconds * 1e-9
+
+
+def _high_water_mark(process: int) -> int:
+    """VmHWM of one process, bytes."""
     try:
         status = Path(f"/proc/{process}/status").read_text(encoding="ascii")
     except OSError:
@@ -70,9 +86,11 @@ def peak_memory(process: int | str = "self") -> int:
     return int(found.group(1)) * 1024 if found else 0
 
 
-def cpu_seconds(process: int) -> float:
-    """Processor time that another process of one thread has used so far; 0 if it has gone."""
-    try:
-        return int(Path(f"/proc/{process}/schedstat").read_text(encoding="ascii").split()[0]) * 1e-9
-    except OSError:
-        return 0.0
+def _family(process: int) -> list[int]:
+    """A process and its descendants."""
+    members = [process]
+    for member in members:
+        for thread in Path(f"/proc/{member}/task").glob("*/children"):
+            with suppress(OSError):
+                members += [int(child) for child in thread.read_text(encoding="ascii").split()]
+    return members

@@ -146,6 +146,9 @@ SYSTEMS: dict[str, System] = {
         {"correction_target": "maximum"},
         needs=_OURS,
     ),
+    "ours-served": PythonSystem(
+        "mesh-motion server, as it comes, over the wire", "served:ServedMover", needs="mesh_motion_server.transport"
+    ),
     "ours-plain": PythonSystem(
         "mesh-motion server, plain RBF",
         "ours:MotionModelMover",

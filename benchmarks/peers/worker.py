@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.measurement import Measurement, peak_memory
+from benchmarks.peers.measurement import Measurement, cpu_seconds, peak_memory
 from benchmarks.peers.movers.mover import Mover
 from benchmarks.peers.task import Task, step_file
 
@@ -28,14 +29,15 @@ def measure(kind: type[Mover], options: dict[str, Any], task: Task, folder: Path
     start = time.perf_counter()
     mover = kind(task, **options)
     setup = time.perf_counter() - start
+    this = os.getpid()
     seconds, processor = [], []
     for step in range(task.steps):
-        start, used = time.perf_counter(), time.process_time()
+        start, used = time.perf_counter(), cpu_seconds(this)
         positions = mover.move(step)
         seconds.append(time.perf_counter() - start)
-        processor.append(time.process_time() - used)
+        processor.append(cpu_seconds(this) - used)
         np.save(step_file(folder, step), positions)
-    return Measurement(setup, seconds, processor, peak_memory())
+    return Measurement(setup, seconds, processor, peak_memory(this))
 
 
 def main(arguments: list[str]) -> None:

@@ -1,0 +1,46 @@
+"""The mesh-motion server over its wire: what a solver waits for.
+
+The server is started and its kernels are loaded before the clock starts; set-up is opening a session and sending the
+mesh, a step is one Move and one durable Commit. Memory and processor time are those of client, server and worker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from mesh_motion_client import Mesh, Patch, Server, connect
+from numpy.typing import NDArray
+
+from benchmarks.peers.movers.small_task import small_task
+from benchmarks.peers.task import Task
+
+__all__ = ["ServedMover"]
+
+
+class ServedMover:
+    """A session on a private server; the options are the session's settings."""
+
+    server: ClassVar[Server]
+
+    def __init__(self, task: Task, **options: Any) -> None:
+        patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
+        self.task = task
+        self.session = self.server.open(Mesh(task.points, cells=task.cells, patches=patches), options)
+        self.order = np.searchsorted(task.moving, self.session.moving_nodes)
+
+    def move(self, step: int) -> NDArray[np.float64]:
+        """Positions after a step, committed."""
+        moved = self.session.move(self.task.displacements[step][self.order], frame="reference")
+        self.session.commit()
+        positions: NDArray[np.float64] = self.task.points + moved.displacement
+        return positions
+
+    @classmethod
+    def prepare(cls, task: Task, options: Mapping[str, Any]) -> None:
+        """Start the server and let it load its kernels."""
+        cls.server = connect(compute_timeout=3600.0)
+        small = cls(small_task(task), **{**options, "quality_threshold": 0.99})
+        small.move(0)
+        small.session.close("discard")
