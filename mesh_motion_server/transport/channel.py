@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import select
 import socket
 from typing import Any
 
@@ -50,6 +51,10 @@ class Channel:
         except OSError:
             return False
         return True
+
+    def pending(self) -> bool:
+        """Whether :meth:`receive` would return at once."""
+        return bool(select.select([self._line], [], [], 0)[0])
 
     def receive(self) -> dict[str, Any] | None:
         """Wait for a message; None when the other end is gone."""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from mesh_motion_server.service.dispatch import Envelope
+from mesh_motion_server.service.envelope import Envelope
 
 __all__ = ["Hosting", "SessionHost"]
 

@@ -1,6 +1,6 @@
 """One session's process: ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE NUMERICS``.
 
-Everything is imported first, then the process waits for its order: create a session, or resume one from its journal.
+Everything is imported and warmed up first, then the process waits for its order: create a session, or resume one from its journal.
 From then on one request at a time: frames → message → host → replies → frames. While it computes nobody else is served
 here; whether it still lives is asked at the gateway (PROBE).
 
@@ -26,7 +26,7 @@ from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import CONTROL, REPLIES, Message, Ping, Pong
 
 from mesh_motion_server.errors import MeshMotionError, ResourceError
-from mesh_motion_server.service.dispatch import Envelope
+from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.channel import Channel
@@ -35,6 +35,7 @@ from mesh_motion_server.transport.hosting import Hosting, SessionHost
 from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, wake_on_signals
 from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
 from mesh_motion_server.transport.telemetry import configure, log
+from mesh_motion_server.transport.warmup import warm_up
 
 __all__ = ["Lease", "Worker", "main"]
 
@@ -207,6 +208,7 @@ def main(arguments: list[str]) -> int:
     configure("worker", level)
     hosting = Hosting(*modules)
     hosts, stores = hosting.load_host(), hosting.load_store()
+    warm_up(hosting.numerics, interrupted=channel.pending)
     order = channel.receive()
     if order is None or order["order"] == "drain":
         return 0

@@ -14,7 +14,7 @@ import numpy as np
 from mesh_motion_protocol import messages as m
 
 from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.service.dispatch import Envelope
+from mesh_motion_server.service.envelope import Envelope
 
 
 class SessionStore:

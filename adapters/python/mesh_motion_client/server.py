@@ -35,6 +35,8 @@ __all__ = ["Server", "connect"]
 AGENT = "mesh_motion_client 1.0"
 #: A worker that falls while the mesh is uploaded leaves nothing to resume: the session is opened again so often.
 _OPEN_ATTEMPTS = 3
+#: A server that runs for the first time compiles its kernels before its first session.
+_COLD_START_SECONDS = 300.0
 
 
 class Server:
@@ -118,7 +120,7 @@ class Server:
         opened = self._control.ask(
             Open,
             Opened,
-            self._timeout,
+            max(self._timeout, min(self._compute_timeout, _COLD_START_SECONDS)),
             dimension=mesh.dimension,
             partitions=partitions,
             settings=dict(settings or {}),
