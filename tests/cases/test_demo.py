@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mesh_motion_server.cases.case import read_case
+from mesh_motion_server.cases.demo import DEMO_CASES, Outcome, _write_case, play_demo, table_of
+from mesh_motion_server.cases.motion_program import MotionProgram
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("case", DEMO_CASES, ids=lambda case: case.name)
+def test_the_demo_shows_the_examples(case, tmp_path: Path) -> None:
+    """The installed demonstration has copies of the examples' files."""
+    ours = read_case(_write_case(tmp_path / "demo", case, "corrected", "optimised"))
+    example = read_case(ROOT / "examples" / case.name / "case.toml")
+    assert ours.content.patches == example.content.patches
+    assert ours.content.motion == example.content.motion
+    assert ours.content.method.support_radius == example.content.method.support_radius
+    assert ours.content.method.displacement == example.content.method.displacement
+    for name in case.files.values():
+        assert (ours.path.parent / name).read_bytes() == (example.path.parent / name).read_bytes()
+    MotionProgram.of(ours, ours.read_mesh())
+
+
+@pytest.mark.slow
+def test_the_demo_corrects_what_plain_interpolation_inverts(tmp_path: Path) -> None:
+    outcomes: list[Outcome] = play_demo(tmp_path)
+    assert {p.name for p in tmp_path.glob("*.png")} == {"overview.png", "flag.png"}
+    for outcome in outcomes[:3]:
+        assert outcome.standard.summary["inverted_cells"] > 0
+        assert outcome.corrected.summary["inverted_cells"] == 0
+        assert outcome.corrected.summary["min_size_skew"] > 0.2
+    flag = outcomes[3]
+    assert flag.corrected.summary["min_size_skew"] > flag.standard.summary["min_size_skew"] + 0.1
+    assert table_of(outcomes).row_count == 4

@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from mesh_motion_client import Mesh, Patch, Server, Unavailable, connect
+
+from mesh_motion_server.cases.inspect import inspect_folder, list_sessions
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import read_mesh
+
+
+def client_mesh(path: Path) -> Mesh:
+    mesh = read_mesh(path)
+    roles = {"block": "moving", "outer": "fixed"}
+    return Mesh(mesh.points, mesh.cells, {name: Patch(roles[name], nodes) for name, nodes in mesh.patches.items()})
+
+
+def test_the_sessions_of_a_server_are_listed(make_case, server: Server) -> None:
+    with server.open(client_mesh(make_case().parent / "mesh.npz"), label="of a test") as session:
+        found = list_sessions(server.endpoint, 10.0)
+        assert [s["label"] for s in found.values["sessions"]] == ["of a test"]
+        assert found.table.row_count == 1
+        session.close("discard")
+    assert list_sessions(server.endpoint, 10.0).values["sessions"] == []
+
+
+def test_nobody_at_the_endpoint(tmp_path: Path) -> None:
+    with pytest.raises(Unavailable, match="no server answers"):
+        list_sessions(f"ipc://{tmp_path}/nobody", 0.2)
+
+
+def test_stored_sessions_are_judged(make_case, tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    with connect(state=state) as server:
+        server.open(client_mesh(make_case().parent / "mesh.npz"), label="kept").close("keep")
+    found = inspect_folder(state)
+    assert [(s["label"], s["state"], s["step"]) for s in found.values["sessions"]] == [("kept", "whole", 0)]
+    assert found.damaged == []
+    [folder] = (state / "sessions").iterdir()
+    assert inspect_folder(folder).values["session"] == folder.name
+    data = bytearray((folder / "mesh.bin").read_bytes())
+    data[len(data) // 2] ^= 1
+    (folder / "mesh.bin").write_bytes(data)
+    assert inspect_folder(state).damaged == [folder.name]
+    assert inspect_folder(folder).damaged == [folder.name]
+
+
+def test_any_other_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="neither a session's folder nor"):
+        inspect_folder(tmp_path)
+    with pytest.raises(InvalidInput, match="neither"):
+        inspect_folder(tmp_path / "none")

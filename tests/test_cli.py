@@ -1,0 +1,240 @@
+"""The command line as people and programs meet it: output, one-line errors, exit statuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mesh_motion_server import __version__
+from mesh_motion_server import cli as cli_module
+from mesh_motion_server import commands
+from mesh_motion_server.cli import ExitStatus, main, status_of
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+ROTATION = EXAMPLES / "thesis_rotation" / "case.toml"
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command line in this process: exit status, standard output, standard error."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["mesh-motion", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        code = ended.value.code
+        return int(code) if isinstance(code, int) else 0, captured.out, captured.err
+
+    return run
+
+
+def one_line(text: str) -> str:
+    """The text, which must be one line."""
+    assert text.endswith("\n")
+    assert text.count("\n") == 1, text
+    assert "Traceback" not in text
+    return text.strip()
+
+
+def test_help_lists_the_commands_and_statuses(run: Run) -> None:
+    status, out, _ = run("--help")
+    assert status == 0
+    for word in ("play", "check", "serve", "inspect", "demo", "version", "Exit status"):
+        assert word in out
+
+
+@pytest.mark.parametrize("command", ["play", "check", "serve", "inspect"])
+def test_each_command_explains_itself_with_examples(run: Run, command: str) -> None:
+    status, out, _ = run(command, "--help")
+    assert status == 0
+    assert f"mesh-motion {command} " in out
+
+
+def test_version(run: Run) -> None:
+    status, out, _ = run("version")
+    assert status == 0
+    assert out.startswith(f"mesh-motion-server {__version__}, protocol 1.0\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["fly"], ["play"], ["play", "a", "--out"], ["play", "a", "--out", "b", "--every", "0"], ["inspect"],
+     ["inspect", "a", "--endpoint", "b"], ["serve", "--log-level", "loud"], ["check", "a", "--xml"]],
+)  # fmt: skip
+def test_wrong_usage_is_status_2(run: Run, arguments: list[str]) -> None:
+    status, out, err = run(*arguments)
+    assert status == ExitStatus.INVALID
+    assert out == ""
+    assert "Error" in err
+    assert "Traceback" not in err
+
+
+def test_statuses_follow_the_error_codes() -> None:
+    assert status_of("INVALID_ARGUMENT.NONFINITE") == 2
+    assert status_of("FAILED_PRECONDITION.QUALITY") == 3
+    assert status_of("FAILED_PRECONDITION.STEP") == 4
+    assert status_of("RESOURCE_EXHAUSTED.DISK") == 4
+    assert status_of("UNAVAILABLE.DRAINING") == 69
+    assert status_of("INTERNAL") == 70
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("support_radius = 0.5", "support_radius = -0.5", "method.support_radius: expected greater than 0, got -0.5"),
+        ('basis = "wendland-c2"', 'basis = "wendland-c9"', "wendland-c9"),
+        ('block = "moving"', 'blok = "moving"', "motion 1: unknown patch 'block'"),
+        ('outer = "fixed"', "", "patch 'outer' of mesh.npz has no role"),
+        ("[-0.2, -0.2]", "[nan, -0.2]", "expected a finite number, got nan"),
+        ("[-0.2, -0.2]", "[-0.2, -0.2, 0.0]", "translation has 3 entries, but the mesh is 2D"),
+        ('file = "mesh.npz"', 'file = "empty.npz"', "the mesh has no cells"),
+        ("[mesh]", "[mesh", "not a TOML file"),
+    ],
+)
+def test_an_invalid_case_is_one_line_and_status_2(run: Run, tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = ROTATION.read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / "case.toml").write_text(text.replace(old, new), encoding="utf-8")
+    (tmp_path / "mesh.npz").write_bytes((ROTATION.parent / "mesh.npz").read_bytes())
+    np.savez(tmp_path / "empty.npz", points=np.zeros((1, 2)), cells_triangle=np.empty((0, 3), dtype=np.int64))
+    status, out, err = run("check", tmp_path / "case.toml")
+    assert status == ExitStatus.INVALID
+    assert message in one_line(err)
+    assert out == ""
+    if "wendland" not in message:  # what only a server could tell is tried where there is one
+        status, _, err = run("play", tmp_path / "case.toml", "--out", tmp_path / "out")
+        assert status == ExitStatus.INVALID
+        assert message in one_line(err)
+        assert not (tmp_path / "out").exists()
+
+
+def test_check_prints_a_report_for_people_and_for_programs(run: Run) -> None:
+    status, out, err = run("check", ROTATION)
+    assert (status, err) == (0, "")
+    for part in ("723 nodes", "1342 triangle", "block: 12 nodes, moving", "0.5 in the case", "usable as a case"):
+        assert part in out
+    status, out, _ = run("check", ROTATION, "--json")
+    report = json.loads(out)
+    assert report["patches"] == {"outer": {"role": "fixed", "nodes": 92}, "block": {"role": "moving", "nodes": 12}}
+    assert report["warnings"] == []
+    status, out, _ = run("check", ROTATION.parent / "mesh.npz")
+    assert status == 0
+    assert "usable as a mesh" in out
+
+
+def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> None:
+    """A private server for each: played, refused, and nobody at an endpoint."""
+    status, out, _ = run("play", ROTATION, "--out", tmp_path / "out")
+    assert status == 0
+    assert "0 inverted cells" in out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["inverted_cells"] == 0
+    assert summary["boundary_error"] <= 1e-12
+    text = ROTATION.read_text(encoding="utf-8").replace("[-0.2, -0.2]", "[-0.9, -0.2]")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "mesh.npz").write_bytes((ROTATION.parent / "mesh.npz").read_bytes())
+    status, out, err = run("play", tmp_path / "case.toml", "--out", tmp_path / "out")
+    assert status == ExitStatus.REFUSED
+    one_line(err)
+    assert out == ""
+    assert not list((tmp_path / "out").iterdir())  # the earlier results went, too
+
+
+def test_nobody_at_the_endpoint_is_status_69(run: Run, tmp_path: Path) -> None:
+    status, _, err = run("inspect", "--endpoint", f"ipc://{tmp_path}/nobody", "--timeout", "0.2")
+    assert status == ExitStatus.UNAVAILABLE
+    assert "no server answers" in one_line(err)
+
+
+def test_wrong_and_unsafe_server_settings_are_status_78(run: Run, tmp_path: Path) -> None:
+    status, _, err = run("serve", "--endpoint", "tcp://0.0.0.0:0")
+    assert status == ExitStatus.CONFIGURATION
+    assert "reached by other machines" in err
+    (tmp_path / "server.toml").write_text("max_sessions = 0\n")
+    status, _, err = run("serve", "--settings", tmp_path / "server.toml")
+    assert status == ExitStatus.CONFIGURATION
+    assert "max_sessions" in one_line(err)
+    status, _, err = run("serve", "--settings", tmp_path / "none.toml")
+    assert status == ExitStatus.CONFIGURATION
+    one_line(err)
+
+
+def test_inspect_of_a_strange_folder_is_status_2(run: Run, tmp_path: Path) -> None:
+    status, _, err = run("inspect", tmp_path)
+    assert status == ExitStatus.INVALID
+    one_line(err)
+
+
+def test_serve_says_ready_lists_its_sessions_and_drains(run: Run, tmp_path: Path) -> None:
+    endpoint = f"ipc://{tmp_path}/control"
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "mesh_motion_server",
+            "serve",
+            "--endpoint",
+            endpoint,
+            "--state",
+            str(tmp_path / "state"),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"ready {endpoint}\n"
+        status, out, _ = run("inspect", "--endpoint", endpoint)
+        assert status == 0
+        assert "0 sessions" in out
+        status, out, _ = run("inspect", "--endpoint", endpoint, "--json")
+        assert json.loads(out)["sessions"] == []
+    finally:
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 0
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def test_without_the_server_extra_one_line_names_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("typer", "mesh_motion_server.commands"):
+        monkeypatch.delitem(sys.modules, package, raising=False)
+    monkeypatch.setitem(sys.modules, "typer", None)
+    monkeypatch.setattr(sys, "argv", ["mesh-motion", "version"])
+    status, _, err = run("version")
+    assert status == ExitStatus.UNAVAILABLE
+    assert "pip install 'mesh-motion-server[server]'" in one_line(err)
+
+
+def test_a_defect_is_status_70_and_asks_to_be_reported(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(commands, "app", broken)
+    status, _, err = run("version")
+    assert status == ExitStatus.DEFECT
+    assert "please report" in err
+
+
+def test_the_table_of_statuses_is_the_enumeration() -> None:
+    documented = {int(number) for number in re.findall(r"^(\d+) ", str(cli_module.__doc__), re.MULTILINE)}
+    assert documented == {int(status) for status in ExitStatus}
+
+
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    script = f"{sys.executable} -m mesh_motion_server check {ROTATION} --json | head -1; exit ${{PIPESTATUS[0]}}"
+    ended = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, env=os.environ)
+    assert ended.stderr == ""
