@@ -12,12 +12,12 @@ import numpy as np
 
 from benchmarks.peers.judge import Judge, Verdict
 from benchmarks.peers.measurement import Measurement, SystemFailure
-from benchmarks.peers.meshes import load_or_build
+from benchmarks.peers.meshes import MESHES, load_or_build
 from benchmarks.peers.motions import MOTIONS
 from benchmarks.peers.systems import SYSTEMS
 from benchmarks.peers.task import Task, step_file
 
-__all__ = ["CASES", "BenchmarkCase", "Outcome", "compare"]
+__all__ = ["CASES", "BenchmarkCase", "Outcome", "compare", "name_in_words"]
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,20 @@ CASES: dict[str, BenchmarkCase] = {
         BenchmarkCase("M2", "T1", 20),
         BenchmarkCase("M3", "T3", 1),
         BenchmarkCase("M3", "T3", 10),
+        BenchmarkCase("M3", "T2s", 3),
+        BenchmarkCase("M3", "T2", 20),
         BenchmarkCase("H1", "T3", 1),
         BenchmarkCase("H1", "T3", 10),
         BenchmarkCase("M4", "T3", 1),
     )
 }
+
+
+def name_in_words(case: str) -> str:
+    """``M1: slab in a square, …; translate …, in 20 steps``."""
+    chosen = CASES[case]
+    steps = "one step" if chosen.steps == 1 else f"{chosen.steps} steps"
+    return f"{chosen.mesh}, {MESHES[chosen.mesh][0]}: {MOTIONS[chosen.motion].text}, in {steps}"
 
 
 @dataclass(frozen=True)

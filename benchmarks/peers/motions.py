@@ -1,18 +1,32 @@
-"""The motions: large rigid ones, in one step or in equal sub-steps of angle and translation.
+"""The motions: large rigid ones, in one step or in equal sub-steps of angle and translation, and bending in small steps.
 
-After step s of S a node at X is displaced by u = s/S t + (R(s/S θ) - I)(X - c), as in a case file.
+After step s of S a rigid motion displaces a node at X by u = s/S t + (R(s/S θ) - I)(X - c), as in a case file.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MOTIONS", "RigidMotion"]
+__all__ = ["MOTIONS", "Bending", "Motion", "RigidMotion"]
 
 Floats = NDArray[np.float64]
+
+
+class Motion(Protocol):
+    """Where boundary nodes go."""
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        ...
+
+    def displacements(self, points: Floats, steps: int) -> Floats:
+        """(steps, k, d) total displacement of the points (k, d) after each step."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -33,7 +47,7 @@ class RigidMotion:
     degrees: float
 
     def displacements(self, points: Floats, steps: int) -> Floats:
-        """(steps, k, d) total displacement of the points (k, d) after each step."""
+        """As :meth:`Motion.displacements`."""
         return np.stack([self._displacement(points, (step + 1) / steps) for step in range(steps)])
 
     def _displacement(self, points: Floats, fraction: float) -> Floats:
@@ -45,7 +59,35 @@ class RigidMotion:
         return displacement
 
 
-MOTIONS: dict[str, RigidMotion] = {
+@dataclass(frozen=True)
+class Bending:
+    """A cantilever along x under a tip load: u_y = a t² (3 - t) / 2, t from 0 at the root to 1 at the tip.
+
+    Attributes
+    ----------
+    text : str
+    amplitude : float
+        Displacement a of the tip.
+    root, tip : float
+        Coordinates x.
+    """
+
+    text: str
+    amplitude: float
+    root: float = 0.3
+    tip: float = 0.7
+
+    def displacements(self, points: Floats, steps: int) -> Floats:
+        """As :meth:`Motion.displacements`; steps of equal amplitude."""
+        t = (points[:, 0] - self.root) / (self.tip - self.root)
+        displacements = np.zeros((steps, *points.shape))
+        displacements[:, :, 1] = np.linspace(0, self.amplitude, steps + 1)[1:, None] * t**2 * (3 - t) / 2
+        return displacements
+
+
+MOTIONS: dict[str, Motion] = {
     "T1": RigidMotion("translate (−0.2, −0.2), rotate 60°", (-0.2, -0.2), (0.5, 0.5), 60.0),
+    "T2": Bending("bend, tip +40 % of the span", 0.16),
+    "T2s": Bending("bend, tip +6 % of the span", 0.024),
     "T3": RigidMotion("translate −0.15 in y, rotate 30° about z", (0.0, -0.15, 0.0), (0.5, 0.5, 0.5), 30.0),
 }

@@ -6,9 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.peers.comparison import CASES, Outcome
-from benchmarks.peers.meshes import MESHES
-from benchmarks.peers.motions import MOTIONS
+from benchmarks.peers.comparison import Outcome, name_in_words
+from benchmarks.peers.picture import write_picture
 from benchmarks.peers.systems import SYSTEMS
 
 __all__ = ["markdown", "write_report"]
@@ -26,7 +25,7 @@ def write_report(outcomes: Sequence[Outcome], machine: dict[str, object], out: P
     facts = "; ".join(f"{key}: {value}" for key, value in machine.items())
     (out / "peers.md").write_text(markdown(outcomes) + f"\n{facts}\n", encoding="utf-8")
     if any(outcome.verdict for outcome in outcomes):
-        _plot(outcomes, out / "peers.png")
+        write_picture(outcomes, out / "peers.png")
 
 
 def markdown(outcomes: Sequence[Outcome]) -> str:
@@ -34,15 +33,8 @@ def markdown(outcomes: Sequence[Outcome]) -> str:
     parts = []
     for name in dict.fromkeys(outcome.case for outcome in outcomes):
         rows = "".join(_row(outcome) for outcome in outcomes if outcome.case == name)
-        parts.append(f"**{title(name)}**\n\n{_HEAD}{rows}")
+        parts.append(f"**{name_in_words(name)}**\n\n{_HEAD}{rows}")
     return "\n".join(parts)
-
-
-def title(case: str) -> str:
-    """``M1: slab in a square, …; translate …, in 20 steps``."""
-    chosen = CASES[case]
-    steps = "one step" if chosen.steps == 1 else f"{chosen.steps} steps"
-    return f"{chosen.mesh}, {MESHES[chosen.mesh][0]}: {MOTIONS[chosen.motion].text}, in {steps}"
 
 
 def _row(outcome: Outcome) -> str:
@@ -64,45 +56,3 @@ def _row(outcome: Outcome) -> str:
 def _seconds(value: float) -> str:
     """Two significant digits without an exponent."""
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
-
-
-def _plot(outcomes: Sequence[Outcome], path: Path) -> None:
-    """Quality against time, one panel a case: right is slow, up is good, hollow markers have inverted cells."""
-    import matplotlib as mpl  # noqa: PLC0415  an extra
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415
-
-    cases = list(dict.fromkeys(outcome.case for outcome in outcomes))
-    columns = 2 if len(cases) > 1 else 1
-    rows = -(-len(cases) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(6.2 * columns, 3.4 * rows + 1), squeeze=False)
-    styles = dict(zip(SYSTEMS, zip("osD^vP*Xh<>", [f"C{i}" for i in range(10)] * 2, strict=False), strict=False))
-    for axis, case in zip(axes.flat, cases, strict=False):
-        for outcome in outcomes:
-            if outcome.case != case or outcome.measurement is None or outcome.verdict is None:
-                continue
-            marker, colour = styles[outcome.system]
-            axis.plot(
-                outcome.measurement.step,
-                outcome.verdict.min_size_skew,
-                marker,
-                color=colour,
-                markersize=9,
-                fillstyle="none" if outcome.verdict.most_inverted else "full",
-                label=SYSTEMS[outcome.system].label,
-            )
-        axis.set(
-            xscale="log", xlabel="seconds a step", ylabel="min size-skew", title=title(case).replace(": ", "\n", 1)
-        )
-        axis.title.set_fontsize(9)
-        axis.axhline(0, color="grey", linewidth=0.8)
-        axis.grid(alpha=0.3)
-    for axis in list(axes.flat)[len(cases) :]:
-        axis.axis("off")
-    handles = {label: h for axis in axes.flat for h, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=2, fontsize=9)
-    figure.suptitle("Mesh motion: quality after the motion against time (hollow: inverted cells)")
-    figure.tight_layout(rect=(0, 0.14 / rows**0.5 * 1.4, 1, 0.98))
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
