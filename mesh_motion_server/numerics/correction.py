@@ -1,74 +1,310 @@
-"""Corrections of a trial motion, chosen by name: from the standard trial positions to better ones, before any node moves."""
+"""The correction of a predicted motion, by name: nothing, the thesis' methods, optimised enrichment, freed trial nodes.
+
+It stands between "predict" and "displace": it gets where the standard motion would put the nodes, and answers where
+they shall go instead. Held nodes keep their standard positions bit by bit, and no node of the mesh has moved yet.
+
+==================  =====================================================================================
+none                the standard motion, whatever its quality
+imposed-gradient    thesis chapter 4, in 1D: :mod:`.enrichment.imposed_gradient`
+explicit            thesis Algorithm 1: one enrichment point after the other, :mod:`.enrichment.explicit_iterations`
+enrichment          all coefficients of all points at once: :mod:`.enrichment.coefficients`
+optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
+==================  =====================================================================================
+
+``optimised`` frees nodes and opens with no enrichment: from plain RBF positions the freed nodes reach the threshold in
+less time than an enrichment takes to be set up, at every size that was measured, and end at a better quality.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.enrichment.coefficients import (
+    EnrichmentSpace,
+    optimised_enrichment,
+    optimised_placement,
+)
+from mesh_motion_server.numerics.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_server.numerics.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
+from mesh_motion_server.numerics.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Factorization
-from mesh_motion_server.numerics.trial_nodes import TrialMesh, polish, reach
+from mesh_motion_server.numerics.trial_nodes import Polished, Stage, TrialMesh, polish, reach
 
-__all__ = ["Correction", "CorrectionProblem", "CorrectionSettings", "correct"]
+__all__ = ["CORRECTIONS", "TARGETS", "Correction", "CorrectionProblem", "CorrectionSettings", "correct"]
+
+Floats = NDArray[np.float64]
+
+TARGETS = ("auto", "threshold", "maximum")
+
+SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
+"""Free nodes, by dimension, up to which "auto" goes for the maximum: it costs about a second there."""
+
+_WORST = 10  # cells that a refusal names
+_VALID = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectionProblem:
-    """What a correction works on."""
+    """A predicted motion.
 
-    start: NDArray[np.float64]
-    standard: NDArray[np.float64]
+    Attributes
+    ----------
+    start : (n, d) array, mesh length unit
+        Positions that the standard motion starts from.
+    standard : (n, d) array, mesh length unit
+        Where it would put the nodes.
+    held : (n,) bool array
+        Nodes that no correction may move.
+    cells : CellTable
+    reference_sizes : (m,) array, length^d
+    factorization : Factorization
+        Of the boundary at ``start``.
+    evaluator : Evaluator
+    reference : (n, d) array, mesh length unit, optional
+        Nodes of the reference mesh, the ideal shape of cells that are no simplices; ``start`` by default.
+    """
+
+    start: Floats
+    standard: Floats
     held: NDArray[np.bool_]
     cells: CellTable
-    reference_sizes: NDArray[np.float64]
+    reference_sizes: Floats
     factorization: Factorization
     evaluator: Evaluator
+    reference: Floats | None = None
 
 
 @dataclass(frozen=True)
 class CorrectionSettings:
-    """How to correct."""
+    """Which correction, and how far.
 
-    correction: str
-    quality_metric: str
-    quality_threshold: float
-    target: str
-    enrichment_radius: float
-    max_enrichment_points: int
+    Attributes
+    ----------
+    correction : str
+        One of :data:`CORRECTIONS`, or "none".
+    quality_metric : str
+    quality_threshold : float
+        A motion that is at least this good is left alone.
+    target : {"auto", "threshold", "maximum"}
+        Stop at the threshold, or go for the best minimum quality; "auto": the maximum where it costs little.
+    enrichment_radius : float, mesh length unit
+        R_l.
+    max_enrichment_points : int
+        Bounds the enrichment, not the freed nodes.
+
+    Raises
+    ------
+    InvalidInput
+        On an unknown correction or target.
+    """
+
+    correction: str = "optimised"
+    quality_metric: str = "size-skew"
+    quality_threshold: float = 0.2
+    target: str = "auto"
+    enrichment_radius: float = 0.0
+    max_enrichment_points: int = 20
+
+    def __post_init__(self) -> None:
+        for name, known in (("correction", ("none", *CORRECTIONS)), ("target", TARGETS)):
+            if getattr(self, name) not in known:
+                raise InvalidInput(f"unknown {name} {getattr(self, name)!r}; known are {', '.join(known)}")
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Corrected trial positions and what was done."""
+    """What the correction did.
 
-    points: NDArray[np.float64]
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+        Corrected trial positions.
+    method : str
+        "none" where the standard motion was left alone, otherwise the correction.
+    minimum : float
+        Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
+    reached : bool
+        Whether the minimum is at or above the threshold.
+    enrichment_points : (K, d) array, mesh length unit
+    freed_nodes : int
+        Trial nodes that were moved one by one.
+    iterations : int
+    history : tuple of Stage
+        What was descended, where nodes were freed.
+    """
+
+    points: Floats
     method: str
-    enrichment_points: NDArray[np.float64]
+    minimum: float
+    reached: bool
+    enrichment_points: Floats
     freed_nodes: int = 0
     iterations: int = 0
-    reached: bool = True
-    history: tuple[object, ...] = field(default=())
+    history: tuple[Stage, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a method found; the mesh is judged afterwards."""
+
+    points: Floats
+    enrichment_points: Floats | None = None
+    freed_nodes: int = 0
+    iterations: int = 0
+    history: tuple[Stage, ...] = ()
 
 
 def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correction:
-    """Correct where the standard motion is below the threshold."""
-    mesh = TrialMesh(problem.start, problem.cells, problem.reference_sizes, problem.held, settings.quality_metric)
-    minimum = float(mesh.quality(problem.standard).min())
+    """Correct a predicted motion where it is below the threshold.
+
+    Parameters
+    ----------
+    problem : CorrectionProblem
+    settings : CorrectionSettings
+
+    Raises
+    ------
+    NumericalError
+        If no valid mesh was found; carries the best minimum quality met and the worst cells.
+    """
+    p = problem
+    reference = p.start if p.reference is None else p.reference
+    mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
+    quality = mesh.quality(p.standard)
+    if settings.correction == "none" or quality.min() >= _goal(settings):
+        return _judged(problem, settings, _Found(p.standard), "none", quality)
+    with one_blas_thread():
+        found = CORRECTIONS[settings.correction](problem, settings, mesh)
+    corrected = mesh.quality(found.points)
+    if corrected.min() < quality.min():  # a method may fail; the mesh never gets worse by it
+        found, corrected = _Found(p.standard), quality
+    if not corrected.min() > 0.0:
+        raise _refusal(corrected, settings)
+    return _judged(problem, settings, found, settings.correction, corrected)
+
+
+def _judged(
+    problem: CorrectionProblem, settings: CorrectionSettings, found: _Found, method: str, quality: Floats
+) -> Correction:
+    """The answer, with the quality (m,) of its mesh."""
+    minimum = float(quality.min())
     none = np.empty((0, problem.start.shape[1]))
-    if minimum >= settings.quality_threshold or settings.correction == "none":
-        return Correction(problem.standard, "none", none, reached=minimum >= settings.quality_threshold)
-    everything = settings.target != "threshold" and np.count_nonzero(~problem.held) <= 20_000
-    if everything:
-        found = polish(problem.standard, mesh, mesh.free(~problem.held))
-    else:
-        found = reach(problem.standard, mesh, settings.quality_threshold)
-    if found.minimum <= 0:
-        worst = np.argsort(mesh.quality(found.points), kind="stable")[:10]
-        raise NumericalError("no valid mesh found", best=found.minimum, cells=worst.tolist())
     return Correction(
-        found.points, "trial-nodes", none, found.freed, found.iterations, found.minimum >= settings.quality_threshold
+        points=found.points,
+        method=method,
+        minimum=minimum,
+        reached=minimum >= settings.quality_threshold,
+        enrichment_points=none if found.enrichment_points is None else found.enrichment_points,
+        freed_nodes=found.freed_nodes,
+        iterations=found.iterations,
+        history=found.history,
     )
+
+
+def _refusal(quality: Floats, settings: CorrectionSettings) -> NumericalError:
+    """The error for a mesh that stays invalid, with its quality (m,)."""
+    worst = np.argsort(quality, kind="stable")[:_WORST]
+    inverted = int(np.count_nonzero(~(quality > 0.0)))
+    return NumericalError(
+        f"no valid mesh found: {inverted} inverted cells, best minimum {settings.quality_metric} "
+        f"{float(quality[worst[0]]):.4g}, correction {settings.correction!r}",
+        best=float(quality[worst[0]]),
+        cells=worst.tolist(),
+        hint="take a smaller step",
+    )
+
+
+def _target(problem: CorrectionProblem, settings: CorrectionSettings) -> float:
+    """The quality at which a correction stops; inf for the best it can."""
+    free = int(np.count_nonzero(~problem.held))
+    small = free <= SMALL_MESH[problem.start.shape[1]]
+    maximum = settings.target == "maximum" or (settings.target == "auto" and small)
+    return float("inf") if maximum else _goal(settings)
+
+
+def _goal(settings: CorrectionSettings) -> float:
+    """The threshold, or where that lets inverted cells pass, just a valid mesh."""
+    return max(settings.quality_threshold, _VALID)
+
+
+def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """Free trial nodes: all for the maximum, a growing region for the threshold."""
+    if problem.start.shape[1] == 1:
+        return _Found(equal_stretch(problem.standard, mesh), freed_nodes=int(np.count_nonzero(~mesh.held)))
+    if mesh.held.all() or not _could_be_valid(problem.standard, mesh):
+        return _Found(problem.standard)
+    target = _target(problem, settings)
+    found: Polished
+    if np.isfinite(target):
+        found = reach(problem.standard, mesh, target)
+    else:
+        found = polish(problem.standard, mesh, mesh.free(~mesh.held))
+    return _Found(found.points, None, found.freed, found.iterations, found.history)
+
+
+def _could_be_valid(points: Floats, mesh: TrialMesh) -> bool:
+    """Whether every cell without a free node, which nothing can mend, is valid at the points (n, d)."""
+    fixed = np.concatenate([mesh.held[block.nodes].all(axis=1) for block in mesh.cells])
+    return bool((mesh.quality(points)[fixed] > 0.0).all())
+
+
+def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """Enrichment points, all coefficients optimised."""
+    if settings.max_enrichment_points == 0:
+        return _Found(problem.standard)
+    p, quality = problem, mesh.quality(problem.standard)
+    placement = optimised_placement(
+        p.start, p.cells, quality, count=settings.max_enrichment_points, radius=settings.enrichment_radius
+    )
+    space = EnrichmentSpace(placement, p.factorization, p.evaluator)
+    found = optimised_enrichment(mesh, p.start, p.standard, space, target=_target(problem, settings))
+    return _Found(found.points, found.enrichment_points, 0, found.iterations)
+
+
+def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """The thesis' explicit iterations."""
+    found = explicit_iterations(
+        problem,
+        ExplicitSettings(
+            enrichment_radius=settings.enrichment_radius,
+            threshold=settings.quality_threshold,
+            max_points=settings.max_enrichment_points,
+            metric=mesh.metric,
+        ),
+    )
+    return _Found(found.points, found.enrichment_points, 0, len(found.history) - 1)
+
+
+def _imposed_gradient(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """The thesis' imposed gradient: a point in the middle of the gap that holds the worst cell, in 1D."""
+    p = problem
+    boundary = np.flatnonzero(p.held)
+    worst = int(np.argmin(mesh.quality(p.standard)))
+    place = p.cells.centres(p.start, np.array([worst]))[0, 0]
+    x = np.sort(p.start[boundary, 0])
+    gap = int(np.clip(np.searchsorted(x, place), 1, len(x) - 1))
+    point = np.array([[0.5 * (x[gap - 1] + x[gap])]])
+    radii = ImposedGradient(
+        p.factorization.support_radius, settings.enrichment_radius, basis=p.factorization.basis.name
+    )
+    told = p.standard[boundary] - p.start[boundary]
+    moved = p.start + enriched_displacement(p.start, p.start[boundary], told, point, radii)
+    moved[boundary] = p.standard[boundary]
+    return _Found(moved, point, 0, 1)
+
+
+CORRECTIONS: dict[str, Callable[[CorrectionProblem, CorrectionSettings, TrialMesh], _Found]] = {
+    "imposed-gradient": _imposed_gradient,
+    "explicit": _explicit,
+    "enrichment": _enrichment,
+    "optimised": _optimised,
+}
+"""Correction by name; each gives positions that are judged on all cells afterwards."""

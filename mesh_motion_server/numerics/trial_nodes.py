@@ -229,7 +229,7 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polish
     free = bad & may_move
     while best.minimum < target and free.any():
         count = int(np.count_nonzero(free))
-        everything = count > _ALL * np.count_nonzero(may_move) or count <= best.freed  # too large, or cannot grow
+        everything = count > _ALL * int(np.count_nonzero(may_move)) or count <= best.freed  # too large, or cannot grow
         region = mesh.free(may_move if everything else free)
         found = polish(best.points, mesh, region, target=target, thorough=everything)
         quality = np.minimum(quality, mesh.quality(found.points))
