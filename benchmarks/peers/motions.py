@@ -1,4 +1,4 @@
-"""The motions: large rigid ones, in one step or in equal sub-steps of angle and translation, and bending in small steps.
+"""The motions: large rigid ones in one step or in equal sub-steps, and bending.
 
 After step s of S a rigid motion displaces a node at X by u = s/S t + (R(s/S θ) - I)(X - c), as in a case file.
 """
