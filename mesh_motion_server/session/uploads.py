@@ -110,7 +110,7 @@ class MeshUpload:
         self.nbytes = 0
 
     def _mesh(self, number: int, pile: _Pile) -> PartitionMesh:
-        joined = {key: np.concatenate(rows) for key, rows in pile.parts.items()}
+        joined = {key: rows[0] if len(rows) == 1 else np.concatenate(rows) for key, rows in pile.parts.items()}
         points = joined.get(("nodes", ""), np.empty((0, self._dimension)))
         return PartitionMesh(
             points=points.astype(np.float64, copy=False),

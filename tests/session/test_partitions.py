@@ -163,3 +163,15 @@ def test_the_senders_numbering(kit: Any, parts: int) -> None:
     named = view.name_node(5)
     assert named["global_id"] == 5
     assert meshes[named["partition"]].global_ids[named["node"]] == 5  # type: ignore[index,call-overload]
+
+
+@pytest.mark.parametrize("count", [3, 1000, 2**20, 2**21, 2**31, 2**40])
+def test_cells_are_sorted_by_their_node_tuples(count: int) -> None:
+    from mesh_motion_server.session.partitions import _lexicographic  # noqa: PLC0415
+
+    random = np.random.default_rng(count)
+    for columns in (2, 4, 8):
+        rows = random.integers(0, count, (500, columns))
+        rows[::2, 0] = rows[0, 0]
+        rows[::3, :-1] = rows[0, :-1]
+        assert rows[_lexicographic(rows, count)].tolist() == sorted(rows.tolist())
