@@ -1,15 +1,22 @@
 """Which solver, by the number of control points and the nonzero entries of a row.
 
-Measured on two cores, points on the surfaces of a box and a wing in it, three right-hand sides; N points, m entries a
-row on average:
+Seconds of one core for the set-up and for each solution with three right-hand sides, points on the surfaces of a box
+and of a wing in it, N points and m entries a row on average; two cores take a little more than half:
 
-- dense: N³/3 operations, 4 N² bytes. N = 4 258: 0.6 s; 10 000: 6 s and 0.4 GB; 18 216: 30 s and 1.3 GB.
-- sparse: N = 4 258, m = 300: 1.0 s, m = 60: 0.2 s, against the dense 1 s; N = 18 216, m = 250: 8.5 s, m = 90: 1.9 s.
-- iterative, entries summed: a solution costs about 30 products, N = 4 258: 1 s, 18 216: 9 s; entries stored (m = 250):
-  0.3 s after a set-up of 1 s.
+====== ==== ============== ============= =============
+N      m    dense          sparse        iterative
+====== ==== ============== ============= =============
+4 258  all  1.0 + 0.03                   0.5 + 0.6
+4 258  300                 0.41 + 0.006  0.07 + 0.14
+4 258  60                  0.09 + 0.003  0.07 + 0.06
+10 160 all  9.2 + 0.15                   0.8 + 3.2
+18 216 all  48 + 0.55                    1.2 + 11
+18 216 250                 4.5 + 0.05    0.30 + 0.67
+18 216 90                  1.5 + 0.03    0.28 + 0.25
+====== ==== ============== ============= =============
 
-A factorization serves all coupling iterations of a step and the enrichment's many columns, so a direct one is preferred
-as long as it fits comfortably.
+A dense factor takes 4 N² bytes (10 160 points: 0.4 GB, 18 216: 1.3 GB). A factorization serves all coupling iterations
+of a step and the enrichment's many columns, so a direct one is preferred as long as it fits comfortably.
 """
 
 from __future__ import annotations
@@ -30,10 +37,12 @@ __all__ = ["SOLVERS", "choose_solver"]
 
 SOLVERS = ("auto", "dense", "sparse", "iterative")
 
-#: Largest order for which "auto" makes a dense factor; a third of its set-up pays for one iterative solution there.
+#: Largest order for which "auto" makes a dense factor: there it costs as much as three iterative solutions.
 _DENSE_ORDER = 10_000
-#: Entries a row up to which a sparse factorization beats the others, for more points than a dense one does in no time.
-_SPARSE_ENTRIES, _SPARSE_ORDER = 150.0, 1_500
+#: Smallest order worth another solver than the dense one, which takes no time there.
+_SPARSE_ORDER = 1_500
+#: Longest rows and most entries for which a sparse factorization is made; its factors take up to eight times the matrix.
+_SPARSE_ROW, _SPARSE_ENTRIES = 300.0, 3e6
 
 
 def choose_solver(
@@ -66,6 +75,8 @@ def choose_solver(
 def _automatic(layout: CentreLayout, support_radius: float) -> str:
     """Name of the solver for these points."""
     n = layout.n_centres
-    if n > _SPARSE_ORDER and not layout.is_direct and mean_row_entries(layout, support_radius) <= _SPARSE_ENTRIES:
-        return "sparse"
+    if n > _SPARSE_ORDER and not layout.is_direct:
+        row = mean_row_entries(layout, support_radius)
+        if row <= _SPARSE_ROW and n * row <= _SPARSE_ENTRIES:
+            return "sparse"
     return "dense" if n <= _DENSE_ORDER else "iterative"

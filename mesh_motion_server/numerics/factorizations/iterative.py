@@ -1,8 +1,8 @@
 """Preconditioned conjugate gradients for many control points, in memory proportional to their number.
 
-The matrix is applied by the same compiled sums that evaluate the interpolant, or, where each row has few entries,
-stored in sparse rows; the preconditioner is a factorized sparse approximate inverse (``preconditioner.py``). All
-right-hand sides advance together, so the matrix is visited once an iteration.
+The matrix is applied by the same compiled sums that evaluate the interpolant (stored rows are faster only where a
+sparse factorization is faster still); the preconditioner is a factorized sparse approximate inverse
+(``preconditioner.py``). All right-hand sides advance together, so the matrix is visited once an iteration.
 
 Rounding lets the recurrences' residual drift from the true one: the true residual is formed at the end, and solved for
 again while that helps.
@@ -10,13 +10,10 @@ again while that helps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.assembly import mean_row_entries, sparse_matrix
 from mesh_motion_server.numerics.centres import CentreLayout
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.kernels import Basis
@@ -37,10 +34,9 @@ _MAX_ITERATIONS = 1000
 #: Iterations without halving the best residual: rounding has taken over.
 _PATIENCE = 25
 _REFINEMENTS = 3
-#: Rows stored as a sparse matrix up to this memory; beyond it, and for a direct sum, entries are computed when needed.
-_STORED_BYTES = 300e6
-#: Preceding points a row of the preconditioner: more where a product with the matrix is dear.
-_NEIGHBOURS_STORED, _NEIGHBOURS_SUMMED = 24, 64
+#: Preceding points a row of the preconditioner: many where a row of the matrix has more than this many terms to sum, so
+#: that fewer iterations soon pay for the dearer set-up.
+_LONG_ROW, _NEIGHBOURS_LONG, _NEIGHBOURS_SHORT = 2000.0, 64, 24
 
 
 class ConjugateGradients:
@@ -57,17 +53,17 @@ class ConjugateGradients:
     name = "iterative"
 
     def __init__(self, layout: CentreLayout, basis: Basis, support_radius: float) -> None:
-        self._order = layout.order
+        self._layout, self._basis, self._radius = layout, basis, support_radius
         self._points = np.ascontiguousarray(layout.coordinates.T)
-        self._apply, self._stored = _operator(layout, self._points, basis, support_radius)
-        neighbours = _NEIGHBOURS_STORED if self._stored else _NEIGHBOURS_SUMMED
+        long = layout.fraction * layout.n_centres > _LONG_ROW
+        neighbours = _NEIGHBOURS_LONG if long else _NEIGHBOURS_SHORT
         self._precondition = SparseInverse(self._points, basis, support_radius, neighbours)
         self.iterations = 0
 
     @property
     def nbytes(self) -> int:
-        """Memory of the preconditioner, the coordinates and the stored rows."""
-        return self._precondition.nbytes + self._points.nbytes + self._order.nbytes + self._stored
+        """Memory of the preconditioner and the coordinates."""
+        return self._precondition.nbytes + self._points.nbytes
 
     def solve(self, values: Array) -> Array:
         """(n, k) solution, rows in the caller's order.
@@ -77,7 +73,7 @@ class ConjugateGradients:
         NumericalError
             If the residual stays above 1e-8 of the right-hand side.
         """
-        rhs = np.ascontiguousarray(values[self._order])
+        rhs = np.ascontiguousarray(values[self._layout.order])
         scale = np.sqrt(np.sum(rhs * rhs, axis=0))
         scale[scale == 0.0] = 1.0
         x = np.zeros_like(rhs)
@@ -98,8 +94,13 @@ class ConjugateGradients:
                 hint="take a smaller support radius, or solver = 'dense'",
             )
         out = np.empty_like(x)
-        out[self._order] = x
+        out[self._layout.order] = x
         return out
+
+    def _apply(self, vectors: Array) -> Array:
+        """(n, k) product with the matrix, rows in the layout's order."""
+        weights, out = np.ascontiguousarray(vectors.T), np.empty_like(vectors)
+        return self._layout.sum(sum_values, self._basis, self._radius, self._points, weights, out)
 
     def _conjugate_gradients(self, rhs: Array, scale: Array) -> Array:
         """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""
@@ -131,18 +132,3 @@ def _ratio(a: Array, b: Array) -> Array:
 
 def _largest(residual: Array, scale: Array) -> float:
     return float(np.max(np.sqrt(np.sum(residual * residual, axis=0)) / scale))
-
-
-def _operator(
-    layout: CentreLayout, points: Array, basis: Basis, support_radius: float
-) -> tuple[Callable[[Array], Array], int]:
-    """The product with the interpolation matrix in the layout's order, and the bytes it holds."""
-    if not layout.is_direct and 12.0 * mean_row_entries(layout, support_radius) * layout.n_centres < _STORED_BYTES:
-        matrix = sparse_matrix(layout, basis, support_radius)
-        return matrix.__matmul__, int(matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes)
-
-    def apply(vectors: Array) -> Array:
-        weights = np.ascontiguousarray(vectors.T)
-        return layout.sum(sum_values, basis, support_radius, points, weights, np.empty_like(vectors))
-
-    return apply, 0
