@@ -41,7 +41,7 @@ SOLVERS = ("auto", "dense", "sparse", "iterative")
 _DENSE_ORDER = 10_000
 #: Smallest order worth another solver than the dense one, which takes no time there.
 _SPARSE_ORDER = 1_500
-#: Longest rows and most entries for which a sparse factorization is made; its factors take up to eight times the matrix.
+#: Longest rows and most entries for which a sparse factor is made; it takes up to eight times the matrix' memory.
 _SPARSE_ROW, _SPARSE_ENTRIES = 300.0, 3e6
 
 
