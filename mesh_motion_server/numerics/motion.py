@@ -194,6 +194,7 @@ class MotionModel:
                     reference_sizes=self.reference_sizes,
                     factorization=standard.factorization,
                     evaluator=self.evaluator,
+                    reference=self.points,
                 ),
                 self._correction_settings(),
             )
