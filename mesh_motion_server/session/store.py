@@ -144,7 +144,7 @@ class SessionStore:
         """
         path = self._path(spec.session)
         try:
-            self._files.make_folder(self._sessions)
+            self._make_durable_folder(self._sessions)
             if self._files.exists(path):
                 raise SessionError(f"there is a session {spec.session!r} already", hint="take a new id")
             self._files.make_folder(path)
@@ -244,6 +244,13 @@ class SessionStore:
         if not _SESSION_ID.fullmatch(session):
             raise _not_found(session)
         return self._sessions / session
+
+    def _make_durable_folder(self, path: Path) -> None:
+        """The folder and what is missing above it, each synced in the folder that holds it."""
+        missing = [folder for folder in (path, *path.parents) if not self._files.exists(folder)]
+        self._files.make_folder(path)
+        for folder in missing:
+            self._files.sync_folder(folder.parent)
 
     def _folders(self) -> Iterator[Path]:
         if self._sessions.is_dir():

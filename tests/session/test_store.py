@@ -147,3 +147,13 @@ def test_the_spec_is_json_and_survives_a_round_trip(kit: Any, store: SessionStor
 def test_a_home_folder_is_expanded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     assert SessionStore("~/state").root == tmp_path / "state"
+
+
+def test_the_folders_above_a_new_session_are_durable(kit: Any) -> None:
+    files = kit.files.ModelFiles()
+    SessionStore(Path("/a/b"), files=files).create(kit.make_spec())
+    for folder in ("sessions", "b", "a"):
+        assert f"sync_folder {folder}" in files.operations
+    files.arm(None)
+    SessionStore(Path("/a/b"), files=files).create(kit.make_spec(OTHER))
+    assert "sync_folder b" not in files.operations
