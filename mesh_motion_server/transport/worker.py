@@ -1,8 +1,8 @@
 """One session's process: ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE NUMERICS``.
 
-Everything is imported and warmed up first, then the process waits for its order: create a session, or resume one from its journal.
-From then on one request at a time: frames → message → host → replies → frames. While it computes nobody else is served
-here; whether it still lives is asked at the gateway (PROBE).
+Everything is imported and warmed up first, then the process waits for its order: create a session, or resume one from
+its journal. From then on one request at a time: frames → message → host → replies → frames. While it computes nobody
+else is served here; whether it still lives is asked at the gateway (PROBE).
 
 The lease holds while any connection is open. Without one the host is told after ``lease_seconds``, and after
 ``idle_seconds`` the process ends; the session stays resumable.

@@ -158,12 +158,28 @@ class Proxy:
         self._listener.close()
 
 
+@contextlib.contextmanager
+def running_server(folder):
+    running = PlainServer(folder).start()
+    try:
+        yield running
+    finally:
+        (folder / "hold").unlink(missing_ok=True)
+        running.stop()
+
+
 @pytest.fixture
 def server(tmp_path):
-    running = PlainServer(tmp_path).start()
-    yield running
-    (tmp_path / "hold").unlink(missing_ok=True)
-    running.stop()
+    """A server that the test may kill."""
+    with running_server(tmp_path) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def lasting_server(tmp_path_factory):
+    """One server for a module whose tests leave it alone."""
+    with running_server(tmp_path_factory.mktemp("server")) as running:
+        yield running
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -110,20 +109,31 @@ class Wire:
         return self.receive()
 
 
-@pytest.fixture
-def start(tmp_path):
-    servers = []
-
+def server_starter(base, servers):
     def start(*arguments, ready=True, **settings):
-        folder = tmp_path / f"server{len(servers)}" if "folder" not in settings else settings.pop("folder")
+        folder = base / f"server{len(servers)}" if "folder" not in settings else settings.pop("folder")
         folder.mkdir(exist_ok=True)
         servers.append(Server(folder, *arguments, **settings))
         return servers[-1].wait_ready() if ready else servers[-1]
 
-    yield start
+    return start
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts servers that the test may kill."""
+    servers = []
+    yield server_starter(tmp_path, servers)
     for server in servers:
-        if server.process.poll() is None:
-            os.kill(server.process.pid, signal.SIGCONT)
+        server.stop()
+
+
+@pytest.fixture(scope="module")
+def lasting_server(tmp_path_factory):
+    """One server for a module whose tests leave it alone."""
+    servers = []
+    yield server_starter(tmp_path_factory.mktemp("lasting"), servers)()
+    for server in servers:
         server.stop()
 
 
