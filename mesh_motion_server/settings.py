@@ -31,7 +31,7 @@ _KNOWN_REDUCTIONS = (
 )
 _OFFERED_REDUCTIONS = CHOICES["reduction"]
 
-#: Durability levels this version offers, the default first. TRUST names "replay" and "relaxed" for later versions.
+#: Durability levels this version offers, the default first; the protocol also knows "replay" and "relaxed".
 DURABILITY_LEVELS = ("full",)
 
 _Length = Annotated[float, Field(gt=0)]
