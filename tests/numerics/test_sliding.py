@@ -167,6 +167,8 @@ class TestCurved:
         assert (lid[:, 2] == 1).all()
         assert np.max(polygon_distance(rim[:, :2], polygon)) < 1e-15
         assert np.max(np.abs(rim[:, 2] - 1)) < 1e-15
+        rim_start = points[np.intersect1d(outer, end)]
+        assert np.median(np.linalg.norm(rim - rim_start, axis=1)) > 0.005  # they slide along it
 
     def test_triangles_and_quads_of_one_surface_work_together(self):
         points, cells, index = pipe(24, 1, 2)

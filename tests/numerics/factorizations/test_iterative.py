@@ -63,3 +63,14 @@ def test_a_solution_that_does_not_come_is_an_error(monkeypatch):
     solver = ConjugateGradients(CentreLayout.build(points, C2, 3.0), C2, 3.0)
     with pytest.raises(NumericalError, match="stopped at a relative residual of"):
         solver.solve(np.sin(3 * points))
+
+
+def test_what_the_recurrences_leave_is_solved_for_again(monkeypatch):
+    exact = ConjugateGradients._conjugate_gradients
+    drifted = lambda self, rhs, scale: exact(self, rhs, scale) * (1 + 1e-6)  # noqa: E731
+    monkeypatch.setattr(ConjugateGradients, "_conjugate_gradients", drifted)
+    points = sphere(500)
+    rhs = np.sin(3 * points)
+    solver = ConjugateGradients(CentreLayout.build(points, C2, 2.0), C2, 2.0)
+    residual = matrix(points, 2.0) @ solver.solve(rhs) - rhs
+    assert np.max(np.linalg.norm(residual, axis=0) / np.linalg.norm(rhs, axis=0)) < 1e-10
