@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesh_motion_server import __version__
+from mesh_motion_server import __version__, commands
 from mesh_motion_server import cli as cli_module
-from mesh_motion_server import commands
 from mesh_motion_server.cli import ExitStatus, main, status_of
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files import MeshFile, write_npz
 
-INNER, ROWS_OUTSIDE, ROWS_INSIDE = (0.4, 0.6), 7, 4
+INNER, ROWS_OUTSIDE, ROWS_INSIDE = (0.4, 0.6), 5, 3
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The wing's motion: it bends with the tip up by a fifth of the span, and its end twists by 10 degrees."""
+"""The wing's motion: it bends with the tip up by two fifths of the span, and its end twists by 30 degrees."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mesh_motion_server.files import read_mesh
 
 HERE = Path(__file__).parent
 SPAN, SWEEP, ROOT_CHORD, TIP_CHORD = 0.762, 0.809396, 0.557784, 0.368199
-TIP_RISE, TWIST, STEPS = 0.15, np.deg2rad(-10.0), 10
+TIP_RISE, TWIST, STEPS = 0.3, np.deg2rad(-30.0), 10
 
 
 def main() -> None:

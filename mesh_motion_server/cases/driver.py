@@ -53,6 +53,10 @@ class Driver(Protocol):
     def settings(self) -> dict[str, Any]:
         """The settings in force."""
 
+    @property
+    def mesh_warnings(self) -> list[str]:
+        """What the server noticed about the mesh."""
+
     def move(self, displacement: FloatArray) -> Reply:
         """Move the moving nodes (ascending) to their total displacement (k, d)."""
 
@@ -96,6 +100,10 @@ class _Session:
     @property
     def settings(self) -> dict[str, Any]:
         return dict(self._session.settings)
+
+    @property
+    def mesh_warnings(self) -> list[str]:
+        return list(self._session.mesh_report.get("warnings", []))
 
     def move(self, displacement: FloatArray) -> Reply:
         moved = self._session.move(displacement, frame="reference")

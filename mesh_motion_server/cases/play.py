@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_client import MeshMotionError as ClientError
 from numpy.typing import NDArray
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.case import Case, read_case
-from mesh_motion_server.cases.driver import Driver, open_session
+from mesh_motion_server.cases.driver import Driver, Reply, open_session
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import (
     SERIES,
@@ -31,6 +32,7 @@ from mesh_motion_server.cases.outputs import (
 )
 from mesh_motion_server.cases.picture import Snapshot, picture_is_possible, write_picture
 from mesh_motion_server.cases.records import StepRecord, add_seconds, quality_numbers
+from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.files import MeshFile, VtuSeries
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
@@ -132,7 +134,8 @@ class _Run:
         self._quality = cell_quality(mesh.points, self._cells, self._sizes)
         self._reference = self._worst = self._snapshot(0)
         self._records: list[StepRecord] = []
-        self._warnings: list[str] = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
+        self._warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
+        self._warnings += driver.mesh_warnings
         self._begin = time.perf_counter()
         self._write(0)
 
@@ -159,7 +162,7 @@ class _Run:
         for iteration in range(1, iterations + 1):
             fraction = 1.0 if iteration == iterations else 1.0 - (1.0 - _RELAXATION) ** iteration
             wanted = target if fraction == 1.0 else before + fraction * (target - before)
-            moved = self._driver.move(wanted)
+            moved = self._move(step, wanted)
             seconds = add_seconds(seconds, moved.seconds)
         self._driver.commit()
         elapsed = time.perf_counter() - begin
@@ -181,6 +184,14 @@ class _Run:
             seconds_correct=seconds["correct"],
             seconds_displace=seconds["displace"],
         )
+
+    def _move(self, step: int, displacement: FloatArray) -> Reply:
+        """One coupling iteration; an error says in which step."""
+        try:
+            return self._driver.move(displacement)
+        except (MeshMotionError, ClientError) as error:
+            error.message = f"step {step} of {self._program.count}: {error.message}"
+            raise
 
     def _boundary_error(self, target: FloatArray) -> float:
         """Largest distance of a moving or fixed node from where it was told to be."""
