@@ -122,7 +122,9 @@ def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatAr
 
 def _check_points(points: FloatArray, path: Path) -> None:
     """Refuse anything but finite coordinates of 1 to 3 dimensions."""
-    if points.ndim != 2 or points.shape[1] not in (1, 2, 3) or not len(points):
+    if points.ndim == 2 and not len(points):
+        raise InvalidInput(f"{path}: the mesh is empty: it has no nodes", code="INVALID_ARGUMENT.SHAPE")
+    if points.ndim != 2 or points.shape[1] not in (1, 2, 3):
         raise InvalidInput(
             f"{path}: expected points of shape (n, 1 | 2 | 3), got {points.shape}", code="INVALID_ARGUMENT.SHAPE"
         )
