@@ -41,6 +41,7 @@ class PlainServer:
         ready = self.folder / "ready.json"
         ready.unlink(missing_ok=True)
         values = {"endpoint": self.endpoint, "state_folder": str(self.folder / "state"), "threads": 1}
+        values["lease_seconds"] = 1.0
         with (self.folder / "log").open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(ready)],
@@ -97,7 +98,7 @@ class Proxy:
 
     def __init__(self, target):
         host, _, port = target.removeprefix("tcp://").rpartition(":")
-        self._target, self.deaf, self.stubborn = (host, int(port)), False, False
+        self._target, self.deaf, self.stubborn, self.shut = (host, int(port)), False, False, False
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.endpoint = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
         self._selector = selectors.DefaultSelector()
@@ -114,6 +115,9 @@ class Proxy:
 
     def _accept(self):
         client, _ = self._listener.accept()
+        if self.shut:
+            client.close()
+            return
         try:
             worker = socket.create_connection(self._target)
         except OSError:

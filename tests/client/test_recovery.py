@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_motion_client import Credentials, SessionError, Timeout, Unavailable, connect
+from mesh_motion_client import Credentials, QualityRefused, SessionError, Timeout, Unavailable, connect
 
 HERE = Path(__file__).parent
 UP = np.array([[0.0, 0.25]] * 4)
@@ -53,6 +53,18 @@ def test_a_commit_that_executed_before_the_worker_died_is_not_executed_again(ser
     assert server.moves() == 1
     assert session.points()[0, 1] == 0.25
     session.close()
+
+
+def test_a_trial_outlives_a_refused_move_that_a_worker_did_not(server, session, background):
+    session.move(UP)
+    with server.hold():
+        moving = background(lambda: session.move(1000 * UP))
+        server.wait_until(lambda: server.moves() == 2, "the move runs")
+        kill_worker(server, session)
+    with pytest.raises(QualityRefused):
+        moving()
+    assert session.commit().step == 1
+    assert session.points()[0, 1] == 0.25
 
 
 def test_kill_9_of_the_whole_server_and_restart(server, session, background):
@@ -162,6 +174,31 @@ def test_a_server_that_stays_away_ends_the_call_in_time(server, session):
     assert time.monotonic() - began < 10
     server.start()
     assert session.commit().step == 1
+
+
+def test_a_commit_that_executed_unheard_is_asked_again_by_the_same_id(server, client, mesh, proxy):
+    session = client.open(mesh)
+    session.move(UP)
+    proxy[-1].deaf = True
+    with pytest.raises(Timeout):
+        session.commit(timeout=1.0)
+    server.kill()
+    server.start()
+    committed = session.commit()
+    assert (committed.step, session.step, server.moves()) == (1, 1, 1)
+    session.close()
+
+
+def test_a_trial_is_made_again_after_the_lease_ended(server, client, mesh, proxy):
+    session = client.open(mesh)
+    session.move(UP)
+    proxy[-1].cut()
+    proxy[-1].shut = True
+    server.wait_until(lambda: client.sessions()[0]["state"] == "SUSPENDED", "the lease ended")
+    proxy[-1].shut = False
+    assert session.commit().step == 1
+    assert session.points()[0, 1] == 0.25
+    session.close()
 
 
 def test_two_ranks_in_two_processes_get_what_one_gets(server, client, mesh, tmp_path):

@@ -2,7 +2,7 @@
 
 Every request has an id; what was sent twice executes once. When the connection ends, PROBE tells whether the worker
 lives: then the request is sent again on a new connection. If the worker is gone, the session is resumed from its
-journal and the request is sent again; a COMMIT whose trial went with the worker is preceded by the MOVE that made it.
+journal and the request is sent again; a COMMIT whose trial is lost is preceded by the MOVE that made it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 
 from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import (
-    Commit,
     Join,
     Joined,
     Message,
@@ -39,6 +38,8 @@ _Reply = TypeVar("_Reply", bound=Message)
 _ATTEMPTS = 5
 #: A PROBE while a request is computed: silence of the gateway alone ends nothing.
 _PROBE_SECONDS = 2.0
+#: Between two PROBEs of a worker that is starting.
+_PAUSE_SECONDS = 0.1
 
 
 class Courier:
@@ -105,19 +106,20 @@ class Courier:
         broken: ConnectionLost | None = None
         for _ in range(_ATTEMPTS):
             try:
-                if broken is not None or self._data is None:
-                    message = self._recover(message, deadline)
-                reply = self._request(message, deadline)
+                reply = _expect(self._request(message, deadline), kind)
             except ConnectionLost as error:
                 broken = error
-                continue
-            except Timeout:
+                self.disconnect()
+            except (Timeout, Unavailable):
                 raise
-            except MeshMotionError:
+            except MeshMotionError as error:
+                if error.code != "ABORTED.TRIAL_LOST" or self.trial is None:
+                    self._unanswered = None
+                    raise
+                broken = self._repeat_trial(deadline)
+            else:
                 self._unanswered = None
-                raise
-            self._unanswered = None
-            return _expect(reply, kind)
+                return reply
         raise Unavailable(f"{message.type} broke {_ATTEMPTS} connections, the last so: {broken}") from broken
 
     def disconnect(self) -> None:
@@ -127,9 +129,24 @@ class Courier:
             self._data = None
 
     def _request(self, message: SessionMessage, deadline: float) -> Message:
+        """Send one request under the current epoch, on a new connection if the old one is gone."""
+        if self._data is None:
+            self._recover(deadline)
         if self._data is None:
             raise ConnectionLost("there is no connection")
-        return self._data.request(message, deadline, self._watch)
+        return self._data.request(replace(message, epoch=self._epoch), deadline, self._watch)
+
+    def _repeat_trial(self, deadline: float) -> ConnectionLost | None:
+        """Make the lost trial again: a MOVE is a pure function of the committed state."""
+        if self.trial is None:
+            return None
+        self._sequence += 1
+        try:
+            self._request(replace(self.trial, sequence=self._sequence), deadline)
+        except ConnectionLost as error:
+            self.disconnect()
+            return error
+        return None
 
     def _numbered(self, message: SessionMessage) -> SessionMessage:
         """With the next sequence; a repeat of what was never answered keeps its id."""
@@ -153,16 +170,18 @@ class Courier:
             raise ConnectionLost(f"the session's worker is {probed.worker}")
         self._check_unfenced(probed)
 
-    def _recover(self, message: SessionMessage, deadline: float) -> SessionMessage:
-        """Connect again, to the same worker or to another one; returns the request as it must be sent now."""
-        self.disconnect()
+    def _recover(self, deadline: float) -> None:
+        """Connect again: to the same worker, or to another one that resumes from the journal."""
         probed = self._ask(Probe, Probed, max(seconds_left(deadline), _PROBE_SECONDS))
+        while probed.worker == "starting" and seconds_left(deadline):
+            time.sleep(_PAUSE_SECONDS)
+            probed = self._ask(Probe, Probed, max(seconds_left(deadline), _PROBE_SECONDS))
         if probed.worker == "alive":
             self._check_unfenced(probed)
-            joined = self.join(probed.endpoint, probed.epoch, seconds_left(deadline))
+            self.join(probed.endpoint, probed.epoch, seconds_left(deadline))
         elif self.may_resume:
             resumed = self._ask(Resume, Resumed, seconds_left(deadline))
-            joined = self.join(resumed.endpoint, resumed.epoch, seconds_left(deadline))
+            self.join(resumed.endpoint, resumed.epoch, seconds_left(deadline))
         else:
             raise Unavailable(
                 f"the session's worker is {probed.worker}",
@@ -170,15 +189,6 @@ class Courier:
                 hint="resume the session from one partition and join it from the others; one that was never built is "
                 "to be opened again",
             )
-        if isinstance(message, Commit) and joined.step == message.step - 1 and not joined.iteration:
-            self._repeat_trial(deadline)
-        return replace(message, epoch=self._epoch)
-
-    def _repeat_trial(self, deadline: float) -> None:
-        """Make the lost trial again: a MOVE is a pure function of the committed state."""
-        if self.trial is not None:
-            self._sequence += 1
-            self._request(replace(self.trial, epoch=self._epoch, sequence=self._sequence), deadline)
 
     def _check_unfenced(self, probed: Probed) -> None:
         if probed.epoch > self._epoch:
