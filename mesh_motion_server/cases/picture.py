@@ -184,12 +184,13 @@ def draw_mesh(axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window
 
 def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArray) -> None:
     """A ring around the worst of the cells that are drawn, with its value and, if another one is worse, that one's."""
-    places = np.array([polygon.mean(axis=0) for polygon in polygons.corners]).reshape(-1, 2)
-    visible = np.flatnonzero(((places >= window[0]) & (places <= window[1])).all(axis=1))
-    if not len(visible):
+    for drawn in np.argsort(mesh.quality[polygons.cells], kind="stable"):
+        place = polygons.corners[drawn].mean(axis=0)
+        if ((place >= window[0]) & (place <= window[1])).all():
+            break
+    else:
         return
-    drawn = visible[np.argmin(mesh.quality[polygons.cells[visible]])]
-    cell, place = int(polygons.cells[drawn]), places[drawn]
+    cell = int(polygons.cells[drawn])
     text = f"worst cell: {mesh.quality[cell]:.3f}"
     if mesh.quality[cell] > mesh.quality[mesh.worst] + 1e-3:
         centre = ", ".join(f"{c:.3g}" for c in mesh.centre(mesh.worst))
