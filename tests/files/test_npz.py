@@ -49,7 +49,7 @@ def test_narrow_numbers_are_widened(tmp_path: Path) -> None:
         ({}, "got nothing"),
         ({"points": POINTS, "cells_triangle": TRIANGLE, "patches_wall": TRIANGLE[0]}, "'patches_wall'"),
         ({"points": POINTS, "cells_triangle": np.empty((0, 3), int)}, "no cells"),
-        ({"points": np.empty((0, 2)), "cells_triangle": TRIANGLE}, r"\(0, 2\)"),
+        ({"points": np.empty((0, 2)), "cells_triangle": TRIANGLE}, "the mesh is empty"),
         ({"points": POINTS * np.nan, "cells_triangle": TRIANGLE}, "node 0 has x = nan"),
         (
             {"points": POINTS + np.array([[0, 0], [0, np.inf], [0, 0]]), "cells_triangle": TRIANGLE},
