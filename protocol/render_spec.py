@@ -1,7 +1,7 @@
 """Writes the tables of SPEC.md from the code: ``python protocol/render_spec.py``.
 
 Between ``<!-- table: NAME -->`` and ``<!-- end -->`` SPEC.md holds what :func:`tables` renders; a test compares them.
-The meaning of a field is the comment behind its declaration in ``messages.py``.
+The meaning of a field is the comment behind its declaration.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import re
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from mesh_motion_protocol import messages
 from mesh_motion_protocol.declarations import Choice, Length, Range
 from mesh_motion_protocol.errors import ERROR_CODES
 from mesh_motion_protocol.limits import LIMITS
@@ -111,9 +110,9 @@ def _default(cls: type[Message], name: str) -> str:
 
 def _meanings(cls: type[Message]) -> dict[str, str]:
     """Field → the comment behind its declaration, of the class and its bases."""
-    lines = inspect.getsource(messages).splitlines()
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__[:-1]):
+        lines = inspect.getsource(inspect.getmodule(base)).splitlines()
         _, first = inspect.getsourcelines(base)
         for node in ast.parse(inspect.getsource(base)).body[0].body:
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):

@@ -29,6 +29,11 @@ def wait_until(condition, what, seconds=PATIENCE):
     return value
 
 
+@pytest.fixture(name="wait_until")
+def wait_until_fixture():
+    return wait_until
+
+
 class PlainServer:
     """The server under test, which may be killed and started again on the same endpoint."""
 

@@ -1,0 +1,239 @@
+"""Messages of a session's data endpoint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from mesh_motion_protocol.declarations import Choice
+from mesh_motion_protocol.field_types import (
+    Count,
+    Digest,
+    FloatEnrichment,
+    FloatMoving,
+    FloatNodes,
+    Frame,
+    KnownMovingIndices,
+    MovingIndices,
+    Name,
+    Outcome,
+    Partition,
+    Role,
+    SessionId,
+    Token,
+    UploadRows,
+)
+from mesh_motion_protocol.message import Message
+
+__all__ = [
+    "Build",
+    "Built",
+    "Close",
+    "Closed",
+    "Commit",
+    "Committed",
+    "Fetch",
+    "Fetched",
+    "Join",
+    "Joined",
+    "Move",
+    "Moved",
+    "Rollback",
+    "RolledBack",
+    "SessionMessage",
+    "Status",
+    "StatusReport",
+    "Upload",
+    "Uploaded",
+]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionMessage(Message):
+    """Base of the requests to a session's data endpoint."""
+
+    session: SessionId  # as in OPENED
+    epoch: Count  # of OPENED or RESUMED
+    partition: Partition = 0  # 0 … partitions - 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Join(SessionMessage):
+    """First message on a data connection; proves the right to the session."""
+
+    type: ClassVar[str] = "JOIN"
+    token: Token  # as in OPENED
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joined(Message):
+    """Answer to JOIN: where the session stands."""
+
+    type: ClassVar[str] = "JOINED"
+    state: str  # a state of the session table
+    step: int  # last committed step
+    iteration: int  # iterations of the open trial, 0 = none
+    dimension: int = 0  # as in OPEN; 0 = the server does not say
+    partitions: int = 0  # as in OPEN; 0 = the server does not say
+    nodes: int = 0  # nodes of this partition once BUILT
+    moving_nodes: KnownMovingIndices = None  # as in BUILT, once BUILT
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Upload(SessionMessage):
+    """One part of a partition's mesh. Parts of one ``item`` and ``name`` are appended in the order they come.
+
+    item        name              rows
+    nodes       —                 (k, dimension) <f8 coordinates
+    global_ids  —                 (k, 1) <i8; only with partitions > 1, where they are required
+    cells       the cell type     (k, nodes of the type) <i8 local node indices, 0-based
+    patch       the patch's name  (k, 1) <i8 local node indices; ``role`` is required
+    """
+
+    type: ClassVar[str] = "UPLOAD"
+    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "patch"))]  # what the rows are
+    name: Name = ""  # of the cell type or the patch
+    role: Role = ""  # with item = "patch"
+    rows: UploadRows = None  # required; shape and dtype depend on the item: section 13
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Uploaded(Message):
+    """Answer to UPLOAD: how many rows of this item and name the partition has now."""
+
+    type: ClassVar[str] = "UPLOADED"
+    rows_total: int  # rows of this item and name so far
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Build(SessionMessage):
+    """Collective: the mesh is complete; check it, make it durable, become READY."""
+
+    type: ClassVar[str] = "BUILD"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Built(Message):
+    """The session is READY at step 0. ``moving_nodes``: this partition's local indices of the nodes whose displacement
+    every MOVE must give, ascending; the rows of MOVE.displacement are in this order.
+    """
+
+    type: ClassVar[str] = "BUILT"
+    step: int  # 0
+    settings: dict[str, Any]  # the settings in force, defaults filled in
+    mesh: dict[str, Any]  # counts, bounding box, warnings: section 15
+    quality: dict[str, Any]  # summary of the mesh as uploaded: section 15
+    moving_nodes: MovingIndices  # local indices, ascending: the order of the rows of MOVE
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Move(SessionMessage):
+    """Collective: one coupling iteration of the step ``step``. Any earlier trial of the step is replaced."""
+
+    type: ClassVar[str] = "MOVE"
+    step: Count  # committed step + 1
+    frame: Frame = "committed"  # displacement since the "committed" state, or since the "reference" mesh (total)
+    displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moved(Message):
+    """The trial: displacements of all of the partition's nodes, in the frame of the MOVE."""
+
+    type: ClassVar[str] = "MOVED"
+    step: int  # as asked
+    iteration: int  # 1, 2, … within the step
+    quality: dict[str, Any]  # predicted, "standard" and "corrected": section 15
+    correction: dict[str, Any]  # what was done: method, enrichment points, freed nodes, iterations, reached
+    caches: dict[str, Any]  # {"factorization": "reused" | "made", …}
+    seconds: dict[str, float]  # solve, predict, correct, displace, total
+    warnings: list[str]  # for people
+    displacement: FloatNodes  # of all nodes of the partition, since the frame of the MOVE
+    enrichment_points: FloatEnrichment  # where enrichment functions were added
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Commit(SessionMessage):
+    """Collective: the trial of ``step`` becomes the committed state, durably before the answer."""
+
+    type: ClassVar[str] = "COMMIT"
+    step: Count  # committed step + 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Committed(Message):
+    """The step is committed."""
+
+    type: ClassVar[str] = "COMMITTED"
+    step: int  # as asked
+    durable_step: int  # with durability "full" equal to ``step``
+    digest: Digest  # of the committed state: section 16
+    quality: dict[str, Any]  # summary of the committed mesh, from its coordinates: section 15
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rollback(SessionMessage):
+    """Collective: the trial of ``step``, if any, is dropped."""
+
+    type: ClassVar[str] = "ROLLBACK"
+    step: Count  # committed step + 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RolledBack(Message):
+    """The session is READY at its last committed step."""
+
+    type: ClassVar[str] = "ROLLED_BACK"
+    step: int  # last committed step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fetch(SessionMessage):
+    """Asks for the partition's node coordinates. ``what``: "committed" | "reference"."""
+
+    type: ClassVar[str] = "FETCH"
+    what: Frame = "committed"  # which coordinates
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fetched(Message):
+    """Answer to FETCH."""
+
+    type: ClassVar[str] = "FETCHED"
+    step: int  # last committed step
+    points: FloatNodes  # coordinates of all nodes of the partition
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Status(SessionMessage):
+    """Asks where the session stands."""
+
+    type: ClassVar[str] = "STATUS"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StatusReport(Message):
+    """Answer to STATUS. ``waiting_for``: partitions a collective request is still waiting for."""
+
+    type: ClassVar[str] = "STATUS_REPORT"
+    state: str  # a state of the session table
+    step: int  # last committed step
+    iteration: int  # moves of the open trial, 0 = none
+    waiting_for: list[int]  # partitions that a collective request is still waiting for
+    report: dict[str, Any]  # counters, memory, quality of the last commit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Close(SessionMessage):
+    """Ends this holder's use. ``outcome``: "keep" leaves the session durable and resumable, "discard" deletes it."""
+
+    type: ClassVar[str] = "CLOSE"
+    outcome: Outcome = "keep"  # one partition's "discard" discards, once all have closed
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Closed(Message):
+    """The session's worker is about to end."""
+
+    type: ClassVar[str] = "CLOSED"
+    step: int  # last committed step

@@ -1,0 +1,47 @@
+"""The types of fields that several messages share, with what is demanded of their values."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_protocol.declarations import ArrayField, Choice, Length, Range
+
+__all__ = [
+    "Count",
+    "Digest",
+    "FloatEnrichment",
+    "FloatMoving",
+    "FloatNodes",
+    "Frame",
+    "KnownMovingIndices",
+    "MovingIndices",
+    "Name",
+    "Outcome",
+    "Partition",
+    "Role",
+    "SessionId",
+    "Token",
+    "UploadRows",
+    "Uuid",
+]
+
+Uuid = Annotated[bytes, Length(exactly=16)]
+Token = Annotated[bytes, Length(exactly=32)]
+Digest = Annotated[bytes, Length(exactly=32)]
+SessionId = Annotated[str, Length(at_most=32)]
+Name = Annotated[str, Length(at_most=256)]
+Count = Annotated[int, Range(0, 2**63 - 1)]
+Partition = Annotated[int, Range(0, 255)]
+Frame = Annotated[str, Choice(("committed", "reference"))]
+Outcome = Annotated[str, Choice(("keep", "discard"))]
+Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "periodic"))]
+
+FloatNodes = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "dimension"))]
+FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "dimension"))]
+FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
+MovingIndices = Annotated[NDArray[np.int64], ArrayField("<i8", ("moving node",))]
+KnownMovingIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("moving node",), required=False)]
+UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False)]

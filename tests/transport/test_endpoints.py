@@ -1,0 +1,66 @@
+"""Where a server may listen."""
+
+import os
+import stat
+
+import pytest
+
+from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock_folder
+
+
+@pytest.mark.parametrize(
+    ("text", "address", "local"),
+    [
+        ("tcp://127.0.0.1:7440", "tcp://127.0.0.1:7440", True),
+        ("tcp://127.0.0.1:0", "tcp://127.0.0.1:*", True),
+        ("tcp://localhost:1", "tcp://127.0.0.1:1", True),
+        ("tcp://[::1]:7440", "tcp://[::1]:7440", True),
+        ("tcp://0.0.0.0:7440", "tcp://0.0.0.0:7440", False),
+        ("tcp://192.0.2.1:7440", "tcp://192.0.2.1:7440", False),
+        ("tcp://example.org:7440", "tcp://example.org:7440", False),
+        ("ipc:///run/mm/control", "ipc:///run/mm/control", True),
+    ],
+)
+def test_endpoints(text, address, local):
+    endpoint = Endpoint.parse(text)
+    assert (endpoint.address, endpoint.is_local) == (address, local)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "7440", "127.0.0.1:7440", "tcp://", "tcp://127.0.0.1", "tcp://127.0.0.1:x", "tcp://127.0.0.1:65536",
+     "udp://127.0.0.1:1", "ipc://relative", "ipc://@abstract", "inproc://a"],
+)  # fmt: skip
+def test_what_is_no_endpoint(text):
+    with pytest.raises(EndpointError, match="endpoint must be"):
+        Endpoint.parse(text)
+
+
+def test_a_path_that_leaves_no_room_for_the_workers():
+    with pytest.raises(EndpointError, match="must leave room in 107 bytes"):
+        Endpoint.parse("ipc:///" + "x" * 100 + "/c")
+
+
+def test_workers_listen_beside_the_control_endpoint():
+    assert Endpoint.parse("ipc:///run/mm/control").worker_address == f"ipc:///run/mm/w{os.getpid()}.ipc"
+    assert Endpoint.parse("tcp://127.0.0.1:7440").worker_address == "tcp://127.0.0.1:*"
+
+
+def test_the_folder_is_made_private_and_locked(tmp_path):
+    endpoint = Endpoint.parse(f"ipc://{tmp_path}/s/c")
+    with lock_folder(endpoint):
+        assert stat.S_IMODE((tmp_path / "s").stat().st_mode) == 0o700
+        with pytest.raises(EndpointError, match="a live server listens"):
+            lock_folder(endpoint)
+    lock_folder(endpoint).close()
+
+
+def test_a_folder_that_others_may_enter_is_refused(tmp_path):
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s").chmod(0o750)
+    with pytest.raises(EndpointError, match="mode 0750"):
+        lock_folder(Endpoint.parse(f"ipc://{tmp_path}/s/c"))
+
+
+def test_tcp_needs_no_lock():
+    assert lock_folder(Endpoint.parse("tcp://127.0.0.1:0")) is None
