@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.distortion import CornerSimplices, corner_simplices
+from mesh_motion_server.numerics.read_only import read_only
 
 __all__ = ["FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
 
@@ -100,7 +101,7 @@ def nodes_of_cells(cells: CellTable, chosen: NDArray[np.bool_], n_nodes: int) ->
 
 def cells_of_nodes(cells: CellTable, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Mark (m) the cells that have a marked (n) node."""
-    return np.concatenate([_touch(block.nodes, marked) for block in cells])
+    return np.concatenate([_touch(read_only(block.nodes), read_only(marked)) for block in cells])
 
 
 def grow(cells: CellTable, marked: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
@@ -150,11 +151,11 @@ def free_region(
     return FreeRegion(nodes, n_free, np.flatnonzero(chosen), table, sizes, simplices, adjacency)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy")
 def _touch(cell_nodes, marked):  # type: ignore[no-untyped-def]
     """(m) bool: cells (m, k) with a marked node."""
     out = np.zeros(len(cell_nodes), np.bool_)
-    for c in prange(len(cell_nodes)):
+    for c in range(len(cell_nodes)):
         for k in range(cell_nodes.shape[1]):
             if marked[cell_nodes[c, k]]:
                 out[c] = True

@@ -20,6 +20,7 @@ from mesh_motion_server.numerics.distortion import PNorm, determinants
 from mesh_motion_server.numerics.free_region import FreeRegion, free_region, grow, nodes_of_cells
 from mesh_motion_server.numerics.metrics import cell_quality
 from mesh_motion_server.numerics.newton import StepSolver, newton
+from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach"]
 
@@ -35,6 +36,7 @@ _MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
 _LEAST_GROWTH, _MOST_GROWTH = 1.4, 3.0
 _ALL = 0.6  # past this share of the free nodes a region does not pay: free all
 _TINY = 1e-300
+_CORNERS_PER_THREAD = 8000  # a thread that is woken for less costs more than it does, on a busy machine far more
 
 
 class Stage(NamedTuple):
@@ -145,7 +147,7 @@ class _Search:
         """What the sharper p-means will reach, as far as the levels so far tell; inf before the second."""
         reached = [stage.minimum for stage in self.history if stage.norm.epsilon == 0.0]
         if len(reached) < 2:
-            return math.inf if reached else self.minimum
+            return math.inf
         if len(reached) == 2:
             return _EARLY_RISE * reached[-1]
         return reached[-1] + _TAIL * (reached[-1] - reached[-2])
@@ -181,18 +183,24 @@ def polish(
     Polished
         The best of all positions met, the given ones included; nodes that are not free are bitwise the given ones.
     """
-    local = points[region.nodes]
-    search = _Search(region, mesh.metric, target, local, solve)
-    if not search.judge(local):
-        local, barrier = _untangle(search, local)
-        for norm in LEVELS if barrier else ():
-            if search.met or (not thorough and search.forecast() < target):
-                break
-            local = search.descend(local, norm, _LEVEL_ITERATIONS)
+    search = _Search(region, mesh.metric, target, points[region.nodes], solve)
+    with threads_for(len(region.simplices) // _CORNERS_PER_THREAD):
+        barrier = search.judge(search.points) or _descend_all(search, thorough)
     moved = points.copy()
     moved[region.free] = search.points[: region.n_free]
     iterations = sum(stage.iterations for stage in search.history)
-    return Polished(moved, search.minimum, region.n_free, iterations, tuple(search.history), search.forecast())
+    forecast = search.forecast() if barrier else search.minimum
+    return Polished(moved, search.minimum, region.n_free, iterations, tuple(search.history), forecast)
+
+
+def _descend_all(search: _Search, thorough: bool) -> bool:
+    """Untangle, then all levels, as far as they are worth it; whether the barrier could be used."""
+    local, barrier = _untangle(search, search.points)
+    for norm in LEVELS if barrier else ():
+        if search.met or (not thorough and search.forecast() < search.target):
+            break
+        local = search.descend(local, norm, _LEVEL_ITERATIONS)
+    return barrier
 
 
 def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
