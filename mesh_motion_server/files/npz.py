@@ -68,7 +68,7 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
             if isinstance(archive, np.ndarray):
                 raise InvalidInput(f"{path}: a single array, not an .npz archive")
             return {key: archive[key] for key in archive.files}
-    except (ValueError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError) as error:
+    except (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError) as error:  # RuntimeError: encrypted
         raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {_first_line(error)}") from None
 
 

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
@@ -29,3 +30,53 @@ def test_reading_imports_neither_meshio_nor_gmsh() -> None:
     """Both are extras; only reading VTK files needs one."""
     code = "import sys, mesh_motion_server.files; sys.exit('meshio' in sys.modules or 'gmsh' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    """A small valid mesh in each format that is read without extras."""
+    square = '$MeshFormat\n{version} 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n1 1 "wall"\n$EndPhysicalNames\n'
+    msh22 = square.format(version=2.2) + (
+        "$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n$EndNodes\n"
+        "$Elements\n3\n1 1 2 1 1 1 2\n2 2 2 5 1 1 2 3\n3 2 2 5 1 1 3 4\n$EndElements\n"
+    )
+    msh41 = square.format(version=4.1) + (
+        "$Entities\n0 1 1 0\n1 0 0 0 1 0 0 1 1 0\n1 0 0 0 1 1 0 0 1 1\n$EndEntities\n"
+        "$Nodes\n1 4 1 4\n2 1 0 4\n1\n2\n3\n4\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n$EndNodes\n"
+        "$Elements\n2 3 1 3\n1 1 1 1\n1 1 2\n2 1 2 2\n2 1 2 3\n3 1 3 4\n$EndElements\n"
+    )
+    su2 = (
+        "NDIME= 2\nNELEM= 2\n5 0 1 2\n5 0 2 3\nNPOIN= 4\n0 0\n1 0\n1 1\n0 1\n"
+        "NMARK= 1\nMARKER_TAG= wall\nMARKER_ELEMS= 1\n3 0 1\n"
+    )
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    cells = np.array([[0, 1, 2], [0, 2, 3]])
+    np.savez(folder / "seed.npz", points=points, cells_triangle=cells, patch_wall=np.array([0, 1]))
+    return {
+        "a.msh": msh22.encode(),
+        "b.msh": msh41.encode(),
+        "c.su2": su2.encode(),
+        "d.npz": (folder / "seed.npz").read_bytes(),
+    }
+
+
+@pytest.mark.parametrize("name", ["a.msh", "b.msh", "c.su2", "d.npz"])
+def test_every_format_says_the_same_and_a_damaged_byte_never_more_than_one_line(tmp_path: Path, name: str) -> None:
+    content = _files(tmp_path)[name]
+    path = tmp_path / name
+    path.write_bytes(content)
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.cells["triangle"], [[0, 1, 2], [0, 2, 3]])
+    np.testing.assert_array_equal(mesh.patches["wall"], [0, 1])
+    random = np.random.default_rng(2024)
+    refusals = []
+    for _ in range(400):
+        damaged = bytearray(content)
+        for place in random.integers(0, len(content), random.integers(1, 4)):
+            damaged[place] = random.integers(0, 256) if random.random() < 0.5 else ord(random.choice(list("0129-. \n")))
+        path.write_bytes(bytes(damaged[: random.integers(1, len(damaged))] if random.random() < 0.2 else damaged))
+        try:
+            read_mesh(path)
+        except InvalidInput as error:
+            refusals.append(str(error))
+    assert len(refusals) > 50
+    assert not any("\n" in refusal for refusal in refusals)
