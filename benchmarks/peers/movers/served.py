@@ -6,6 +6,8 @@ mesh, a step is one Move and one durable Commit. Memory and processor time are t
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -13,10 +15,15 @@ import numpy as np
 from mesh_motion_client import Mesh, Patch, Server, connect
 from numpy.typing import NDArray
 
+from benchmarks.peers.measurement import cpu_seconds
 from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.task import Task
 
 __all__ = ["ServedMover"]
+
+_POLL = 2.0  # seconds
+_RESTING = 0.05  # share of a core
+_READY_TIMEOUT = 120.0
 
 
 class ServedMover:
@@ -44,3 +51,12 @@ class ServedMover:
         small = cls(small_task(task), **{**options, "quality_threshold": 0.99})
         small.move(0)
         small.session.close("discard")
+        _await_rest()
+
+
+def _await_rest() -> None:
+    """Wait for the server to have its next worker ready: its processes use the processor no more."""
+    used, deadline = -1.0, time.monotonic() + _READY_TIMEOUT
+    while (now := cpu_seconds(os.getpid())) - used > _RESTING * _POLL and time.monotonic() < deadline:
+        used = now
+        time.sleep(_POLL)
