@@ -54,6 +54,7 @@ class Supervisor:
         self._gateway_starts = 0
         self._spare: Child | None = None
         self._killed_at: float | None = None
+        self._signals = 0
         self.boot = self._boot.hex()
         store = hosting.load_store()(settings.state_folder)
         self._control = Control(Registry(store), settings, self._start_session, self._to_gateway)
@@ -96,7 +97,10 @@ class Supervisor:
 
     def _signalled(self, source: socket.socket) -> None:
         for _ in source.recv(64):
+            self._signals += 1
             self._drain("signal")
+        if self._signals > 1:
+            self._kill_workers()
 
     def _lifeline_ended(self, source: int) -> None:
         if not os.read(source, 64):
@@ -104,9 +108,8 @@ class Supervisor:
             self._drain("lifeline")
 
     def _drain(self, reason: str) -> None:
-        """No new session; every worker finishes its request and closes its journal. Asked twice: at once."""
+        """No new session; every worker finishes its request and closes its journal. A second signal: at once."""
         if self._control.draining:
-            self._kill_workers()
             return
         log().info("draining", reason=reason)
         self._control.draining = True

@@ -18,6 +18,7 @@ from mesh_motion_client.control import Control
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0
+LIFELINE = "MESH_MOTION_LIFELINE_FD"
 
 
 def wait_until(condition, what, seconds=PATIENCE):
@@ -40,20 +41,25 @@ class PlainServer:
     wait_until = staticmethod(wait_until)
 
     def __init__(self, folder):
-        self.folder, self.endpoint, self.process = folder, "tcp://127.0.0.1:0", None
+        self.folder, self.endpoint, self.process, self._lifeline = folder, "tcp://127.0.0.1:0", None, -1
 
     def start(self):
         ready = self.folder / "ready.json"
         ready.unlink(missing_ok=True)
         values = {"endpoint": self.endpoint, "state_folder": str(self.folder / "state"), "threads": 1}
         values["lease_seconds"] = 1.0
+        lifeline, self._lifeline = os.pipe()  # the server ends with the tests, even if they are killed
+        environment = {"PYTHONPATH": str(HERE), "PLAIN_FOLDER": str(self.folder), LIFELINE: str(lifeline)}
         with (self.folder / "log").open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(ready)],
-                env=os.environ | {"PYTHONPATH": str(HERE), "PLAIN_FOLDER": str(self.folder)},
+                env=os.environ | environment,
+                pass_fds=[lifeline],
                 stdout=subprocess.DEVNULL,
                 stderr=log,
             )
+
+        os.close(lifeline)
 
         def is_ready():
             assert self.process.poll() is None, (self.folder / "log").read_text()
@@ -66,6 +72,12 @@ class PlainServer:
     def kill(self):
         self.process.kill()
         self.process.wait()
+        self._let_go()
+
+    def _let_go(self):
+        if self._lifeline >= 0:
+            os.close(self._lifeline)
+            self._lifeline = -1
 
     def stop(self):
         if self.process is not None and self.process.poll() is None:
@@ -74,6 +86,7 @@ class PlainServer:
                 self.process.wait(PATIENCE)
             except subprocess.TimeoutExpired:
                 self.kill()
+        self._let_go()
 
     def worker_of(self, session):
         """Process id of a session's worker, from the log."""

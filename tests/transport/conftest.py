@@ -44,15 +44,19 @@ class Server:
         values = {"endpoint": "tcp://127.0.0.1:0", "state_folder": str(self.state), "threads": 1, **settings}
         self.ready_file.unlink(missing_ok=True)  # a killed server leaves it behind
         self.log_path = folder / "log.jsonl"
+        lifeline, self._lifeline = os.pipe()  # the server ends with the tests, even if they are killed
         with self.log_path.open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(self.ready_file), *arguments],
-                env=os.environ | {"PYTHONPATH": str(HERE)} | dict(environment),
+                env=os.environ
+                | {"PYTHONPATH": str(HERE), "MESH_MOTION_LIFELINE_FD": str(lifeline)}
+                | dict(environment),
                 stdout=subprocess.PIPE,
                 stderr=log,
                 text=True,
-                pass_fds=pass_fds,
+                pass_fds=[lifeline, *pass_fds],
             )
+        os.close(lifeline)
 
     def wait_ready(self):
         def ready():
@@ -72,6 +76,9 @@ class Server:
         return [int(pid) for pid in path.read_text().split()]
 
     def stop(self):
+        if self._lifeline >= 0:
+            os.close(self._lifeline)
+            self._lifeline = -1
         if self.process.poll() is None:
             self.process.terminate()
             try:

@@ -147,6 +147,30 @@ def test_a_drain_is_bounded(start, open_session):
     assert server.logs("killed")
 
 
+def test_a_second_signal_does_not_wait(start, open_session):
+    server = start()
+    opened, data, at = open_session(server, label="slow")
+    data.send(Move, **at, step=1, displacement=ONES)
+    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    server.process.send_signal(signal.SIGTERM)
+    server.wait_until(lambda: server.logs("draining"), "draining")
+    server.process.send_signal(signal.SIGTERM)
+    assert server.process.wait(10) == 0
+    assert server.logs("killed")
+
+
+def test_a_signal_and_the_end_of_the_lifeline_are_one_drain(start, open_session):
+    reader, writer = os.pipe()
+    server = start(environment={"MESH_MOTION_LIFELINE_FD": str(reader)}, pass_fds=[reader])
+    os.close(reader)
+    opened, _, _ = open_session(server)
+    os.close(writer)
+    server.process.send_signal(signal.SIGTERM)
+    assert server.process.wait(10) == 0
+    assert not server.logs("killed")
+    assert (server.state / f"closed-{opened.session}").exists()
+
+
 def test_the_end_of_the_lifeline_drains(start):
     reader, writer = os.pipe()
     server = start(environment={"MESH_MOTION_LIFELINE_FD": str(reader)}, pass_fds=[reader])

@@ -85,7 +85,8 @@ class EmbeddedServer:
         if self._lifeline >= 0:
             os.close(self._lifeline)
             self._lifeline = -1
-        self.process.terminate()
+        if self.process.poll() is None:
+            self.process.terminate()
         try:
             self.process.wait(self._timeout)
         except subprocess.TimeoutExpired:
