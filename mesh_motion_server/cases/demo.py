@@ -133,9 +133,9 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
 def table_of(outcomes: list[Outcome]) -> Table:
     """What came of it, in numbers."""
     table = Table(title="lowest size-skew of any step, inverted cells, seconds", title_justify="left", box=SIMPLE_HEAD)
-    table.add_column("case", no_wrap=True)
+    table.add_column("case")
     for heading in ("standard", "inv", "s", "corrected", "inv", "s"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True, min_width=len(heading) if len(heading) > 3 else 5)
     for outcome in outcomes:
         cells = [outcome.case.title]
         for played in (outcome.standard, outcome.corrected):

@@ -85,7 +85,9 @@ def picture_is_possible() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def write_picture(path: Path, title: str, before: Snapshot, after: Snapshot, steps: Sequence[StepRecord]) -> None:
+def write_picture(
+    path: Path, title: str, before: Snapshot, after: Snapshot, steps: Sequence[StepRecord], metric: str = "size-skew"
+) -> None:
     """Draw both meshes and the history into one PNG.
 
     Parameters
@@ -95,6 +97,8 @@ def write_picture(path: Path, title: str, before: Snapshot, after: Snapshot, ste
     before, after : Snapshot
         The mesh at opening and after its worst step.
     steps : sequence of StepRecord
+    metric : str
+        The quality metric that the steps' predictions are of.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415  (an extra)
 
@@ -115,7 +119,7 @@ def write_picture(path: Path, title: str, before: Snapshot, after: Snapshot, ste
     else:
         _draw_line(first, before, "at opening")
         _draw_line(second, after, last)
-    _draw_history(below[0], before, steps)
+    _draw_history(below[0], before, steps, metric)
     _draw_distribution(below[1], (before, after), ("at opening", last))
     figure.savefig(path, metadata={"Software": None})
 
@@ -199,7 +203,9 @@ def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArra
         *place, marker="o", markersize=16, markerfacecolor="none", markeredgecolor=INVERTED_COLOUR, markeredgewidth=2
     )
     box = {"boxstyle": "round,pad=0.3", "facecolor": "white", "edgecolor": INVERTED_COLOUR, "alpha": 0.9}
-    axes.text(0.015, 0.975, text, transform=axes.transAxes, va="top", fontsize=9, color=INK, bbox=box)
+    right, upper = (bool(side) for side in place > window.mean(axis=0))
+    corner = {"x": 0.015, "ha": "left"} if right or not upper else {"x": 0.985, "ha": "right"}  # away from the ring
+    axes.text(y=0.975, s=text, transform=axes.transAxes, va="top", fontsize=9, color=INK, bbox=box, **corner)
 
 
 def _draw_line(axes: Any, mesh: Snapshot, title: str) -> None:
@@ -210,8 +216,8 @@ def _draw_line(axes: Any, mesh: Snapshot, title: str) -> None:
     axes.set(title=title, xlabel="x", ylabel="size-skew")
 
 
-def _draw_history(axes: Any, before: Snapshot, steps: Sequence[StepRecord]) -> None:
-    """Minimum and mean over the steps, with the prediction."""
+def _draw_history(axes: Any, before: Snapshot, steps: Sequence[StepRecord], metric: str) -> None:
+    """Minimum and mean over the steps, and the minimum predicted for the motion without its correction."""
     number = [0, *(s.step for s in steps)]
     marker = "o" if len(steps) <= 25 else ""
     axes.axhline(0.0, color=INVERTED_COLOUR, linewidth=0.8)
@@ -220,6 +226,9 @@ def _draw_history(axes: Any, before: Snapshot, steps: Sequence[StepRecord]) -> N
         number, [before.quality.min(), *(s.min_size_skew for s in steps)], "-", marker=marker, color="#3b528b",
         markersize=4, label="minimum",
     )  # fmt: skip
+    if metric == "size-skew" and any(s.predicted_standard < s.predicted_min for s in steps):
+        standard = [s.predicted_standard for s in steps]
+        axes.plot(number[1:], standard, ":", marker=marker, color="#9a9a9a", markersize=3, label="without correction")
     axes.set(title="size-skew over the steps", xlabel="step", xlim=(0, max(number)))
     axes.set_ylim(top=1.0)
     axes.legend(loc="best", frameon=False, fontsize=9)

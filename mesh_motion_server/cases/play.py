@@ -112,7 +112,8 @@ def play(
         write_steps(work, played.steps)
         write_points(work, played.points)
         if picture_is_possible():
-            write_picture(work / "quality.png", case.name, played.before, played.worst, played.steps)
+            metric = case.content.method.quality_metric
+            write_picture(work / "quality.png", case.name, played.before, played.worst, played.steps, metric)
     return played
 
 
