@@ -22,9 +22,17 @@ from benchmarks.peers.report import markdown
 from benchmarks.peers.systems import SYSTEMS, PythonSystem, System
 from benchmarks.peers.task import Task, step_file
 
+
+def marks(name: str, system: System) -> list[pytest.MarkDecorator]:
+    """Skip what is not installed; a server takes its time to start and to rest."""
+    slow = [pytest.mark.slow] if name == "ours-served" else []
+    reason = system.missing()
+    return [*slow, pytest.mark.skip(reason=reason)] if reason else slow
+
+
 #: Every code on triangles, the other systems on tetrahedra as well.
 INSTALLED = [
-    pytest.param(name, kind, marks=[pytest.mark.skip(reason=reason)] if (reason := system.missing()) else [])
+    pytest.param(name, kind, marks=marks(name, system))
     for name, system in SYSTEMS.items()
     for kind in ("triangle", "tetra")
     if (kind == "triangle" and name != "ours-maximum") or name in ("dense-rbf", "openfoam", "kratos-laplacian")

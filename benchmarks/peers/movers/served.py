@@ -6,9 +6,15 @@ mesh, a step is one Move and one durable Commit. Memory and processor time are t
 
 from __future__ import annotations
 
+import atexit
+import json
 import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -47,11 +53,32 @@ class ServedMover:
     @classmethod
     def prepare(cls, task: Task, options: Mapping[str, Any]) -> None:
         """Start the server and let it load its kernels."""
-        cls.server = connect(compute_timeout=3600.0)
+        cls.server = connect(_start_server(), compute_timeout=3600.0)
         small = cls(small_task(task), **{**options, "quality_threshold": 0.99})
         small.move(0)
         small.session.close("discard")
         _await_rest()
+
+
+def _start_server() -> str:
+    """Endpoint of a server that has as many threads as this process and ends with it."""
+    folder = tempfile.TemporaryDirectory(prefix="peers-")
+    ready = Path(folder.name) / "ready.json"
+    options = ["--threads", os.environ.get("NUMBA_NUM_THREADS", "0"), "--ready-file", str(ready)]
+    options += ["--endpoint", f"ipc://{folder.name}/control", "--state", f"{folder.name}/state"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mesh_motion_server", "serve", "--log-level", "error", *options],
+        stdout=subprocess.DEVNULL,
+    )
+    atexit.register(folder.cleanup)
+    atexit.register(process.wait)
+    atexit.register(process.terminate)  # the last one registered is called first
+    deadline = time.monotonic() + _READY_TIMEOUT
+    while not ready.exists():
+        if process.poll() is not None or time.monotonic() > deadline:
+            raise RuntimeError("the server did not become ready; its words are above")
+        time.sleep(0.02)
+    return str(json.loads(ready.read_text(encoding="utf-8"))["endpoint"])
 
 
 def _await_rest() -> None:
