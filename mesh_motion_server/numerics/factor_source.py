@@ -41,7 +41,7 @@ def factorization_of(
     """
     radius = method.support_radius
     digest = hashlib.sha256(repr((method.basis, radius, method.solver, control_points.shape)).encode())
-    digest.update(np.ascontiguousarray(control_points))
+    digest.update(np.ascontiguousarray(control_points).data)
     return factors.get_or_make(
         digest.digest(),
         lambda: factorize(control_points, basis=method.basis, support_radius=radius, solver=method.solver),

@@ -24,6 +24,7 @@ class Child:
 
     process: subprocess.Popen[bytes]
     channel: Channel
+    spoke: bool = False  # it has got as far as saying something
 
     @property
     def pid(self) -> int:

@@ -52,8 +52,8 @@ def serve(
     Returns
     -------
     int
-        Exit status: 0 after a drain, 69 if the endpoint is taken, 70 if the gateway keeps falling, 78 if the endpoint
-        is wrong or unsafe.
+        Exit status: 0 after a drain, 69 if the endpoint is taken, 70 if the gateway or the workers keep falling, 78
+        if the endpoint is wrong or unsafe.
     """
     configure("supervisor", level)
     if ready_file is not None:

@@ -29,7 +29,10 @@ __all__ = ["Supervisor"]
 
 #: A gateway that falls more often than this has a reason that restarting does not cure.
 _GATEWAY_STARTS = 20
-_GATEWAY_FAILED = 70
+#: Workers that end one after the other before they have said a word: what they import or warm up is broken.
+_WORKER_STARTS = 3
+#: ``EX_SOFTWARE`` of sysexits.h: the server cannot do its work, and starting it again will not help.
+_DEFECT = 70
 
 
 class Supervisor:
@@ -53,10 +56,13 @@ class Supervisor:
         self._gateway: Child | None = None
         self._gateway_starts = 0
         self._spare: Child | None = None
+        self._silent_ends = 0
         self._killed_at: float | None = None
         self._signals = 0
         self.boot = self._boot.hex()
         store = hosting.load_store()(settings.state_folder)
+        for name in store.sweep():
+            log().info("swept", session=name)
         self._control = Control(Registry(store), settings, self._start_session, self._to_gateway)
 
     # --- the server's life -------------------------------------------------------------------------------------------
@@ -133,11 +139,11 @@ class Supervisor:
         gateway, self._gateway = self._gateway, None
         if gateway is None:
             self._kill_workers()
-            return _GATEWAY_FAILED
+            return _DEFECT
         self._selector.unregister(gateway.channel)
         gateway.reap()
         log().info("stopped")
-        return 0
+        return _DEFECT if self._workers_fail else 0
 
     # --- the gateway -------------------------------------------------------------------------------------------------
 
@@ -207,16 +213,24 @@ class Supervisor:
         live = self._control.registry.of(child)
         message = child.channel.receive()
         if message is not None:
+            self._silent_ends, child.spoke = 0, True
             if live is not None:
                 self._control.heard(live, message)
             return
         code = self._end(child)
+        self._silent_ends += not child.spoke
         if live is not None:
             self._control.gone(live, code)
         elif child is self._spare:
-            # Not started again by itself: what cannot be imported now cannot be in a second either.
             log().error("spare_ended", code=code)
-            self._spare = None
+            self._spare = None if self._workers_fail or self._control.draining else self._start_worker()
+        if self._workers_fail and not self._control.draining:
+            log().error("workers_cannot_start", attempts=self._silent_ends, hint="their errors are above this line")
+            self._drain("workers cannot start")
+
+    @property
+    def _workers_fail(self) -> bool:
+        return self._silent_ends >= _WORKER_STARTS
 
     def _end(self, child: Child) -> int:
         """Close the line to a worker, which makes a waiting one end, and collect its status."""

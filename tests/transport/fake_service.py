@@ -22,6 +22,9 @@ class SessionStore:
         self.root = root
         root.mkdir(parents=True, exist_ok=True)
 
+    def sweep(self):
+        return []
+
     def path(self, session):
         return self.root / f"{session}.json"
 

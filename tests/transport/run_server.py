@@ -1,4 +1,4 @@
-"""Runs a server with the fake service: ``python run_server.py SETTINGS_JSON READY_FILE [insecure]``."""
+"""Runs a server with the fake service: ``python run_server.py SETTINGS_JSON READY_FILE [insecure] [no-numerics]``."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,8 @@ from mesh_motion_server.transport.serve import serve
 
 if __name__ == "__main__":
     settings = ServerSettings.model_validate_json(sys.argv[1])
-    hosting = Hosting("fake_service", "fake_service", "fake_service")
+    numerics = "not_installed" if "no-numerics" in sys.argv else "fake_service"
+    hosting = Hosting("fake_service", "fake_service", numerics)
     sys.exit(
         serve(settings, ready_file=Path(sys.argv[2]), insecure="insecure" in sys.argv, hosting=hosting, level="debug")
     )

@@ -286,3 +286,12 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
         server.wait_until(
             lambda process=process: psutil.Process(process).memory_info().rss < 150 << 20, "memory is back"
         )
+
+
+def test_a_server_whose_workers_cannot_start_ends_with_70(start):
+    """Rather than let every client wait for a session that nobody can serve."""
+    server = start("no-numerics", ready=False)
+    assert server.process.wait(timeout=60) == 70
+    assert len(server.logs("spare_ended")) == 3
+    assert server.logs("workers_cannot_start")[0]["attempts"] == 3
+    assert "not_installed" in server.log_path.read_text()
