@@ -1,6 +1,7 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
 # make test   runs every test
 # make lint   ruff and mypy, as CI does
+# make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make docker builds the images and runs server + mock fluid + mock solid (needs a Docker engine)
 #
 # Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer).
@@ -9,11 +10,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
+# The kernels' threads sleep while they wait, as the server's workers set it: on a busy machine spinning costs more.
+export OMP_WAIT_POLICY ?= passive
+
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format docker clean
+.PHONY: help demo test test-fast lint format peers docker clean
 
 help:
-	@sed -n '1,6s/^# \{0,1\}//p' Makefile
+	@sed -n '1,7s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -47,6 +51,9 @@ lint: $(VENV)/.development
 format: $(VENV)/.development
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+peers: $(VENV)/.development
+	$(BIN)/python -m benchmarks.peers --out out/peers
 
 docker:
 	docker-compose up --build --abort-on-container-exit --exit-code-from fluid

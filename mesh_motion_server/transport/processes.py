@@ -48,9 +48,9 @@ class Child:
 def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
     """Start ``python -m module CHANNEL arguments…``.
 
-    BLAS gets one thread: its sums are then repeatable bit for bit. The kernels' threads are numba's, and sleep while they
-    wait for each other unless the environment says otherwise: beside a solver that uses every core, spinning threads
-    take four times as long (98 k nodes, one corrected Move: 7 to 12 s against 2.5 to 4 s).
+    BLAS gets one thread: its sums are then repeatable bit for bit. The kernels' threads are numba's, and sleep while
+    they wait for each other unless the environment says otherwise: beside a solver that uses every core, spinning
+    threads take three times as long (98 k nodes, one corrected Move: 7 to 12 s against 2.5 to 4 s).
     """
     channel, theirs = Channel.pair()
     with theirs:
