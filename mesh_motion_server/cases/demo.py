@@ -65,18 +65,20 @@ class DemoCase:
         return _TEXT.format(**{**self.__dict__, "patches": patches, "correction": correction})
 
 
-def _slab(name: str, title: str, rigid: str) -> DemoCase:
-    """A case of the thesis: a slab moves in a square."""
+def _thesis(name: str, body: str, how: str, rigid: str) -> DemoCase:
+    """A case of the thesis: a body moves in a square."""
     motion = f'patch = "block"\nrigid = {{ {rigid} }}'
-    return DemoCase(name, title, {"block": "moving", "outer": "fixed"}, motion, {"square_with_slab.npz": "mesh.npz"})
+    roles, files = {"block": "moving", "outer": "fixed"}, {f"square_with_{body}.npz": "mesh.npz"}
+    return DemoCase(name, f"{body} {how}", roles, motion, files)
 
 
 DEMO_CASES = (
-    _slab("thesis_dx", "slab moved 0.3 to the left", "translation = [-0.3, 0.0]"),
-    _slab("thesis_dxdy", "slab moved 0.25 left and down", "translation = [-0.25, -0.25]"),
-    _slab(
+    _thesis("thesis_dx", "block", "moved 0.3 to the left", "translation = [-0.3, 0.0]"),
+    _thesis("thesis_dxdy", "block", "moved 0.25 left and down", "translation = [-0.25, -0.25]"),
+    _thesis(
         "thesis_rotation",
-        "slab moved 0.2 left and down, turned by 60°",
+        "slab",
+        "moved 0.2 left and down, turned by 60°",
         "translation = [-0.2, -0.2], rotation = 60.0, centre = [0.5, 0.5]",
     ),
     DemoCase(

@@ -22,14 +22,15 @@ from mesh_motion_server.files import read_mesh
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CASES = sorted(path.parent.name for path in EXAMPLES.glob("*/case.toml"))
 
-#: Steps that are played, and the lowest size-skew that the correction must reach: somewhat below what it does reach.
+#: Steps that are played, and the lowest size-skew that the correction must reach: somewhat below what it does reach;
+#: for the thesis' cases nine tenths of the best that is known with every node free.
 PLAYED = {
     "hexahedral_box": (4, 0.28),
     "sliding_piston": (11, 0.55),
     "tapered_wing": (6, 0.34),
-    "thesis_dx": (1, 0.2),
-    "thesis_dxdy": (1, 0.2),
-    "thesis_rotation": (1, 0.2),
+    "thesis_dx": (1, 0.9 * 0.336),
+    "thesis_dxdy": (1, 0.9 * 0.3),
+    "thesis_rotation": (1, 0.9 * 0.414),
     "turek_hron_flag": (7, 0.4),
 }
 
@@ -132,9 +133,9 @@ def test_the_root_of_the_wing_does_not_leave_the_symmetry_plane() -> None:
     assert final[tip, 1] == pytest.approx(0.3, abs=0.15)
 
 
-def test_the_thesis_cases_share_one_mesh_and_what_builds_it() -> None:
+def test_the_translations_of_the_thesis_share_one_mesh_and_what_builds_it() -> None:
     for file in ("mesh.npz", "build_mesh.py"):
-        assert len({(EXAMPLES / name / file).read_bytes() for name in CASES if name.startswith("thesis")}) == 1
+        assert len({(EXAMPLES / name / file).read_bytes() for name in ("thesis_dx", "thesis_dxdy")}) == 1
 
 
 @pytest.mark.parametrize("name", CASES)
