@@ -53,7 +53,7 @@ format: $(VENV)/.development
 	$(BIN)/ruff format .
 
 peers: $(VENV)/.development
-	$(BIN)/python -m benchmarks.peers --out out/peers
+	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1
 
 docker:
 	docker-compose up --build --abort-on-container-exit --exit-code-from fluid
