@@ -162,7 +162,7 @@ class MotionModel:
             When no valid mesh (or, where asked, none at the threshold) was found; carries the best minimum quality, the
             worst cells and the largest fraction of the displacement since ``committed`` known to be acceptable.
         """
-        factors = factors or MakeEachTime()
+        factors = MakeEachTime() if factors is None else factors  # an empty cache is falsy
         try:
             return self._attempt(committed, targets, factors)
         except NumericalError as refusal:
