@@ -28,7 +28,9 @@ LEVELS = (PNorm(2, 1), PNorm(8, 2), PNorm(24, 4), PNorm(60, 8), PNorm(150, 16))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
 _LEVEL_ITERATIONS = 12
-_UNTANGLED = 1e-3  # least determinant from which the barrier is used
+_UNTANGLED = 1e-2  # least determinant from which the barrier is used; nearer to 0 its steps stay short
+_VALID = 1e-3  # what untangling must reach before it may stop because it gains little
+_SLOW = 1.5
 _STAGES, _STAGE_ITERATIONS = 25, 4
 _STALL = 0.85  # an untangling that keeps more than this of the least determinant over two stages will not succeed
 _EARLY_RISE, _TAIL = 1.5, 0.65  # what the remaining levels add at most: after the second level, after a later one
@@ -208,6 +210,8 @@ def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.
     least = [float(determinants(points, search.region.simplices).min())]
     while least[-1] <= _UNTANGLED and len(least) <= _STAGES and not search.met:
         if len(least) > 3 and least[-1] < _STALL * least[-3] < 0.0:
+            break
+        if len(least) > 1 and _VALID < least[-1] < _SLOW * least[-2]:
             break
         epsilon = max(1e-3, 0.5 * abs(least[-1])) if least[-1] < 0.0 else 1e-2
         points = search.descend(points, PNorm(2, 1, epsilon), _STAGE_ITERATIONS)
