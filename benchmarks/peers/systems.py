@@ -149,6 +149,12 @@ SYSTEMS: dict[str, System] = {
     "ours-served": PythonSystem(
         "mesh-motion server, as it comes, over the wire", "served:ServedMover", needs="mesh_motion_server.transport"
     ),
+    "ours-iterated": PythonSystem(
+        "mesh-motion server over the wire, 3 coupling iterations a step",
+        "served:ServedMover",
+        {"iterations": 3},
+        needs="mesh_motion_server.transport",
+    ),
     "ours-plain": PythonSystem(
         "mesh-motion server, plain RBF",
         "ours:MotionModelMover",

@@ -25,7 +25,7 @@ from benchmarks.peers.task import Task, step_file
 
 def marks(name: str, system: System) -> list[pytest.MarkDecorator]:
     """Skip what is not installed; a server takes its time to start and to rest."""
-    slow = [pytest.mark.slow] if name == "ours-served" else []
+    slow = [pytest.mark.slow] if name in ("ours-served", "ours-iterated") else []
     reason = system.missing()
     return [*slow, pytest.mark.skip(reason=reason)] if reason else slow
 

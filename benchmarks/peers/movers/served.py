@@ -1,7 +1,8 @@
 """The mesh-motion server over its wire: what a solver waits for.
 
 The server is started and its kernels are loaded before the clock starts; set-up is opening a session and sending the
-mesh, a step is one Move and one durable Commit. Memory and processor time are those of client, server and worker.
+mesh, a step is one or more Moves and one durable Commit. Memory and processor time are those of client, server and
+workers together.
 """
 
 from __future__ import annotations
@@ -27,25 +28,41 @@ from benchmarks.peers.task import Task
 
 __all__ = ["ServedMover"]
 
+_RELAXATION = 0.2  # what is left of a step's displacement shrinks by this factor in each coupling iteration
 _POLL = 2.0  # seconds
 _RESTING = 0.05  # share of a core
 _READY_TIMEOUT = 120.0
 
 
 class ServedMover:
-    """A session on a private server; the options are the session's settings."""
+    """A session on a private server.
+
+    Parameters
+    ----------
+    task : Task
+    iterations : int
+        Coupling iterations of each step: Moves from the same committed state, each with another displacement.
+    **options
+        The session's settings.
+    """
 
     server: ClassVar[Server]
 
-    def __init__(self, task: Task, **options: Any) -> None:
+    def __init__(self, task: Task, *, iterations: int = 1, **options: Any) -> None:
         patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
         self.task = task
+        self.iterations = iterations
         self.session = self.server.open(Mesh(task.points, cells=task.cells, patches=patches), options)
         self.order = np.searchsorted(task.moving, self.session.moving_nodes)
 
     def move(self, step: int) -> NDArray[np.float64]:
         """Positions after a step, committed."""
-        moved = self.session.move(self.task.displacements[step][self.order], frame="reference")
+        displacement = self.task.displacements[step][self.order]
+        for iteration in range(1, self.iterations):
+            before = self.task.displacements[step - 1][self.order] if step else 0.0 * displacement
+            share = 1 - _RELAXATION**iteration
+            self.session.move(before + share * (displacement - before), frame="reference")
+        moved = self.session.move(displacement, frame="reference")
         self.session.commit()
         positions: NDArray[np.float64] = self.task.points + moved.displacement
         return positions
