@@ -56,6 +56,7 @@ def corner_blocks(
         norm.p,
         norm.m,
         norm.epsilon,
+        norm.size_weight,
         least_weight,
         blocks,
     )
@@ -193,9 +194,10 @@ def _modes(s, q, h1, h2, p, d, matrix, vectors, values, pairs):  # type: ignore[
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def _corner_blocks(  # type: ignore[no-untyped-def]
-    points, corners, ideals, weights, floor, p, m, epsilon, least_weight, out
+    points, corners, ideals, weights, floor, p, m, epsilon, size_weight, least_weight, out
 ):
     n, d = len(corners), points.shape[1]
+    norm = (p, m, epsilon, size_weight)
     for block in prange((n + BLOCK - 1) // BLOCK):
         small, vectors = np.empty((5, d, d)), np.empty((4, d * d))
         pairs, total = np.zeros((d * d, 2), np.int64), np.empty((d * d, d * d))
@@ -205,11 +207,11 @@ def _corner_blocks(  # type: ignore[no-untyped-def]
             weight = weights[c] + floor
             # the literal dimensions let the compiler unroll every small loop
             if d == 3:
-                _block(points, corners[c], ideals[c], weight, p, m, epsilon, 3, small, vectors, pairs, total, out[c])
+                _block(points, corners[c], ideals[c], weight, norm, 3, small, vectors, pairs, total, out[c])
             elif d == 2:
-                _block(points, corners[c], ideals[c], weight, p, m, epsilon, 2, small, vectors, pairs, total, out[c])
+                _block(points, corners[c], ideals[c], weight, norm, 2, small, vectors, pairs, total, out[c])
             else:
-                _block(points, corners[c], ideals[c], weight, p, m, epsilon, 1, small, vectors, pairs, total, out[c])
+                _block(points, corners[c], ideals[c], weight, norm, 1, small, vectors, pairs, total, out[c])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -225,13 +227,14 @@ def _product(a, b, d, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _block(  # type: ignore[no-untyped-def]
-    points, corner, ideal, weight, p, m, epsilon, d, small, long, pairs, total, out
+    points, corner, ideal, weight, norm, d, small, long, pairs, total, out
 ):
     """out (d², d²) of one corner; small, long, pairs and total are work space."""
     u, v, z, matrix, vectors = small[0], small[1], small[2], small[3], small[4]
     values, mode, s = long[0], long[1], long[2]
     tau, q = jacobian(points, corner, ideal, d, z)
-    h1, h2 = slopes(tau, d, m, epsilon)
+    p, m, epsilon, size_weight = norm
+    h1, h2 = slopes(tau, d, m, epsilon, size_weight)
     if d == 3:
         _signed_svd_3(z, u, s, v, matrix)
     elif d == 2:

@@ -3,12 +3,13 @@
 A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` from its ideal, ``τ = det J`` and
 ``q = |J|²_F``. Its distortion ::
 
-    ℓ   = log q − log d − (2/d) log τ + (1/2m) log cosh(m log τ)                 τ > 0
-    ℓ_ε = log q − log d − (2/d + ½) log χ + ½ log((1 + τ²)/2)                    untangling, any τ
+    ℓ   = log q − log d − (2/d) log τ + (a/m) log cosh(m log τ)                  τ > 0
+    ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                    untangling, any τ
           χ = (τ + √(τ² + ε²))/2
 
-is log(1/size-skew) of a simplex but for the rounding of |log τ| (m → ∞ removes it), and ℓ_ε is finite for inverted
-cells. The mesh's distortion is the p-mean, a smooth maximum ::
+With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex but for the rounding of |log τ| (m → ∞ removes it);
+other weights stand for other metrics. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth
+maximum ::
 
     E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
 
@@ -53,11 +54,14 @@ class PNorm:
         Sharpness of the size term's |log τ|.
     epsilon : float
         Regularisation of the determinant; 0 is the barrier (every τ must be positive).
+    size_weight : float
+        a: what the size counts beside the shape.
     """
 
     p: float
     m: float
     epsilon: float = 0.0
+    size_weight: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +139,7 @@ def mean_distortion(
     E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
     """
     measure = np.empty(len(simplices))
-    highest = _measure(points, simplices.nodes, simplices.ideal, norm.m, norm.epsilon, measure)
+    highest = _measure(points, simplices.nodes, simplices.ideal, norm.m, norm.epsilon, norm.size_weight, measure)
     if not math.isfinite(highest):
         return math.inf, measure
     total = _soften(measure, highest, norm.p)
@@ -147,7 +151,9 @@ def distortion_gradient(
 ) -> NDArray[np.float64]:
     """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
     gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
-    _corner_gradients(points, simplices.nodes, simplices.ideal, weights, norm.m, norm.epsilon, gradient)
+    _corner_gradients(
+        points, simplices.nodes, simplices.ideal, weights, norm.m, norm.epsilon, norm.size_weight, gradient
+    )
     return gradient
 
 
@@ -191,7 +197,7 @@ def jacobian(points, corner, ideal, d, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def distortion(tau, q, d, m, epsilon):  # type: ignore[no-untyped-def]
+def distortion(tau, q, d, m, epsilon, a):  # type: ignore[no-untyped-def]
     """ℓ or ℓ_ε of one corner; ``inf`` outside the barrier."""
     if epsilon == 0.0:
         if not tau > 0.0:
@@ -199,22 +205,22 @@ def distortion(tau, q, d, m, epsilon):  # type: ignore[no-untyped-def]
         t = math.log(tau)
         x = abs(m * t)
         log_cosh = x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0)
-        return math.log(q / d) - (2.0 / d) * t + log_cosh / (2.0 * m)
+        return math.log(q / d) - (2.0 / d) * t + a * log_cosh / m
     chi = 0.5 * (tau + math.hypot(tau, epsilon)) if tau > 0.0 else 0.5 * epsilon**2 / (math.hypot(tau, epsilon) - tau)
-    return math.log(q / d) - (2.0 / d + 0.5) * math.log(chi) + 0.5 * math.log(0.5 * (1.0 + tau * tau))
+    return math.log(q / d) - (2.0 / d + a) * math.log(chi) + a * math.log(0.5 * (1.0 + tau * tau))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def slopes(tau, d, m, epsilon):  # type: ignore[no-untyped-def]
+def slopes(tau, d, m, epsilon, a):  # type: ignore[no-untyped-def]
     """First and second derivative (h1, h2) of the part of ℓ that depends on τ alone."""
     if epsilon == 0.0:
         x = math.tanh(m * math.log(tau))
-        h1 = (0.5 * x - 2.0 / d) / tau
-        return h1, (0.5 * m * (1.0 - x * x) + 2.0 / d - 0.5 * x) / (tau * tau)
-    b = 2.0 / d + 0.5
+        h1 = (a * x - 2.0 / d) / tau
+        return h1, (a * m * (1.0 - x * x) + 2.0 / d - a * x) / (tau * tau)
+    b = 2.0 / d + a
     s = math.hypot(tau, epsilon)
-    h1 = tau / (1.0 + tau * tau) - b / s
-    return h1, b * tau / (s * s * s) + (1.0 - tau * tau) / (1.0 + tau * tau) ** 2
+    square = 1.0 + tau * tau
+    return 2.0 * a * tau / square - b / s, b * tau / (s * s * s) + 2.0 * a * (1.0 - tau * tau) / (square * square)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -234,7 +240,7 @@ def cofactor(jac, d, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _measure(points, corners, ideals, m, epsilon, out):  # type: ignore[no-untyped-def]
+def _measure(points, corners, ideals, m, epsilon, a, out):  # type: ignore[no-untyped-def]
     """out (c,) = ℓ; returns the largest, inf or nan where there is one."""
     n, d = len(corners), points.shape[1]
     n_blocks = (n + BLOCK - 1) // BLOCK
@@ -247,7 +253,7 @@ def _measure(points, corners, ideals, m, epsilon, out):  # type: ignore[no-untyp
                 tau, q = jacobian(points, corners[c], ideals[c], 3, jac)
             else:
                 tau, q = jacobian(points, corners[c], ideals[c], d, jac)
-            value = distortion(tau, q, d, m, epsilon)
+            value = distortion(tau, q, d, m, epsilon, a)
             out[c] = value
             if not value <= top:
                 top = value
@@ -279,25 +285,25 @@ def _soften(values, highest, p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _corner_gradients(points, corners, ideals, weights, m, epsilon, out):  # type: ignore[no-untyped-def]
+def _corner_gradients(points, corners, ideals, weights, m, epsilon, a, out):  # type: ignore[no-untyped-def]
     """out (c, d + 1, d) = w dℓ/dx of each corner's nodes."""
     n, d = len(corners), points.shape[1]
     for block in prange((n + BLOCK - 1) // BLOCK):
         jac, cof = np.empty((d, d)), np.empty((d, d))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
             if d == 3:
-                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, 3, jac, cof, out[c])
+                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, a, 3, jac, cof, out[c])
             elif d == 2:
-                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, 2, jac, cof, out[c])
+                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, a, 2, jac, cof, out[c])
             else:
-                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, 1, jac, cof, out[c])
+                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, a, 1, jac, cof, out[c])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _gradient(points, corner, ideal, weight, m, epsilon, d, jac, cof, out):  # type: ignore[no-untyped-def]
+def _gradient(points, corner, ideal, weight, m, epsilon, a, d, jac, cof, out):  # type: ignore[no-untyped-def]
     """out (d + 1, d) = w (2 J/q + h1 cof J) Pᵀ at the ends of the edges, minus their sum at node 0."""
     tau, q = jacobian(points, corner, ideal, d, jac)
-    h1, _ = slopes(tau, d, m, epsilon)
+    h1, _ = slopes(tau, d, m, epsilon, a)
     cofactor(jac, d, cof)
     for i in range(d):
         first = 0.0

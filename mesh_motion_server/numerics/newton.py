@@ -21,6 +21,7 @@ from scipy.sparse.linalg import splu
 from mesh_motion_server.numerics.curvature import corner_blocks
 from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.free_region import FreeRegion, NodeAdjacency
+from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Descent", "StepSolver", "newton"]
 
@@ -37,6 +38,7 @@ _LEAST_DECREMENT = 1e-3
 _LEAST_GAIN = 1e-7
 _REFRESH = 0.003  # of the mean weight: lighter corners keep the block of an earlier iteration
 _ROWS = 512
+_BLOCKS_PER_THREAD = 50_000  # of the Hessian: a product with fewer is over before another thread has started
 
 
 StepSolver = Callable[[NodeAdjacency, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
@@ -137,7 +139,8 @@ def _solve(
         except RuntimeError:  # exactly singular: conjugate gradients stay in the range of H
             pass
     step = np.zeros_like(right)
-    _conjugate_gradients(adjacency.row_starts, adjacency.columns, hessian, right, *accuracy, step)
+    with threads_for(len(adjacency.columns) // _BLOCKS_PER_THREAD):
+        _conjugate_gradients(adjacency.row_starts, adjacency.columns, hessian, right, *accuracy, step)
     return step
 
 

@@ -27,6 +27,9 @@ __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach"]
 LEVELS = (PNorm(2, 1), PNorm(8, 2), PNorm(24, 4), PNorm(60, 8), PNorm(150, 16))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
+SIZE_WEIGHTS = {"size-skew": 0.5, "size-skew-root": 1.0, "size-skew-product": 1.0, "size": 1.0, "skew": 0.01}
+"""Weight of the size in the distortion, by the metric that judges; above 1, less is reached."""
+
 _LEVEL_ITERATIONS = 12
 _UNTANGLED = 1e-2  # least determinant from which the barrier is used; nearer to 0 its steps stay short
 _VALID = 1e-3  # what untangling must reach before it may stop because it gains little
@@ -140,6 +143,7 @@ class _Search:
 
     def descend(self, points: NDArray[np.float64], norm: PNorm, iterations: int) -> NDArray[np.float64]:
         """Newton iterations with one p-mean; judged on the way and at the end."""
+        norm = replace(norm, size_weight=SIZE_WEIGHTS[self.metric])
         result = newton(points, self.region, norm, iterations=iterations, good_enough=self.judge, solve=self.solve)
         self.judge(result.points)
         self.history.append(Stage(norm, self.region.n_free, result.iterations, self.minimum))

@@ -1,0 +1,71 @@
+"""Meshes of every cell type made of arithmetic: the unit square or cube less [0.4, 0.6]^d, the body that moves."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from correction_cases import BodyMesh
+
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.metrics import reference_sizes
+
+_QUAD = ((0, 0), (1, 0), (1, 1), (0, 1))
+_HEXAHEDRON = tuple((x, y, z) for z in (0, 1) for x, y in _QUAD)
+_TRIANGLES = ((0, 1, 2), (0, 2, 3))
+_WEDGES = ((0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7))
+_TETRAHEDRA = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (1, 2, 3, 7), (1, 2, 7, 6), (1, 6, 7, 5))
+_FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+_MIRRORED = {"tetra": [1, 0, 2, 3], "wedge": [3, 4, 5, 0, 1, 2], "pyramid": [0, 3, 2, 1, 4]}
+
+CELL_KINDS = ("quad", "hexahedron", "wedge", "pyramid", "tetra", "quad + triangle", "hexahedron + wedge")
+
+
+@cache
+def box_mesh(kind: str, n: int = 10) -> BodyMesh:
+    """n boxes along each axis, cut into cells of the kind; in a mixed mesh the first type lies around the body."""
+    d = 2 if kind in ("quad", "triangle", "quad + triangle") else 3
+    points, boxes = _boxes(n, d)
+    near = (np.abs(points[boxes].mean(axis=1) - 0.5) < 0.25).all(axis=1)
+    if kind == "quad + triangle":
+        cells = {"quad": boxes[near], "triangle": _cut(boxes[~near], _TRIANGLES)}
+    elif kind == "hexahedron + wedge":
+        cells = {"hexahedron": boxes[near], "wedge": _cut(boxes[~near], _WEDGES)}
+    elif kind == "pyramid":
+        centres = len(points) + np.arange(len(boxes))
+        cells = {"pyramid": np.concatenate([np.column_stack([boxes[:, face], centres]) for face in _FACES])}
+        points = np.vstack([points, points[boxes].mean(axis=1)])
+    else:
+        parts = {"wedge": _WEDGES, "tetra": _TETRAHEDRA}.get(kind)
+        cells = {kind: _cut(boxes, parts) if parts else boxes}
+    outer = np.flatnonzero(((points < 1e-9) | (points > 1 - 1e-9)).any(axis=1))
+    body = np.flatnonzero(((points > 0.4 - 1e-9) & (points < 0.6 + 1e-9)).all(axis=1))
+    return BodyMesh(points, CellTable.from_arrays(_oriented(points, cells)), outer, body)
+
+
+def _boxes(n: int, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and quads or hexahedra of a uniform grid, without the body's."""
+    axis = np.linspace(0.0, 1.0, n + 1)
+    points = np.stack(np.meshgrid(*[axis] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    number = np.arange(len(points)).reshape((n + 1,) * d)
+    corners = _QUAD if d == 2 else _HEXAHEDRON
+    boxes = np.stack([number[tuple(slice(a, a + n) for a in corner)].ravel() for corner in corners], axis=1)
+    boxes = boxes[~(np.abs(points[boxes].mean(axis=1) - 0.5) < 0.1).all(axis=1)]
+    used, numbers = np.unique(boxes, return_inverse=True)
+    return points[used], numbers.reshape(boxes.shape)
+
+
+def _cut(boxes: np.ndarray, parts: tuple[tuple[int, ...], ...]) -> np.ndarray:
+    """Every box in parts."""
+    return np.concatenate([boxes[:, part] for part in parts])
+
+
+def _oriented(points: np.ndarray, cells: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Mirror the cells of negative size."""
+    out = {}
+    for name, nodes in cells.items():
+        negative = reference_sizes(points, CellTable.from_arrays({name: nodes})) < 0
+        out[name] = nodes.copy()
+        if negative.any():
+            out[name][negative] = nodes[negative][:, _MIRRORED[name]]
+    return out

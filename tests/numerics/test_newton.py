@@ -1,0 +1,74 @@
+"""The Newton iterations: descent, held nodes, both linear solvers, convergence."""
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+
+from mesh_motion_server.numerics import newton as module
+from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.free_region import FreeRegion, free_region
+from mesh_motion_server.numerics.newton import newton
+
+
+def shaken(kind: str, size: float) -> tuple[np.ndarray, FreeRegion]:
+    """A mesh with its interior shaken, valid still."""
+    mesh = box_mesh(kind, 5)
+    region = free_region(mesh.points, mesh.cells, mesh.sizes, ~mesh.held)
+    points = mesh.points[region.nodes].copy()
+    points[: region.n_free] += size * np.random.default_rng(1).normal(size=(region.n_free, points.shape[1]))
+    return points, region
+
+
+@pytest.mark.parametrize("kind", ["quad", "tetra", "pyramid"])
+def test_a_shaken_box_mesh_finds_back(kind: str) -> None:
+    points, region = shaken(kind, 0.015)
+    norm = PNorm(2, 1)
+    before, _ = mean_distortion(points, region.simplices, norm)
+    result = newton(points, region, norm, iterations=30)
+    assert result.distortion < before
+    assert result.distortion == mean_distortion(result.points, region.simplices, norm)[0]
+    assert np.array_equal(result.points[region.n_free :], points[region.n_free :])
+    if kind == "quad":  # every quad a square again: the best there is
+        assert result.distortion == pytest.approx(0.0, abs=1e-3)  # where a full step gains less
+        assert result.iterations < 10
+
+
+def test_factorized_and_iterated_steps_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, region = shaken("tetra", 0.015)
+    norm = PNorm(2, 1)
+    direct = newton(points, region, norm, iterations=20)
+    monkeypatch.setattr(module, "DIRECT_UNKNOWNS", 0)
+    monkeypatch.setattr(module, "_BARRIER_CG", (1e-10, 2000))
+    iterated = newton(points, region, norm, iterations=20)
+    np.testing.assert_allclose(iterated.points, direct.points, atol=1e-6)
+
+
+def test_the_stationary_point_has_no_gradient(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("_FULL_STEP_GAIN", "_LEAST_DECREMENT", "_LEAST_GAIN"):
+        monkeypatch.setattr(module, name, 1e-14)
+    points, region = shaken("tetra", 0.01)
+    norm = PNorm(8, 2)
+    result = newton(points, region, norm, iterations=60)
+    _, weights = mean_distortion(result.points, region.simplices, norm)
+    gradient = region.adjacency.gather(distortion_gradient(result.points, region.simplices, weights, norm))
+    assert np.abs(gradient).max() < 1e-4
+
+
+def test_it_stops_when_told_that_it_is_good_enough() -> None:
+    points, region = shaken("tetra", 0.015)
+    asked: list[int] = []
+
+    def good_enough(_: np.ndarray) -> bool:
+        asked.append(1)
+        return True
+
+    assert newton(points, region, PNorm(2, 1), good_enough=good_enough).iterations == 2
+    assert len(asked) == 1
+
+
+def test_nothing_happens_beyond_the_barrier() -> None:
+    points, region = shaken("quad", 0.015)
+    points[0] += 1.0
+    result = newton(points, region, PNorm(2, 1))
+    assert result.iterations == 0
+    assert np.array_equal(result.points, points)
