@@ -1,0 +1,200 @@
+"""The corrections by name: what the named cases reach, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from correction_cases import CASES, RADIUS, case, moved, rigid, stored
+
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.correction import (
+    CORRECTIONS,
+    Correction,
+    CorrectionProblem,
+    CorrectionSettings,
+    correct,
+)
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+
+# best minimum size-skew known: all nodes free, ten levels up to p = 1000 of 60 accurate Newton iterations each
+CEILINGS = {
+    "dx -0.3": 0.3457,
+    "dx dy -0.25": 0.3259,
+    "-0.2, -0.2, +60°": 0.4310,
+    "dx -0.38": 0.1300,
+    "rotate 90°": 0.6188,
+    "rotate 180°": 0.2984,
+    "squeeze between two blocks": 0.1453,
+    "3D box 0.25 + bend": 0.3499,
+    "3D box + 60° + bend": 0.2911,
+    "3D rotate 90°": 0.3414,
+}
+
+
+def settings(correction: str = "optimised", **choices) -> CorrectionSettings:
+    return replace(CorrectionSettings(correction, enrichment_radius=RADIUS), **choices)
+
+
+def check(problem: CorrectionProblem, found: Correction) -> None:
+    """A correction is valid, says what it is, and holds the boundary bit by bit."""
+    quality = cell_quality(found.points, problem.cells, problem.reference_sizes)
+    assert not quality.inverted.any()
+    assert found.minimum == quality.metric("size-skew").min()
+    assert np.array_equal(found.points[problem.held], problem.standard[problem.held])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_optimised_reaches_nine_tenths_of_the_ceiling(name: str) -> None:
+    problem = case(name)
+    found = correct(problem, settings(quality_threshold=0.65, target="maximum"))
+    check(problem, found)
+    assert found.minimum >= 0.96 * CEILINGS[name]
+    assert (found.method, found.reached) == ("optimised", False)
+    assert found.freed_nodes == np.count_nonzero(~problem.held)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_enrichment_alone_reaches_two_thirds_of_the_ceiling(name: str) -> None:
+    problem = case(name)
+    found = correct(problem, settings("enrichment", quality_threshold=0.65, target="maximum"))
+    check(problem, found)
+    assert found.minimum >= 0.75 * CEILINGS[name]
+    assert found.enrichment_points.shape == (20, problem.start.shape[1])
+    assert found.freed_nodes == 0
+
+
+@pytest.mark.parametrize("correction", ["enrichment", "optimised"])
+def test_thirty_random_block_motions_are_all_valid(correction: str) -> None:
+    mesh, rng = stored("thesis_block"), np.random.default_rng(20)
+    for _ in range(30):
+        shift, degrees = rng.uniform(-0.33, 0.33, size=2), rng.uniform(-90.0, 90.0)
+        problem = moved(mesh, rigid(mesh, tuple(shift), degrees))
+        check(problem, correct(problem, settings(correction, quality_threshold=0.9)))
+
+
+def test_explicit_iterations_improve_what_they_can() -> None:
+    problem = case("dx -0.3")
+    found = correct(problem, settings("explicit"))
+    check(problem, found)
+    assert 0 < len(found.enrichment_points) <= 20
+    assert 0.12 < found.minimum < CEILINGS["dx -0.3"]
+
+
+def test_a_good_motion_is_unchanged() -> None:
+    mesh = stored("thesis_block")
+    problem = moved(mesh, rigid(mesh, (0.02, 0.0)))
+    for correction in CORRECTIONS:
+        found = correct(problem, settings(correction))
+        assert found.points is problem.standard
+        assert (found.method, found.reached, found.iterations) == ("none", True, 0)
+
+
+def test_none_keeps_whatever_comes() -> None:
+    problem = case("dx -0.3")
+    found = correct(problem, settings("none"))
+    assert found.points is problem.standard
+    assert found.minimum < 0
+    assert not found.reached
+
+
+def test_targets() -> None:
+    problem = case("3D box 0.25 + bend")
+    threshold, maximum, auto = (
+        correct(problem, settings(target=target)) for target in ("threshold", "maximum", "auto")
+    )
+    assert threshold.reached
+    assert 0.2 <= threshold.minimum < maximum.minimum
+    assert threshold.freed_nodes < maximum.freed_nodes
+    assert np.array_equal(auto.points, maximum.points)  # a small mesh
+
+
+def test_auto_stops_at_the_threshold_on_a_large_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = case("3D box 0.25 + bend")
+    monkeypatch.setitem(correct.__globals__["SMALL_MESH"], 3, 100)
+    auto, threshold = correct(problem, settings()), correct(problem, settings(target="threshold"))
+    assert np.array_equal(auto.points, threshold.points)
+
+
+@pytest.mark.parametrize("correction", ["explicit", "enrichment", "optimised"])
+def test_a_motion_through_the_wall_is_refused(correction: str) -> None:
+    mesh = stored("thesis_block")
+    problem = moved(mesh, rigid(mesh, (-0.7, 0.0)))
+    with pytest.raises(NumericalError, match="inverted cells") as refused:
+        correct(problem, settings(correction))
+    assert refused.value.best < 0
+    quality = cell_quality(problem.standard, problem.cells, problem.reference_sizes)
+    assert 1 <= len(refused.value.cells) <= 10
+    assert quality.inverted.any()
+
+
+def test_what_no_node_can_mend_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = box_mesh("tetra")
+    held = mesh.held.copy()
+    nodes = mesh.cells.blocks[0].nodes
+    crossing = nodes[~held[nodes].any(axis=1)][0]
+    held[crossing] = True
+    problem = moved(mesh, rigid(mesh, (0.2, 0.0, 0.0)))
+    standard = problem.standard.copy()
+    standard[crossing[0]], standard[crossing[1]] = problem.standard[crossing[1]], problem.standard[crossing[0]]
+    monkeypatch.setitem(correct.__globals__, "polish", None)
+    with pytest.raises(NumericalError):
+        correct(replace(problem, standard=standard, held=held), settings())
+
+
+def test_no_enrichment_points_change_nothing() -> None:
+    with pytest.raises(NumericalError):
+        correct(case("dx -0.3"), settings("enrichment", max_enrichment_points=0))
+
+
+def test_a_mesh_without_free_nodes_is_judged_as_it_is() -> None:
+    problem = case("dx -0.3")
+    with pytest.raises(NumericalError):
+        correct(replace(problem, held=np.ones_like(problem.held)), settings())
+
+
+@pytest.mark.parametrize(("key", "value"), [("correction", "magic"), ("target", "moon")])
+def test_unknown_choices_are_named(key: str, value: str) -> None:
+    with pytest.raises(InvalidInput, match=value):
+        settings(**{key: value})
+
+
+def squeezed_line(distance: float = 0.15) -> CorrectionProblem:
+    """The case of thesis Table 4.1 with R = 0.2."""
+    x = np.linspace(0, 1, 21)[:, None]
+    n = np.arange(21)
+    cells = CellTable.from_arrays({"line": np.column_stack([n[:-1], n[1:]])})
+    held = np.isin(n, [0, 4, 16, 20])
+    told = np.zeros_like(x)
+    told[4], told[16] = distance, -distance
+    factor, evaluator = factorize(x[held], support_radius=0.2), LocalEvaluator()
+    standard = x + evaluator.displacement(factor.solve(told[held]), x)
+    standard[held] = (x + told)[held]
+    return CorrectionProblem(x, standard, held, cells, reference_sizes(x, cells), factor, evaluator)
+
+
+def test_one_dimension_the_thesis_and_the_optimum() -> None:
+    problem = squeezed_line()
+    choices = {"quality_metric": "size", "quality_threshold": 0.3, "enrichment_radius": 1.0}
+    with pytest.raises(NumericalError):
+        correct(problem, settings("enrichment", max_enrichment_points=0, **choices))
+    thesis = correct(problem, settings("imposed-gradient", **choices))
+    assert thesis.minimum == pytest.approx(0.26226, abs=5e-6)  # Table 4.1, H1, R = 0.2
+    np.testing.assert_allclose(thesis.enrichment_points, [[0.5]])
+    best = correct(problem, settings(**choices))
+    assert best.minimum == pytest.approx(0.5)
+    for found in (thesis, best):
+        assert np.array_equal(found.points[problem.held], problem.standard[problem.held])
+
+
+@pytest.mark.parametrize("kind", ["quad", "hexahedron + wedge"])
+def test_enrichment_works_on_cells_that_are_no_simplices(kind: str) -> None:
+    mesh = box_mesh(kind)
+    problem = moved(mesh, rigid(mesh, (0.25, *[0.0] * (mesh.points.shape[1] - 1))))
+    standard = correct(problem, settings("none")).minimum
+    found = correct(problem, settings("enrichment", quality_threshold=0.6))
+    check(problem, found)
+    assert found.minimum > standard + 0.15
