@@ -1,0 +1,106 @@
+"""What a study is: a question, and a function that answers it with tables and pictures.
+
+A study is a module with a ``STUDY``; see ``thesis/`` and ``beyond/``. It computes everything anew each time, so what
+the documentation shows is what the code does. ``run(quick=True)`` does the same with fewer samples, in seconds: the tests
+run every study that way and hold the ``claims`` against what comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Outcome", "Picture", "Study", "Table"]
+
+Cell = str | int | float | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; numbers are shown with ``digits`` significant digits, integers as they are, None as a dash."""
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    caption: str = ""
+    digits: int = 4
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"expected {len(self.columns)} cells, as {list(self.columns)}, got {list(row)}")
+
+    def markdown(self) -> str:
+        """The table in GitHub's Markdown."""
+        lines = ["| " + " | ".join(self.columns) + " |", "|" + " --- |" * len(self.columns)]
+        lines += ["| " + " | ".join(_shown(cell, self.digits) for cell in row) + " |" for row in self.rows]
+        return "\n".join(([self.caption, ""] if self.caption else []) + lines)
+
+    def column(self, name: str) -> list[Any]:
+        """The cells under a heading."""
+        place = list(self.columns).index(name)
+        return [row[place] for row in self.rows]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture: ``draw`` gets an empty matplotlib figure of ``size`` inches."""
+
+    draw: Callable[[Any], None]
+    caption: str = ""
+    size: tuple[float, float] = (9.0, 4.0)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a study found, in the order in which the page shows it: text (computed, not asserted), tables, pictures."""
+
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """One study.
+
+    Attributes
+    ----------
+    title : str
+        What is asked, in a line.
+    source : str
+        The tables, figures and equations of the thesis it reproduces ("Fig 2.3"), or the open question.
+    run : callable
+        ``run(quick)`` → Outcome.
+    claims : callable
+        Raises AssertionError where an outcome, quick or full, does not show what the documentation says of it.
+    functions : tuple of str
+        Dotted names of what does the work: where to read on.
+    """
+
+    title: str
+    source: str
+    run: Callable[[bool], Outcome]
+    claims: Callable[[Outcome], None]
+    functions: tuple[str, ...] = field(default=())
+
+
+def _shown(cell: Cell, digits: int) -> str:
+    """A cell's text."""
+    if cell is None:
+        return "–"
+    if isinstance(cell, float):
+        return f"{cell:.{digits}g}".replace("-", "−")
+    return str(cell)
+
+
+def save_picture(picture: Picture, path: Path) -> None:
+    """Draw a picture into a PNG file."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 matplotlib only where something is drawn
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    figure = Figure(figsize=picture.size, dpi=90, layout="constrained")
+    FigureCanvasAgg(figure)
+    picture.draw(figure)
+    figure.savefig(path, metadata={"Software": None})

@@ -1,0 +1,74 @@
+"""Every study runs and shows what its page says of it; every page shows every study."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from docs.studies.catalogue import PAGES, names
+from docs.studies.catalogue import study as study_named
+from docs.studies.page import DOCS, fill, marked, render
+from docs.studies.study import Outcome, Picture, Study, Table
+
+ALL = [(page, name) for page in PAGES for name in names(page)]
+
+
+@pytest.mark.parametrize(("page", "name"), ALL)
+def test_a_study_shows_what_is_claimed(page: str, name: str, tmp_path: Path) -> None:
+    found = study_named(page, name)
+    outcome = found.run(True)
+    assert outcome.tables or outcome.pictures
+    found.claims(outcome)
+    assert render(name, found, outcome, tmp_path).startswith("*")
+
+
+@pytest.mark.parametrize(("page", "name"), ALL)
+def test_a_study_names_functions_that_exist(page: str, name: str) -> None:
+    for dotted in study_named(page, name).functions:
+        module, _, attribute = dotted.rpartition(".")
+        assert hasattr(import_module(module), attribute), dotted
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_shows_its_studies_once_each(page: str) -> None:
+    assert sorted(marked(page)) == names(page)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_is_filled_and_its_pictures_are_there(page: str) -> None:
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    assert not re.search(r"-->\n<!-- end -->", text), "run make studies"
+    for picture in re.findall(r"\]\((studies/pictures/[^)]+)\)", text):
+        assert (DOCS / picture).is_file(), picture
+
+
+def test_a_table_is_markdown_with_significant_digits() -> None:
+    table = Table(("a", "b"), [("x", -0.33594), (3, None)], caption="C")
+    assert table.markdown() == "C\n\n| a | b |\n| --- | --- |\n| x | −0.3359 |\n| 3 | – |"
+    assert table.column("a") == ["x", 3]
+
+
+def test_a_row_of_another_length_is_refused() -> None:
+    with pytest.raises(ValueError, match="expected 2 cells"):
+        Table(("a", "b"), [("x",)])
+
+
+def test_a_study_without_a_marker_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("docs.studies.page.DOCS", tmp_path)
+    (tmp_path / "thesis.md").write_text("before\n<!-- study: one -->\nold\n<!-- end -->\nafter\n")
+    fill("thesis", "one", "new\n")
+    assert (tmp_path / "thesis.md").read_text() == "before\n<!-- study: one -->\nnew\n<!-- end -->\nafter\n"
+    with pytest.raises(ValueError, match="<!-- study: two -->"):
+        fill("thesis", "two", "new\n")
+
+
+def test_pictures_are_drawn_and_shown(tmp_path: Path) -> None:
+    picture = Picture(lambda figure: figure.subplots().plot([0, 1]), "A line")
+    shown = render(
+        "one", Study("T", "Fig 0", lambda quick: Outcome(), lambda o: None), Outcome((), [picture]), tmp_path
+    )
+    assert "![A line](studies/pictures/one.png)" in shown
+    assert (tmp_path / "one.png").stat().st_size > 1000
