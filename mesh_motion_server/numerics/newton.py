@@ -4,6 +4,8 @@ Each iteration solves ``H dx = −g`` with the positive semi-definite Hessian of
 far as Armijo's rule allows; outside the barrier the distortion is infinite, so no cell can invert. Small systems are
 factorized, large ones are solved roughly by conjugate gradients preconditioned with the diagonal blocks: an inexact
 Newton method needs no more (Dembo, Eisenstat & Steihaug, SIAM J. Numer. Anal. 19, 1982).
+
+A :class:`QuadraticTerm` may be added to the distortion, and :class:`Accuracy` says where to stop.
 """
 
 from __future__ import annotations
@@ -18,27 +20,68 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
-from mesh_motion_server.numerics.curvature import corner_blocks
+from mesh_motion_server.numerics.curvature import FLOOR, corner_blocks
 from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.free_region import FreeRegion, NodeAdjacency
 from mesh_motion_server.numerics.thread_share import threads_for
 
-__all__ = ["Descent", "StepSolver", "newton"]
+__all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
 
-DIRECT_UNKNOWNS = 1500
-"""Largest system that is factorized; above it conjugate gradients are faster."""
-
-_BARRIER_CG = 0.2, 60  # reduction of the residual, most iterations
-_UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
 _ARMIJO, _HALVINGS = 1e-4, 25
-_FULL_STEP_GAIN = (
-    1e-3  # a full Newton step that gains less: converged (CORRECTION: on short steps near det = 0 it is not)
-)
-_LEAST_DECREMENT = 1e-3
-_LEAST_GAIN = 1e-7
-_REFRESH = 0.003  # of the mean weight: lighter corners keep the block of an earlier iteration
+_UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
 _ROWS = 512
 _BLOCKS_PER_THREAD = 50_000  # of the Hessian: a product with fewer is over before another thread has started
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Where the iterations stop, and how accurate each of them is; the defaults serve a correction in one step.
+
+    Attributes
+    ----------
+    full_step_gain : float
+        A full Newton step that gains less: converged. On short steps, near det = 0, it says nothing.
+    least_decrement, least_gain : float
+        Stop where the model promises less than the first, or a step of any length gained less than the second.
+    refresh : float
+        Of the mean weight: lighter corners keep the curvature of an earlier iteration.
+    floor : float
+        Least weight of a corner in the Hessian, of the mean weight; without it a light node has no stiffness.
+    direct_unknowns : int
+        Largest system that is factorized; above it conjugate gradients are faster.
+    cg_reduction, cg_iterations : float, int
+        Of the conjugate gradients: reduction of the residual, most iterations.
+    """
+
+    full_step_gain: float = 1e-3
+    least_decrement: float = 1e-3
+    least_gain: float = 1e-7
+    refresh: float = 0.003
+    floor: float = FLOOR
+    direct_unknowns: int = 1500
+    cg_reduction: float = 0.2
+    cg_iterations: int = 60
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticTerm:
+    """½ vᵀ K v with v = x − rest, of the free nodes; added to the distortion.
+
+    Attributes
+    ----------
+    rest : (f, d) array, mesh length unit
+    stiffness : (b, d, d) array, 1 / length²
+        K, symmetric and positive semi-definite, in the pattern of the region's :class:`NodeAdjacency`.
+    """
+
+    rest: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+
+    def gradient(self, points: NDArray[np.float64], adjacency: NodeAdjacency) -> tuple[float, NDArray[np.float64]]:
+        """The term and its gradient K v (f, d) at the free nodes' points (f, d)."""
+        pull = np.empty_like(self.rest)
+        energy = _multiply(adjacency.row_starts, adjacency.columns, self.stiffness, points - self.rest, pull)
+        return 0.5 * float(energy), pull
 
 
 StepSolver = Callable[[NodeAdjacency, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
@@ -47,7 +90,7 @@ StepSolver = Callable[[NodeAdjacency, NDArray[np.float64], NDArray[np.float64]],
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Result of :func:`newton`: points (l, d), distortion E, iterations made."""
+    """Result of :func:`newton`: points (l, d), distortion E and quadratic term together, iterations made."""
 
     points: NDArray[np.float64]
     distortion: float
@@ -62,6 +105,8 @@ def newton(
     iterations: int = 12,
     good_enough: Callable[[NDArray[np.float64]], bool] | None = None,
     solve: StepSolver | None = None,
+    quadratic: QuadraticTerm | None = None,
+    accuracy: Accuracy | None = None,
 ) -> Descent:
     """Lower E from the points (l, d) of the region; the nodes that are not free stay, bit by bit.
 
@@ -76,37 +121,68 @@ def newton(
         Asked with the points after every second iteration; true stops.
     solve : StepSolver, optional
         Gives the step; by default every free node moves on its own.
+    quadratic : QuadraticTerm, optional
+        Added to E.
+    accuracy : Accuracy, optional
     """
+    accuracy = accuracy or Accuracy()
     d, n_corners = points.shape[1], len(region.simplices)
+    objective = _Objective(region, norm, quadratic)
     blocks = np.zeros((n_corners, d * d, d * d), dtype=np.float32)
-    energy, weights = mean_distortion(points, region.simplices, norm)
+    energy, weights = objective(points)
     done = 0
     while done < iterations and math.isfinite(energy):
-        least = 0.0 if done == 0 else _REFRESH / n_corners
-        gradient = region.adjacency.gather(distortion_gradient(points, region.simplices, weights, norm))
-        corner_blocks(points, region.simplices, weights, norm, blocks, least_weight=least)
+        least = 0.0 if done == 0 else accuracy.refresh / n_corners
+        gradient = objective.gradient(points, weights)
+        corner_blocks(points, region.simplices, weights, norm, blocks, least_weight=least, floor=accuracy.floor)
         hessian = region.adjacency.assemble(blocks, d)
+        if quadratic is not None:
+            hessian += quadratic.stiffness
         if solve is None:
-            step = _solve(region.adjacency, hessian, -gradient, _UNTANGLING_CG if norm.epsilon else _BARRIER_CG)
+            step = _solve(region.adjacency, hessian, -gradient, accuracy, untangling=norm.epsilon > 0.0)
         else:
             step = solve(region.adjacency, hessian, -gradient)
         slope = float(np.vdot(gradient, step))
-        found = _line_search(points, region, norm, step, energy, slope)
+        found = _line_search(points, objective, step, energy, slope)
         if found is None:
             break
         length, points, lower, weights = found
         gain, energy, done = energy - lower, lower, done + 1
-        if (length == 1.0 and gain < _FULL_STEP_GAIN) or -slope < _LEAST_DECREMENT or gain < _LEAST_GAIN:
+        converged = length == 1.0 and gain < accuracy.full_step_gain
+        if converged or -slope < accuracy.least_decrement or gain < accuracy.least_gain:
             break
         if good_enough is not None and done % 2 == 0 and good_enough(points):
             break
     return Descent(points, energy, done)
 
 
+@dataclass(frozen=True, eq=False)
+class _Objective:
+    """What is lowered: the distortion of a region, and the quadratic term."""
+
+    region: FreeRegion
+    norm: PNorm
+    quadratic: QuadraticTerm | None
+
+    def __call__(self, points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """The objective at the points (l, d), and the corners' weights (c,)."""
+        energy, weights = mean_distortion(points, self.region.simplices, self.norm)
+        if self.quadratic is not None and math.isfinite(energy):
+            energy += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[0]
+        return energy, weights
+
+    def gradient(self, points: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Its gradient (f, d)."""
+        adjacency = self.region.adjacency
+        gradient = adjacency.gather(distortion_gradient(points, self.region.simplices, weights, self.norm))
+        if self.quadratic is not None:
+            gradient += self.quadratic.gradient(points[: self.region.n_free], adjacency)[1]
+        return gradient
+
+
 def _line_search(
     points: NDArray[np.float64],
-    region: FreeRegion,
-    norm: PNorm,
+    objective: _Objective,
     step: NDArray[np.float64],
     energy: float,
     slope: float,
@@ -117,8 +193,8 @@ def _line_search(
     length = 1.0
     for _ in range(_HALVINGS + 1):
         trial = points.copy()
-        trial[: region.n_free] += length * step
-        lower, weights = mean_distortion(trial, region.simplices, norm)
+        trial[: len(step)] += length * step
+        lower, weights = objective(trial)
         if lower <= energy + _ARMIJO * length * slope:
             return length, trial, lower, weights
         length *= 0.5
@@ -126,10 +202,15 @@ def _line_search(
 
 
 def _solve(
-    adjacency: NodeAdjacency, hessian: NDArray[np.float64], right: NDArray[np.float64], accuracy: tuple[float, int]
+    adjacency: NodeAdjacency,
+    hessian: NDArray[np.float64],
+    right: NDArray[np.float64],
+    accuracy: Accuracy,
+    *,
+    untangling: bool,
 ) -> NDArray[np.float64]:
     """The step (f, d) of H (b, d, d) dx = right (f, d)."""
-    if right.size <= DIRECT_UNKNOWNS:
+    if right.size <= accuracy.direct_unknowns:
         matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
         try:
             factor = splu(
@@ -139,8 +220,9 @@ def _solve(
         except RuntimeError:  # exactly singular: conjugate gradients stay in the range of H
             pass
     step = np.zeros_like(right)
+    reduction, most = _UNTANGLING_CG if untangling else (accuracy.cg_reduction, accuracy.cg_iterations)
     with threads_for(len(adjacency.columns) // _BLOCKS_PER_THREAD):
-        _conjugate_gradients(adjacency.row_starts, adjacency.columns, hessian, right, *accuracy, step)
+        _conjugate_gradients(adjacency.row_starts, adjacency.columns, hessian, right, reduction, most, step)
     return step
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 
-from mesh_motion_server.numerics import newton as module
 from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.free_region import FreeRegion, free_region
-from mesh_motion_server.numerics.newton import newton
+from mesh_motion_server.numerics.newton import Accuracy, QuadraticTerm, newton
 
 
 def shaken(kind: str, size: float) -> tuple[np.ndarray, FreeRegion]:
@@ -33,25 +32,51 @@ def test_a_shaken_box_mesh_finds_back(kind: str) -> None:
         assert result.iterations < 10
 
 
-def test_factorized_and_iterated_steps_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+EXACT = Accuracy(full_step_gain=1e-14, least_decrement=1e-14, least_gain=1e-14)
+
+
+def test_factorized_and_iterated_steps_agree() -> None:
     points, region = shaken("tetra", 0.015)
-    norm = PNorm(2, 1)
-    direct = newton(points, region, norm, iterations=20)
-    monkeypatch.setattr(module, "DIRECT_UNKNOWNS", 0)
-    monkeypatch.setattr(module, "_BARRIER_CG", (1e-10, 2000))
-    iterated = newton(points, region, norm, iterations=20)
+    direct = newton(points, region, PNorm(2, 1), iterations=20)
+    accuracy = Accuracy(direct_unknowns=0, cg_reduction=1e-10, cg_iterations=2000)
+    iterated = newton(points, region, PNorm(2, 1), iterations=20, accuracy=accuracy)
     np.testing.assert_allclose(iterated.points, direct.points, atol=1e-6)
 
 
-def test_the_stationary_point_has_no_gradient(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("_FULL_STEP_GAIN", "_LEAST_DECREMENT", "_LEAST_GAIN"):
-        monkeypatch.setattr(module, name, 1e-14)
+def test_the_stationary_point_has_no_gradient() -> None:
     points, region = shaken("tetra", 0.01)
     norm = PNorm(8, 2)
-    result = newton(points, region, norm, iterations=60)
+    result = newton(points, region, norm, iterations=60, accuracy=EXACT)
     _, weights = mean_distortion(result.points, region.simplices, norm)
     gradient = region.adjacency.gather(distortion_gradient(result.points, region.simplices, weights, norm))
     assert np.abs(gradient).max() < 1e-4
+
+
+def quadratic(region: FreeRegion, rest: np.ndarray, weight: float) -> QuadraticTerm:
+    """Every free node on its own spring."""
+    stiffness = np.zeros((len(region.adjacency.columns), rest.shape[1], rest.shape[1]))
+    stiffness[region.adjacency.row_starts[:-1]] = weight * np.eye(rest.shape[1])
+    return QuadraticTerm(rest, stiffness)
+
+
+@pytest.mark.parametrize("kind", ["quad", "tetra"])
+def test_a_quadratic_term_balances_the_distortion(kind: str) -> None:
+    points, region = shaken(kind, 0.015)
+    free, norm = slice(region.n_free), PNorm(8, 2)
+    term = quadratic(region, points[free].copy(), 10.0)
+    result = newton(points, region, norm, iterations=60, quadratic=term, accuracy=EXACT)
+    energy, weights = mean_distortion(result.points, region.simplices, norm)
+    gradient = region.adjacency.gather(distortion_gradient(result.points, region.simplices, weights, norm))
+    np.testing.assert_allclose(10.0 * (result.points[free] - points[free]), -gradient, atol=1e-5)
+    half = 5.0 * np.sum((result.points[free] - points[free]) ** 2)
+    assert result.distortion == pytest.approx(energy + half, rel=1e-12)
+
+
+def test_a_stiff_quadratic_term_leaves_the_nodes_at_rest() -> None:
+    points, region = shaken("tetra", 0.015)
+    rest = points[: region.n_free] + 0.002
+    result = newton(points, region, PNorm(8, 2), quadratic=quadratic(region, rest, 1e9))
+    np.testing.assert_allclose(result.points[: region.n_free], rest, atol=1e-6)
 
 
 def test_it_stops_when_told_that_it_is_good_enough() -> None:
