@@ -8,7 +8,8 @@ shear-like mode (cf. Smith, de Goes & Kim, Analytic eigensystems for isotropic d
     M_ij = 2 δ_ij/q − 4 s_i s_j/q² + h2 t_i t_j + h1 t_ij + p ℓ_i ℓ_j        eigenpairs (λ, e): mode Σ e_i u_i v_iᵀ
     (u_i v_jᵀ ∓ u_j v_iᵀ)/√2   with   λ = 2/q ± h1 t_ij
 
-``p ℓ_i ℓ_j`` is the rank-one term of the p-mean. Negative λ are dropped; the rest goes to the nodes through P::
+In 1D there is no shape: q = ∞, M = h2 + p h1². ``p ℓ_i ℓ_j`` is the rank-one term of the p-mean. Negative λ are
+dropped; the rest goes to the nodes through P::
 
     H_c = (w_c + floor/n) Σ λ v vᵀ
 """

@@ -8,8 +8,8 @@ A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` fro
           χ = (τ + √(τ² + ε²))/2
 
 With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex but for the rounding of |log τ| (m → ∞ removes it);
-other weights stand for other metrics. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth
-maximum ::
+other weights stand for other metrics. In 1D there is no shape: the first three terms cancel and the size alone
+counts. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth maximum ::
 
     E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
 
@@ -166,7 +166,7 @@ def determinants(points: NDArray[np.float64], simplices: CornerSimplices) -> NDA
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def jacobian(points, corner, ideal, d, out):  # type: ignore[no-untyped-def]
-    """out (d, d) = J of one corner; returns (τ, q)."""
+    """out (d, d) = J of one corner; returns (τ, q), q = ∞ in 1D, where there is no shape."""
     if d == 2:
         x0, y0 = points[corner[0], 0], points[corner[0], 1]
         ax, ay = points[corner[1], 0] - x0, points[corner[1], 1] - y0
@@ -187,7 +187,7 @@ def jacobian(points, corner, ideal, d, out):  # type: ignore[no-untyped-def]
             out[i, k] = t
             q += t * t
     if d == 1:
-        return out[0, 0], q
+        return out[0, 0], np.inf
     tau = (
         out[0, 0] * (out[1, 1] * out[2, 2] - out[1, 2] * out[2, 1])
         - out[0, 1] * (out[1, 0] * out[2, 2] - out[1, 2] * out[2, 0])
@@ -197,27 +197,34 @@ def jacobian(points, corner, ideal, d, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _shape(q, d):  # type: ignore[no-untyped-def]
+    """log q − log d and the exponent 2/d of the determinant; both 0 in 1D, where they cancel for every τ > 0."""
+    return (math.log(q / d), 2.0 / d) if d > 1 else (0.0, 0.0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def distortion(tau, q, d, m, epsilon, a):  # type: ignore[no-untyped-def]
     """ℓ or ℓ_ε of one corner; ``inf`` outside the barrier."""
+    shape, b = _shape(q, d)
     if epsilon == 0.0:
         if not tau > 0.0:
             return np.inf
         t = math.log(tau)
         x = abs(m * t)
         log_cosh = x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0)
-        return math.log(q / d) - (2.0 / d) * t + a * log_cosh / m
+        return shape - b * t + a * log_cosh / m
     chi = 0.5 * (tau + math.hypot(tau, epsilon)) if tau > 0.0 else 0.5 * epsilon**2 / (math.hypot(tau, epsilon) - tau)
-    return math.log(q / d) - (2.0 / d + a) * math.log(chi) + a * math.log(0.5 * (1.0 + tau * tau))
+    return shape - (b + a) * math.log(chi) + a * math.log(0.5 * (1.0 + tau * tau))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def slopes(tau, d, m, epsilon, a):  # type: ignore[no-untyped-def]
     """First and second derivative (h1, h2) of the part of ℓ that depends on τ alone."""
+    b = 2.0 / d if d > 1 else 0.0
     if epsilon == 0.0:
         x = math.tanh(m * math.log(tau))
-        h1 = (a * x - 2.0 / d) / tau
-        return h1, (a * m * (1.0 - x * x) + 2.0 / d - a * x) / (tau * tau)
-    b = 2.0 / d + a
+        return (a * x - b) / tau, (a * m * (1.0 - x * x) + b - a * x) / (tau * tau)
+    b += a
     s = math.hypot(tau, epsilon)
     square = 1.0 + tau * tau
     return 2.0 * a * tau / square - b / s, b * tau / (s * s * s) + 2.0 * a * (1.0 - tau * tau) / (square * square)

@@ -186,7 +186,9 @@ def test_one_dimension_the_thesis_and_the_optimum() -> None:
     np.testing.assert_allclose(thesis.enrichment_points, [[0.5]])
     best = correct(problem, settings(**choices))
     assert best.minimum == pytest.approx(0.5)
-    for found in (thesis, best):
+    enriched = correct(problem, settings("enrichment", target="maximum", **choices))
+    assert enriched.minimum == pytest.approx(0.5, abs=1e-6)  # the size alone counts: no shape term in the way
+    for found in (thesis, best, enriched):
         assert np.array_equal(found.points[problem.held], problem.standard[problem.held])
 
 

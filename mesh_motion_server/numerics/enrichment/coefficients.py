@@ -44,7 +44,7 @@ RADIUS_CYCLE = (1.0, 2.0)
 """Radii of consecutive points, relative to R_l: wider than for one point at a time, since all of them act together."""
 
 _ROUNDS = 4
-_RIDGE = 1e-9  # of the unit diagonal: neighbouring enrichment functions are nearly dependent
+_RIDGES = (1e-9, 1e-6, 1e-3)  # beside a unit diagonal: neighbouring enrichment functions are nearly dependent
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +133,16 @@ class _SpaceSteps:
 
 
 def _solve_scaled(matrix: Floats, right: Floats) -> Floats:
-    """Solve with unit diagonal and a ridge; a matrix that is not even then definite gives the scaled gradient."""
+    """Solve with unit diagonal and the smallest ridge that makes the matrix definite."""
     scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
-    scaled = matrix * scale[:, None] * scale + _RIDGE * np.eye(len(scale))
-    try:
-        return np.asarray(scale * cho_solve(cho_factor(scaled), scale * right))
-    except LinAlgError:
-        return np.asarray(scale * scale * right)
+    scaled = matrix * scale[:, None] * scale
+    for ridge in _RIDGES:
+        try:
+            factor = cho_factor(scaled + ridge * np.eye(len(scale)))
+        except LinAlgError:
+            continue
+        return np.asarray(scale * cho_solve(factor, scale * right))
+    return np.asarray(scale * scale * right)
 
 
 def optimised_enrichment(
