@@ -1,0 +1,31 @@
+"""Weights of a selected set by a fresh Cholesky factorization: φ_cc γ = d_c, thesis (2.4) without a polynomial."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
+from mesh_motion_server.numerics.reduction.problem import ReductionProblem
+
+__all__ = ["full_operations", "full_weights"]
+
+
+def full_weights(problem: ReductionProblem, selected: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(nc, k) weights that reproduce the displacement of the selected nodes.
+
+    Raises
+    ------
+    NumericalError
+        If the matrix is singular to working precision.
+    """
+    factor = PanelCholesky(
+        len(selected), lambda first, last: problem.columns(selected[first:last], rows=selected[first:])
+    )
+    return factor.solve(problem.displacement[selected])
+
+
+def full_operations(problem: ReductionProblem, count: int) -> float:
+    """Multiply-adds of that: a Cholesky factor of order ``count``, and both substitutions for k right-hand sides."""
+    components = int(problem.displacement.shape[1])
+    return float(count) ** 3 / 6.0 + components * float(count) ** 2

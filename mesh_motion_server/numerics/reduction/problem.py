@@ -1,0 +1,199 @@
+"""What every point reduction takes and gives (thesis §2.2.1–2.2.3).
+
+A reduction interpolates the displacement of all boundary nodes from few of them. All algorithms have one calling
+convention, ``reduce(problem) -> Reduced``, so that they can be exchanged by name and compared on one footing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.assembly import dense_block
+from mesh_motion_server.numerics.centres import CentreLayout, padded
+from mesh_motion_server.numerics.control_points import checked_control_points
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolant import Interpolant
+from mesh_motion_server.numerics.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
+
+__all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: A level is an interpolant: weights on a subset of the boundary nodes, with a support radius of its own.
+Level = Interpolant
+
+
+@dataclass(frozen=True, eq=False)
+class ReductionProblem:
+    """Displacements of boundary nodes that few of them shall reproduce.
+
+    Attributes
+    ----------
+    points : (nb, d) array, mesh length unit
+        Boundary nodes with a prescribed displacement, distinct.
+    displacement : (nb, k) array, mesh length unit
+    basis : str
+        A positive definite one of :data:`~mesh_motion_server.numerics.kernels.BASES`.
+    support_radius : float, mesh length unit
+        R of the (first) level.
+    tolerance : float
+        Allowed largest error of a node, as a share of the largest displacement; 0 asks for all nodes.
+    max_points : int
+        Most nodes that may be selected; 0: no bound.
+
+    Raises
+    ------
+    InvalidInput
+        On shapes that do not fit, values that are not finite, coinciding points, an unusable basis or radius, or a
+        negative tolerance or bound.
+    """
+
+    points: Floats
+    displacement: Floats
+    basis: str = DEFAULT_BASIS
+    support_radius: float = 1.0
+    tolerance: float = 1e-3
+    max_points: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", checked_control_points(self.points))
+        object.__setattr__(self, "displacement", _checked_displacement(self.displacement, len(self.points)))
+        row = basis_named(self.basis)
+        if row.needs_polynomial:
+            raise InvalidInput(
+                f"a point reduction needs a positive definite basis, {self.basis!r} is only conditionally definite",
+                hint="take 'wendland-c2', or reduction = 'none'",
+            )
+        checked_radius(self.support_radius, row)
+        if not (math.isfinite(self.tolerance) and self.tolerance >= 0.0):
+            raise InvalidInput(f"expected a reduction tolerance of 0 or more, got {self.tolerance!r}")
+        if self.max_points < 0:
+            raise InvalidInput(f"expected a largest number of control points of 0 or more, got {self.max_points!r}")
+
+    @property
+    def n_points(self) -> int:
+        """nb."""
+        return len(self.points)
+
+    @property
+    def limit(self) -> int:
+        """Most nodes that may be selected."""
+        return min(self.max_points or self.n_points, self.n_points)
+
+    @cached_property
+    def row(self) -> Basis:
+        """The basis function."""
+        return basis_named(self.basis)
+
+    @cached_property
+    def largest(self) -> float:
+        """Length of the largest displacement, mesh length unit."""
+        return float(np.sqrt(np.max(_squared_lengths(self.displacement))))
+
+    @property
+    def allowed_error(self) -> float:
+        """Largest error of a node that meets the tolerance, mesh length unit."""
+        return self.tolerance * self.largest
+
+    @property
+    def start(self) -> int:
+        """The node every algorithm starts from: the first of the largest displacement (never a random one)."""
+        return int(np.argmax(_squared_lengths(self.displacement)))
+
+    def columns(self, selected: Indices, *, rows: Indices | None = None, support_radius: float | None = None) -> Floats:
+        """(nb or len(rows), nc) values of φ between boundary nodes and the selected ones."""
+        at = self._padded if rows is None else self._padded[rows]
+        return dense_block(self.row, support_radius or self.support_radius, at, self._padded[selected])
+
+    def level(self, selected: Indices, weights: Floats, *, support_radius: float | None = None) -> Level:
+        """The interpolant with these (nc, k) weights at the selected nodes."""
+        radius = support_radius or self.support_radius
+        centres = self.points[selected]
+        return Interpolant(centres, weights, self.row, radius, CentreLayout.build(centres, self.row, radius))
+
+    def values(self, level: Level) -> Floats:
+        """(nb, k) values of a level at all boundary nodes; thesis (2.11)."""
+        return LocalEvaluator().displacement(level, self.points)
+
+    @cached_property
+    def _padded(self) -> Floats:
+        """(nb, 3) the points, missing coordinates zero."""
+        return padded(self.points)
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Where an algorithm stood once it had errors at the boundary nodes.
+
+    Attributes
+    ----------
+    points : int
+        Nodes selected.
+    max_error, rms_error : float, mesh length unit
+        Of the errors' lengths over the nodes that the algorithm looked at (all of them unless it says otherwise).
+    solve_operations, error_operations : float
+        Multiply-adds so far for weights (the N_c⁴ or N_c³ of thesis Table 2.3), and evaluations of φ or stored entries
+        used so far for errors (the N_c² N_b). Counted, not timed: they repeat.
+    """
+
+    points: int
+    max_error: float
+    rms_error: float
+    solve_operations: float
+    error_operations: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """A reduced interpolation.
+
+    Attributes
+    ----------
+    levels : tuple of Level
+        Their sum is the field.
+    selected : (nc,) int64 array
+        Boundary nodes in the order of choice, each once.
+    error : (nb, k) array, mesh length unit
+        Left at all boundary nodes: prescribed minus interpolated, thesis (2.12).
+    history : tuple of Iterate
+    """
+
+    levels: tuple[Level, ...]
+    selected: Indices
+    error: Floats
+    history: tuple[Iterate, ...]
+
+    @property
+    def max_error(self) -> float:
+        """Largest error of a node, mesh length unit."""
+        return float(np.sqrt(np.max(_squared_lengths(self.error))))
+
+
+def _squared_lengths(vectors: Floats) -> Floats:
+    """(n,) of (n, k)."""
+    return np.asarray(np.einsum("ij,ij->i", vectors, vectors))
+
+
+def _checked_displacement(displacement: Floats, n: int) -> Floats:
+    """The displacement as a contiguous (n, k) array of finite numbers."""
+    values = np.ascontiguousarray(displacement, dtype=np.float64)
+    if values.ndim != 2 or len(values) != n or not values.shape[1]:
+        raise InvalidInput(
+            f"expected displacements of shape ({n}, k), a row a boundary node, got {values.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
+        )
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if bad.size:
+        raise InvalidInput(
+            f"displacement {bad[0]} is not finite: {values[bad[0]].tolist()}",
+            code="INVALID_ARGUMENT.NONFINITE",
+            details={"node": int(bad[0])},
+        )
+    return values
