@@ -62,6 +62,7 @@ class MethodSettings(_Strict):
 
     basis: str = "wendland-c2"
     support_radius: _Length | None = None
+    polynomial: str = "auto"
     displacement: str = "relative"
     correction: str = "optimised"
     correction_target: str = "auto"

@@ -148,6 +148,7 @@ def _states() -> str:
 _SETTINGS = {
     "basis": ("str", "the radial basis function, by name"),
     "support_radius": ("float > 0 or nil", "R, mesh length unit; nil: chosen from the mesh"),
+    "polynomial": ("str", "the linear polynomial beside the basis functions; `auto`: where the basis demands it"),
     "displacement": (
         "str",
         "what is interpolated: since the committed state, since the reference, or that in sub-steps",

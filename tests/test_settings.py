@@ -40,6 +40,7 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("refuse_below_threshold", 1, "a valid boolean"),
         ("refuse_below_threshold", "true", "a valid boolean"),
         ("basis", 3, "a valid string"),
+        ("polynomial", "cubic", "one of auto, none, linear"),
         ("displacement", "total", "one of relative, absolute, reanchored"),
         ("correction", "", "one of none, imposed-gradient, explicit, enrichment, optimised"),
         ("correction_target", "best", "one of auto, threshold, maximum"),

@@ -20,8 +20,8 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import READERS
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.kernels import basis_named
 from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
+from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 
@@ -103,7 +103,6 @@ def check(path: Path) -> CheckReport:
     case = read_case(path)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
-    basis_named(case.content.method.basis)
     warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
     return _report(path, mesh, case, warnings)
 
@@ -122,6 +121,8 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
     except InvalidInput as error:
         raise InvalidInput(f"{mesh.path}: {error.message}", code=error.code, hint=error.hint) from None
     split = BoundaryRoles.from_patches(patches)
+    if case is not None:
+        check_method(case.content.method.to_method(), mesh.points, split)
     quality = cell_quality(mesh.points, cells, reference_sizes(mesh.points, cells))
     suggested = suggest_support_radius(mesh.points, split)
     radius = case.content.method.support_radius if case is not None else None

@@ -40,9 +40,17 @@ def factorization_of(
     The key is a digest of all that determines it, so that a cache can never answer with another one.
     """
     radius = method.support_radius
-    digest = hashlib.sha256(repr((method.basis, radius, method.solver, control_points.shape)).encode())
+    digest = hashlib.sha256(
+        repr((method.basis, radius, method.polynomial, method.solver, control_points.shape)).encode()
+    )
     digest.update(np.ascontiguousarray(control_points).data)
     return factors.get_or_make(
         digest.digest(),
-        lambda: factorize(control_points, basis=method.basis, support_radius=radius, solver=method.solver),
+        lambda: factorize(
+            control_points,
+            basis=method.basis,
+            support_radius=radius,
+            solver=method.solver,
+            polynomial=method.polynomial,
+        ),
     )

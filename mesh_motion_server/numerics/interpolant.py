@@ -26,7 +26,7 @@ from mesh_motion_server.numerics.factorizations.conditional import NullSpaceChol
 from mesh_motion_server.numerics.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.polynomial import LinearBasis, Polynomial
 
-__all__ = ["POLYNOMIALS", "Factorization", "Interpolant", "factorize"]
+__all__ = ["POLYNOMIALS", "Factorization", "Interpolant", "chosen_polynomial", "factorize"]
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def factorize(
     row = basis_named(basis)
     radius = checked_radius(support_radius, row)
     points = checked_control_points(control_points)
-    linear = _polynomial(polynomial, row, points)
+    linear = chosen_polynomial(polynomial, row, points)
     if solver not in SOLVERS:
         raise InvalidInput(f"unknown solver {solver!r}", hint=f"known are {', '.join(SOLVERS)}")
     layout = CentreLayout.build(points, row, radius)
@@ -146,8 +146,14 @@ def _system(
     return BorderedSystem(choose_solver(solver, points, layout, basis, radius), polynomial_matrix)
 
 
-def _polynomial(choice: str, basis: Basis, points: Array) -> LinearBasis | None:
-    """The linear polynomial, where it is asked for or needed."""
+def chosen_polynomial(choice: str, basis: Basis, points: Array) -> LinearBasis | None:
+    """The linear polynomial (thesis §2.1.2) of (nc, d) control points, where it is asked for or needed.
+
+    Raises
+    ------
+    InvalidInput
+        If the choice is unknown, "none" where the basis needs one, or the points do not determine it.
+    """
     if choice not in POLYNOMIALS:
         raise InvalidInput(f"unknown polynomial {choice!r}", hint=f"known are {', '.join(POLYNOMIALS)}")
     if choice == "none" and basis.needs_polynomial:

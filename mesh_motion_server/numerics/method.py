@@ -11,6 +11,7 @@ __all__ = ["CHOICES", "Method"]
 
 #: The named choices and what may be chosen; ``basis`` is checked against the table of basis functions.
 CHOICES: dict[str, tuple[str, ...]] = {
+    "polynomial": ("auto", "none", "linear"),
     "displacement": ("relative", "absolute", "reanchored"),
     "correction": ("none", "imposed-gradient", "explicit", "enrichment", "optimised"),
     "correction_target": ("auto", "threshold", "maximum"),
@@ -31,6 +32,8 @@ class Method:
         Name of the radial basis function (thesis Tables 2.1, 2.2).
     support_radius : float or None
         R, mesh length unit; None: chosen from the mesh when the session is built.
+    polynomial : {"auto", "none", "linear"}
+        The p of thesis (2.1); "auto": where the basis demands it.
     displacement : {"relative", "absolute", "reanchored"}
         Interpolate the displacement since the committed state, the total one from the reference mesh, or the total
         one from the reference mesh through sub-steps along a rotation-aware path.
@@ -57,6 +60,7 @@ class Method:
 
     basis: str = "wendland-c2"
     support_radius: float | None = None
+    polynomial: str = "auto"
     displacement: str = "relative"
     correction: str = "optimised"
     correction_target: str = "auto"

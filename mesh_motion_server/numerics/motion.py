@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, CorrectionSettings, correct
@@ -20,6 +20,7 @@ from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
 from mesh_motion_server.numerics.prediction import predict
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
@@ -114,11 +115,8 @@ class MotionModel:
         """
         warnings = check_mesh(points, cells, patches)
         roles = BoundaryRoles.from_patches(patches)
+        check_method(method, points, roles)
         method = _with_radii(method, points, roles)
-        if method.correction == "imposed-gradient" and cells.dimension > 1:
-            raise InvalidInput(
-                "correction = 'imposed-gradient' is defined in 1D only", hint="use 'enrichment' or 'optimised'"
-            )
         evaluator = evaluator or LocalEvaluator()
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True

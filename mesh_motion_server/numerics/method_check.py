@@ -1,0 +1,51 @@
+"""Does the method fit the mesh? What only both together can answer, refused when a session is built.
+
+A basis function may be unusable for three reasons, all of them in its row of
+:data:`~mesh_motion_server.numerics.kernels.BASES`: its matrix is singular (QB), it has no gradient at a control point
+although one will be needed there, or it has a shape parameter and none was given. Conditionally definite functions are
+usable beside the linear polynomial only, which the control points must determine.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.interpolant import chosen_polynomial
+from mesh_motion_server.numerics.kernels import basis_named, checked_radius
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.roles import BoundaryRoles
+
+__all__ = ["check_method"]
+
+#: What evaluates ∇S, at control points too where a cell's midpoint or centre comes close to one.
+_GRADIENT_PREDICTORS = ("edge-midpoint-gradient", "centre-gradient")
+_GRADIENT_CORRECTIONS = ("imposed-gradient",)
+
+
+def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> None:
+    """Refuse a method that cannot move this mesh.
+
+    Parameters
+    ----------
+    method : Method
+        As chosen, radii not filled in.
+    points : (n, d) array, mesh length unit
+    roles : BoundaryRoles
+
+    Raises
+    ------
+    InvalidInput
+        On an unknown or unusable basis, a missing shape parameter, a polynomial that the basis or the control points
+        do not admit, or a correction of another dimension.
+    """
+    gradient = method.predictor in _GRADIENT_PREDICTORS or method.correction in _GRADIENT_CORRECTIONS
+    basis = basis_named(method.basis, gradient=gradient)
+    if basis.radius_meaning == "shape":
+        checked_radius(method.support_radius, basis)
+    chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
+    if method.correction == "imposed-gradient" and points.shape[1] > 1:
+        raise InvalidInput(
+            "correction = 'imposed-gradient' is defined in 1D only", hint="use 'enrichment' or 'optimised'"
+        )
