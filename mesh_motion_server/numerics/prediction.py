@@ -15,6 +15,8 @@ predictor                    new Jacobian                                       
 The thesis takes (3.20) to be of second order on triangles (Fig. 3.10). It is of first: a corner's edges have their
 midpoints O(h) away from the centre of a simplex, while the errors of opposite corners of a quad cancel. ``trial-nodes``
 is the default: it is exact, and a mesh of tetrahedra has five to six times fewer nodes than cells.
+
+Over many steps see :mod:`~mesh_motion_server.numerics.many_steps`.
 """
 
 from __future__ import annotations
@@ -46,7 +48,15 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.evaluation import Evaluator
     from mesh_motion_server.numerics.interpolant import Interpolant
 
-__all__ = ["PREDICTORS", "CallableField", "DisplacementField", "InterpolantField", "predict"]
+__all__ = [
+    "PREDICTORS",
+    "CallableField",
+    "DisplacementField",
+    "InterpolantField",
+    "centre_positions",
+    "predict",
+    "transformed_quality",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -118,27 +128,64 @@ def predict(
     return PREDICTORS[name](as_positions(points, cells.dimension), cells, reference_sizes, field)
 
 
+def centre_positions(points: Floats, cells: CellTable) -> Floats:
+    """(m, d) mean of the nodes of every cell, where the thesis takes ∇S."""
+    return np.concatenate([points[block.nodes].mean(axis=1) for block in cells])
+
+
+def transformed_quality(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, gradients: Floats
+) -> CellQuality:
+    """Quality with every corner Jacobian A of a cell replaced by (I + ∇S) A; thesis (3.20), (3.27).
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+    reference_sizes : (m,) array
+    gradients : (m, d, d) array
+        ∇S of each cell.
+    """
+    positions, out = as_positions(points, cells.dimension), empty_quality(len(cells))
+    for cell_type, nodes, rows in _batches(cells):
+        _transform(positions, cell_type, nodes, reference_sizes, gradients[rows], out, rows)
+    return out
+
+
 def _centre_gradient(
     points: Floats, cells: CellTable, reference_sizes: Floats, field: DisplacementField
 ) -> CellQuality:
     """Thesis (3.20), (3.27): one gradient for a cell."""
     out = empty_quality(len(cells))
     for cell_type, nodes, rows in _batches(cells):
-        gradients = read_only(field.gradient(points[nodes].mean(axis=1)))
-        with threads_for(work_items(len(nodes))):
-            kernels.transformed_quality(
-                points,
-                read_only(nodes),
-                cell_type.corner_array,
-                shape_code(cell_type),
-                ideal_corner(cell_type.name),
-                read_only(reference_sizes[rows]),
-                gradients,
-                out.size[rows],
-                out.skew[rows],
-                out.inverted[rows],
-            )
+        gradients = field.gradient(points[nodes].mean(axis=1))
+        _transform(points, cell_type, nodes, reference_sizes, gradients, out, rows)
     return out
+
+
+def _transform(
+    points: Floats,
+    cell_type: CellType,
+    nodes: Ints,
+    reference_sizes: Floats,
+    gradients: Floats,
+    out: CellQuality,
+    rows: slice,
+) -> None:
+    """(I + ∇S) A of cells of one type, written into out[rows]."""
+    with threads_for(work_items(len(nodes))):
+        kernels.transformed_quality(
+            points,
+            read_only(nodes),
+            cell_type.corner_array,
+            shape_code(cell_type),
+            ideal_corner(cell_type.name),
+            read_only(reference_sizes[rows]),
+            read_only(gradients),
+            out.size[rows],
+            out.skew[rows],
+            out.inverted[rows],
+        )
 
 
 def _edge_midpoint_gradient(

@@ -73,6 +73,16 @@ def wedges(n: int) -> Mesh:
     return points, CellTable.from_arrays({"wedge": np.concatenate(halves)})
 
 
+def pyramids(n: int) -> Mesh:
+    """Six pyramids a box, their tips in its middle."""
+    points, c = lattice(n, 3)
+    tip = len(points) + np.arange(n**3)
+    faces = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
+    cells = [np.column_stack([*(c[i] for i in face), tip]) for face in faces]
+    middles = np.mean([points[i] for i in c], axis=0)
+    return np.concatenate([points, middles]), CellTable.from_arrays({"pyramid": np.concatenate(cells)})
+
+
 def bump(d: int) -> CallableField:
     """S_i = 0.1 sin(2 x_i + 0.3 i) Π_k (1 + x_k²/4): smooth, no symmetry."""
 
@@ -106,6 +116,7 @@ MESHES: dict[str, tuple[Callable[[int], Mesh], int, int]] = {
     "tetra": (tetrahedra, 3, 16),
     "hexahedron": (hexahedra, 3, 16),
     "wedge": (wedges, 3, 16),
+    "pyramid": (pyramids, 3, 12),
 }
 
 
@@ -118,12 +129,14 @@ MESHES: dict[str, tuple[Callable[[int], Mesh], int, int]] = {
         ("centre-gradient", "tetra", 1.0),
         ("centre-gradient", "hexahedron", 2.0),
         ("centre-gradient", "wedge", 1.0),
+        ("centre-gradient", "pyramid", 1.0),
         ("edge-midpoint-gradient", "line", 2.0),
         ("edge-midpoint-gradient", "triangle", 2.0),
         ("edge-midpoint-gradient", "quad", 2.0),
         ("edge-midpoint-gradient", "tetra", 2.0),
         ("edge-midpoint-gradient", "hexahedron", 2.0),
         ("edge-midpoint-gradient", "wedge", 2.0),
+        ("edge-midpoint-gradient", "pyramid", 2.0),
     ],
 )
 def test_order_of_convergence(name, cell, order):

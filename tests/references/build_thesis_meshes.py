@@ -1,7 +1,8 @@
-"""Builds thesis_block.npz and thesis_slab.npz: the 2D test meshes of thesis Tables 5.1 and 5.6, with Gmsh.
+"""Builds the 2D test meshes of the thesis with Gmsh: Tables 5.1 and 5.6, and the coarsest mesh of Figs 3.7 to 3.11.
 
 Unit square less a block of 0.1 × 0.2 (translations) or a slab of 0.2 × 0.04 (translation and rotation), spacing 0.04:
-100 static nodes, 16 moving nodes (5 × 3 and 7 × 1 segments), 754 and 750 nodes; the thesis has 751.
+100 static nodes, 16 moving nodes (5 × 3 and 7 × 1 segments), 754 and 750 nodes; the thesis has 751. The coarse mesh has
+the 416 triangles and the smallest edge of 0.04 of thesis Fig. 3.11, around the same block.
 Run: python build_thesis_meshes.py
 """
 
@@ -10,10 +11,11 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-# (x0, x1, y0, y1), segments along x and y, and the interior size that comes closest to 751 nodes
+# (x0, x1, y0, y1), segments along x and y, of a side of the square, and the interior size that comes closest
 MESHES = {
-    "thesis_block": ((0.45, 0.55, 0.4, 0.6), (3, 5), 0.0422),
-    "thesis_slab": ((0.4, 0.6, 0.48, 0.52), (7, 1), 0.0424),
+    "thesis_block": ((0.45, 0.55, 0.4, 0.6), (3, 5), 25, 0.0422),
+    "thesis_slab": ((0.4, 0.6, 0.48, 0.52), (7, 1), 25, 0.0424),
+    "thesis_block_coarse": ((0.45, 0.55, 0.4, 0.6), (2, 5), 12, 0.0765),
 }
 SQUARE = (0.0, 1.0, 0.0, 1.0)
 
@@ -28,14 +30,14 @@ def rectangle(box: tuple[float, ...], segments: tuple[int, int]) -> list[int]:
     return sides
 
 
-def build(box: tuple[float, ...], segments: tuple[int, int], size: float) -> dict[str, np.ndarray]:
+def build(box: tuple[float, ...], segments: tuple[int, int], outside: int, size: float) -> dict[str, np.ndarray]:
     """The arrays of a mesh file."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.Algorithm", 6)  # frontal Delaunay
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    outer, inner = rectangle(SQUARE, (25, 25)), rectangle(box, segments)
+    outer, inner = rectangle(SQUARE, (outside, outside)), rectangle(box, segments)
     geo = gmsh.model.geo
     geo.addPlaneSurface([geo.addCurveLoop(outer), geo.addCurveLoop(inner)])
     geo.synchronize()

@@ -1,0 +1,127 @@
+"""Prediction over many steps: exact for affine steps, as accurate as over one, and the thesis' product in 1D."""
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.many_steps import AccumulatedGradients, ComposedField, predict_many_steps
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.prediction import PREDICTORS, CallableField, InterpolantField, predict
+
+
+def square(n: int) -> tuple[np.ndarray, CellTable]:
+    """Unit square of n × n squares, the left half in triangles, the right half in quads; n even."""
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij"))
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    corner = i * (n + 1) + j
+    quads = np.column_stack([corner, corner + n + 1, corner + n + 2, corner + 1])
+    left = quads[i < n // 2]
+    triangles = np.concatenate([left[:, [0, 1, 2]], left[:, [0, 2, 3]]])
+    return np.column_stack([x, y]), CellTable.from_arrays({"triangle": triangles, "quad": quads[i >= n // 2]})
+
+
+def affine(matrix: np.ndarray, shift: np.ndarray) -> CallableField:
+    return CallableField(
+        lambda x: x @ matrix.T + shift, lambda x: np.broadcast_to(matrix, (len(x), len(shift), len(shift)))
+    )
+
+
+def swirl(turn: float) -> CallableField:
+    """A rotation about the origin that fades away from it: neither affine nor commuting."""
+
+    def displacement(x):
+        fade = turn * np.exp(-np.sum(x**2, axis=1))[:, None]
+        return fade * np.column_stack([-x[:, 1] - 0.3 * x[:, 0] ** 2, x[:, 0]])
+
+    def gradient(x):
+        fade = turn * np.exp(-np.sum(x**2, axis=1))
+        value = displacement(x)
+        out = -2.0 * value[:, :, None] * x[:, None, :]
+        out[:, 0, 0] += -0.6 * fade * x[:, 0]
+        out[:, 0, 1] -= fade
+        out[:, 1, 0] += fade
+        return out
+
+    return CallableField(displacement, gradient)
+
+
+@pytest.mark.parametrize("name", PREDICTORS)
+def test_affine_steps_are_predicted_exactly_in_their_order(name):
+    points, cells = square(4)
+    sizes, rng = reference_sizes(points, cells), np.random.default_rng(3)
+    steps = [affine(0.3 * rng.normal(size=(2, 2)), rng.normal(size=2)) for _ in range(4)]
+    moved = points
+    for step in steps:
+        moved = moved + step.displacement(moved)
+    predicted, actual = predict_many_steps(name, points, cells, sizes, steps), cell_quality(moved, cells, sizes)
+    np.testing.assert_allclose(predicted.size, actual.size, rtol=1e-9)
+    np.testing.assert_allclose(predicted.skew, actual.skew, rtol=1e-9)
+    assert not np.allclose(predict_many_steps(name, points, cells, sizes, steps[::-1]).skew, actual.skew, rtol=0.01)
+
+
+@pytest.mark.parametrize(("name", "order"), [("centre-gradient", 1.0), ("edge-midpoint-gradient", 2.0)])
+def test_the_order_over_eight_steps_is_that_over_one(name, order):
+    steps = [swirl(0.1) for _ in range(8)]
+    errors = []
+    for n in (16, 32):
+        points, cells = square(n)
+        sizes = reference_sizes(points, cells)
+        actual = predict_many_steps("trial-nodes", points, cells, sizes, steps).metric("size-skew")
+        error = predict_many_steps(name, points, cells, sizes, steps).metric("size-skew") - actual
+        errors.append(np.sqrt(np.mean(error**2)))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)
+
+
+def test_step_by_step_is_the_same_as_all_at_once():
+    points, cells = square(6)
+    sizes, steps = reference_sizes(points, cells), [swirl(0.2), affine(0.1 * np.eye(2), np.ones(2)), swirl(-0.3)]
+    followed = AccumulatedGradients.of_cells(points, cells)
+    for step in steps:
+        followed = followed.advance(step)
+    quality = followed.quality(points, cells, sizes)
+    expected = predict_many_steps("centre-gradient", points, cells, sizes, steps)
+    np.testing.assert_allclose(quality.size, expected.size, rtol=1e-12)
+    np.testing.assert_allclose(quality.skew, expected.skew, rtol=1e-12)
+    nodes = AccumulatedGradients.at(points)
+    for step in steps:
+        nodes = nodes.advance(step)
+    np.testing.assert_allclose(nodes.places, points + ComposedField(steps).displacement(points), rtol=1e-14)
+
+
+def test_one_dimension_is_the_product_of_the_thesis():
+    """(3.12): two bodies approach in ten steps; each step has its own interpolant of the moved boundary."""
+    points = np.linspace(0.0, 1.0, 21)[:, None]
+    cells = CellTable.from_arrays({"line": np.c_[np.arange(20), np.arange(1, 21)]})
+    sizes, boundary = reference_sizes(points, cells), points[[0, 4, 16, 20]]
+    told = np.array([[0.0], [0.015], [-0.015], [0.0]])
+    steps, centres, product = [], 0.5 * (points[1:] + points[:-1]), np.ones(20)
+    for _ in range(10):
+        step = InterpolantField(factorize(boundary, support_radius=0.4).solve(told), LocalEvaluator())
+        product *= 1.0 + step.gradient(centres)[:, 0, 0]
+        centres, boundary = centres + step.displacement(centres), boundary + told
+        steps.append(step)
+    predicted = predict_many_steps("centre-gradient", points, cells, sizes, steps)
+    np.testing.assert_allclose(predicted.size, np.minimum(product, 1.0 / product), rtol=1e-12)
+    exact = predict_many_steps("trial-nodes", points, cells, sizes, steps)
+    assert np.abs(predicted.size - exact.size).max() < 0.04
+    assert exact.size.min() > 0.0
+
+
+def test_one_step_is_the_plain_prediction():
+    points, cells = square(4)
+    sizes = reference_sizes(points, cells)
+    for name in PREDICTORS:
+        one, plain = (
+            predict_many_steps(name, points, cells, sizes, [swirl(0.4)]),
+            predict(name, points, cells, sizes, swirl(0.4)),
+        )
+        np.testing.assert_allclose(one.size, plain.size, rtol=1e-13)
+
+
+def test_no_step_is_refused():
+    points, cells = square(2)
+    with pytest.raises(InvalidInput, match="at least one step"):
+        predict_many_steps("centre-gradient", points, cells, reference_sizes(points, cells), [])
