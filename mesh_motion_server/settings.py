@@ -70,6 +70,9 @@ class MethodSettings(_Strict):
     quality_metric: str = "size-skew"
     quality_threshold: Annotated[float, Field(ge=-1, le=1)] = 0.2
     max_enrichment_points: Annotated[int, Field(ge=0, le=100_000)] = 20
+    enrichment_function: str = "auto"
+    enrichment_placement: str = "auto"
+    explicit_decomposition: str = "eigen"
     reduction: str = "none"
     refuse_below_threshold: bool = False
     allow_invalid: bool = False

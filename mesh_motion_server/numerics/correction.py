@@ -5,7 +5,8 @@ they shall go instead. Held nodes keep their standard positions bit by bit, and 
 
 ==================  =====================================================================================
 none                the standard motion, whatever its quality
-imposed-gradient    thesis chapter 4, in 1D: :mod:`.enrichment.imposed_gradient`
+imposed-gradient    thesis chapter 4, in 1D: :mod:`.enrichment.imposed_gradient`; thesis §5.1.2, in 2D and 3D:
+                    :mod:`.enrichment.imposed_jacobian`
 explicit            thesis Algorithm 1: one enrichment point after the other, :mod:`.enrichment.explicit_iterations`
 enrichment          all coefficients of all points at once: :mod:`.enrichment.coefficients`
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
@@ -26,23 +27,46 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.enrichment.coefficients import (
-    EnrichmentSpace,
-    optimised_enrichment,
-    optimised_placement,
-)
+from mesh_motion_server.numerics.enrichment.coefficients import optimised_enrichment, optimised_placement
 from mesh_motion_server.numerics.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_server.numerics.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
+from mesh_motion_server.numerics.enrichment.imposed_jacobian import ImposedSettings, imposed_jacobians
+from mesh_motion_server.numerics.enrichment.placement import (
+    Placement,
+    boundary_placement,
+    gap_middle,
+    local_minima,
+    minima_placement,
+)
+from mesh_motion_server.numerics.enrichment.space import FUNCTIONS, EnrichmentSpace
 from mesh_motion_server.numerics.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.trial_nodes import Polished, Stage, TrialMesh, polish, reach
 
-__all__ = ["CORRECTIONS", "TARGETS", "Correction", "CorrectionProblem", "CorrectionSettings", "correct"]
+__all__ = [
+    "CORRECTIONS",
+    "PLACEMENTS",
+    "TARGETS",
+    "Correction",
+    "CorrectionProblem",
+    "CorrectionSettings",
+    "check_placement",
+    "correct",
+]
 
 Floats = NDArray[np.float64]
 
 TARGETS = ("auto", "threshold", "maximum")
+
+PLACEMENTS = {
+    "none": ("auto",),
+    "imposed-gradient": ("auto", "middle", "minima"),
+    "explicit": ("auto",),
+    "enrichment": ("auto", "spread", "minima", "boundary"),
+    "optimised": ("auto",),
+}
+"""Where each correction can put its enrichment points; see :mod:`.enrichment.placement`. "middle" of a gap is 1D's."""
 
 SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
 """Free nodes, by dimension, up to which "auto" goes for the maximum: it costs about a second there."""
@@ -99,11 +123,17 @@ class CorrectionSettings:
         R_l.
     max_enrichment_points : int
         Bounds the enrichment, not the freed nodes.
+    enrichment_function : {"auto", "H1", "H2", "H3"}
+        "auto": H1, and of the optimised enrichment H1 and H2 together.
+    enrichment_placement : str
+        One of the correction's :data:`PLACEMENTS`.
+    explicit_decomposition : {"eigen", "polar", "svd", "qr"}
+        What a correction of single cells goes by.
 
     Raises
     ------
     InvalidInput
-        On an unknown correction or target.
+        On an unknown correction or target, or a placement that the correction has not.
     """
 
     correction: str = "optimised"
@@ -112,11 +142,35 @@ class CorrectionSettings:
     target: str = "auto"
     enrichment_radius: float = 0.0
     max_enrichment_points: int = 20
+    enrichment_function: str = "auto"
+    enrichment_placement: str = "auto"
+    explicit_decomposition: str = "eigen"
 
     def __post_init__(self) -> None:
         for name, known in (("correction", ("none", *CORRECTIONS)), ("target", TARGETS)):
             if getattr(self, name) not in known:
                 raise InvalidInput(f"unknown {name} {getattr(self, name)!r}; known are {', '.join(known)}")
+        check_placement(self.correction, self.enrichment_placement)
+
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """The enrichment functions at every point of an optimised enrichment."""
+        return FUNCTIONS if self.enrichment_function == "auto" else (self.enrichment_function,)
+
+    @property
+    def function(self) -> str:
+        """The enrichment function of the thesis' corrections."""
+        return "H1" if self.enrichment_function == "auto" else self.enrichment_function
+
+
+def check_placement(correction: str, placement: str, dimension: int = 1) -> None:
+    """Raise InvalidInput where a correction cannot put its enrichment points so."""
+    known = [name for name in PLACEMENTS[correction] if dimension == 1 or name != "middle"]
+    if placement not in known:
+        raise InvalidInput(
+            f"enrichment_placement = {placement!r} is not for correction = {correction!r} in {dimension}D; "
+            f"there it is one of {', '.join(known)}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,13 +314,21 @@ def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: 
     """Enrichment points, all coefficients optimised."""
     if settings.max_enrichment_points == 0:
         return _Found(problem.standard)
-    p, quality = problem, mesh.quality(problem.standard)
-    placement = optimised_placement(
-        p.start, p.cells, quality, count=settings.max_enrichment_points, radius=settings.enrichment_radius
-    )
-    space = EnrichmentSpace(placement, p.factorization, p.evaluator)
+    p = problem
+    space = EnrichmentSpace(_placement(problem, settings, mesh), p.factorization, p.evaluator, settings.functions)
     found = optimised_enrichment(mesh, p.start, p.standard, space, target=_target(problem, settings))
     return _Found(found.points, found.enrichment_points, 0, found.iterations)
+
+
+def _placement(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Placement:
+    """The enrichment points of an optimised enrichment."""
+    p, quality = problem, mesh.quality(problem.standard)
+    count, radius, goal = settings.max_enrichment_points, settings.enrichment_radius, _goal(settings)
+    if settings.enrichment_placement == "minima":
+        return minima_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=goal)
+    if settings.enrichment_placement == "boundary":
+        return boundary_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=goal, held=p.held)
+    return optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
 
 
 def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
@@ -278,27 +340,51 @@ def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: Tr
             threshold=settings.quality_threshold,
             max_points=settings.max_enrichment_points,
             metric=mesh.metric,
+            function=settings.function,
+            decomposition=settings.explicit_decomposition,
         ),
     )
     return _Found(found.points, found.enrichment_points, 0, len(found.history) - 1)
 
 
 def _imposed_gradient(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
-    """The thesis' imposed gradient: a point in the middle of the gap that holds the worst cell, in 1D."""
+    """The thesis' imposed gradient: of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
     p = problem
+    if p.cells.dimension == 1:
+        return _imposed_slopes(problem, settings, mesh)
+    found = imposed_jacobians(
+        problem,
+        mesh,
+        ImposedSettings(
+            enrichment_radius=settings.enrichment_radius,
+            threshold=_goal(settings),
+            max_points=settings.max_enrichment_points,
+            function=settings.function,
+            decomposition=settings.explicit_decomposition,
+        ),
+    )
+    return _Found(found.points, found.enrichment_points, 0, len(found.minima) - 1)
+
+
+def _imposed_slopes(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """Thesis chapter 4: points in the middle of the gap that holds the worst cell, or at the worst-quality minima."""
+    p, quality = problem, mesh.quality(problem.standard)
     boundary = np.flatnonzero(p.held)
-    worst = int(np.argmin(mesh.quality(p.standard)))
-    place = p.cells.centres(p.start, np.array([worst]))[0, 0]
-    x = np.sort(p.start[boundary, 0])
-    gap = int(np.clip(np.searchsorted(x, place), 1, len(x) - 1))
-    point = np.array([[0.5 * (x[gap - 1] + x[gap])]])
+    if settings.enrichment_placement == "minima":
+        worst = local_minima(p.cells, quality, _goal(settings))[: settings.max_enrichment_points]
+        points = p.cells.centres(p.start, worst)
+    else:
+        points = gap_middle(p.start, p.cells, quality, p.held)
     radii = ImposedGradient(
-        p.factorization.support_radius, settings.enrichment_radius, basis=p.factorization.basis.name
+        p.factorization.support_radius,
+        settings.enrichment_radius,
+        basis=p.factorization.basis.name,
+        function=settings.function,
     )
     told = p.standard[boundary] - p.start[boundary]
-    moved = p.start + enriched_displacement(p.start, p.start[boundary], told, point, radii)
+    moved = p.start + enriched_displacement(p.start, p.start[boundary], told, points, radii)
     moved[boundary] = p.standard[boundary]
-    return _Found(moved, point, 0, 1)
+    return _Found(moved, points, 0, 1)
 
 
 CORRECTIONS: dict[str, Callable[[CorrectionProblem, CorrectionSettings, TrialMesh], _Found]] = {

@@ -15,6 +15,9 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "displacement": ("relative", "absolute", "reanchored"),
     "correction": ("none", "imposed-gradient", "explicit", "enrichment", "optimised"),
     "correction_target": ("auto", "threshold", "maximum"),
+    "enrichment_function": ("auto", "H1", "H2", "H3"),
+    "enrichment_placement": ("auto", "spread", "minima", "boundary", "middle"),
+    "explicit_decomposition": ("eigen", "polar", "svd", "qr"),
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient"),
     "solver": ("auto", "dense", "sparse", "iterative"),
@@ -46,6 +49,13 @@ class Method:
     quality_threshold : float
         A motion predicted below it is corrected.
     max_enrichment_points : int
+    enrichment_function : {"auto", "H1", "H2", "H3"}
+        Thesis (4.5)–(4.7); auto: H1, with correction "enrichment" H1 and H2 together.
+    enrichment_placement : {"auto", "spread", "minima", "boundary", "middle"}
+        Bad cells apart from each other, worst-quality minima (4.11), boundary nodes, the middle of a gap (1D); auto:
+        "spread" for "enrichment"; "middle" in 1D and "minima" above for "imposed-gradient". The others place their own.
+    explicit_decomposition : {"eigen", "polar", "svd", "qr"}
+        What "explicit", and above 1D "imposed-gradient", correct a cell by.
     reduction : str
         Control-point reduction.
     refuse_below_threshold : bool
@@ -68,6 +78,9 @@ class Method:
     quality_metric: str = "size-skew"
     quality_threshold: float = 0.2
     max_enrichment_points: int = 20
+    enrichment_function: str = "auto"
+    enrichment_placement: str = "auto"
+    explicit_decomposition: str = "eigen"
     reduction: str = "none"
     refuse_below_threshold: bool = False
     allow_invalid: bool = False

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.correction import check_placement
 from mesh_motion_server.numerics.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.kernels import basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method
@@ -21,7 +22,6 @@ __all__ = ["check_method"]
 
 #: What evaluates ∇S, at control points too where a cell's midpoint or centre comes close to one.
 _GRADIENT_PREDICTORS = ("edge-midpoint-gradient", "centre-gradient")
-_GRADIENT_CORRECTIONS = ("imposed-gradient",)
 
 
 def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> None:
@@ -38,14 +38,14 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     ------
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a polynomial that the basis or the control points
-        do not admit, or a correction of another dimension.
+        do not admit, or a placement of the enrichment points that the correction has not.
     """
-    gradient = method.predictor in _GRADIENT_PREDICTORS or method.correction in _GRADIENT_CORRECTIONS
+    imposed = (
+        method.correction == "imposed-gradient" and points.shape[1] == 1
+    )  # above 1D, of cells and not of the field
+    gradient = method.predictor in _GRADIENT_PREDICTORS or imposed
     basis = basis_named(method.basis, gradient=gradient)
     if basis.radius_meaning == "shape":
         checked_radius(method.support_radius, basis)
     chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
-    if method.correction == "imposed-gradient" and points.shape[1] > 1:
-        raise InvalidInput(
-            "correction = 'imposed-gradient' is defined in 1D only", hint="use 'enrichment' or 'optimised'"
-        )
+    check_placement(method.correction, method.enrichment_placement, points.shape[1])

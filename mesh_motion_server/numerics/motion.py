@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, CorrectionSettings, correct
+from mesh_motion_server.numerics.correction import (
+    Correction,
+    CorrectionProblem,
+    CorrectionSettings,
+    correct,
+)
 from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
@@ -227,6 +232,9 @@ class MotionModel:
             target=method.correction_target,
             enrichment_radius=float(method.enrichment_radius or 0.0),
             max_enrichment_points=method.max_enrichment_points,
+            enrichment_function=method.enrichment_function,
+            enrichment_placement=method.enrichment_placement,
+            explicit_decomposition=method.explicit_decomposition,
         )
 
     def _refuse_unacceptable(self, quality: QualitySummary, reached: bool) -> None:

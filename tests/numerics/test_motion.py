@@ -127,9 +127,38 @@ def test_radii_are_chosen_from_the_mesh_when_none_is_given() -> None:
     assert model.method.enrichment_radius == 2.5
 
 
-def test_imposed_gradient_is_for_one_dimension() -> None:
-    with pytest.raises(InvalidInput, match="1D"):
-        model_of(correction="imposed-gradient")
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"correction": "imposed-gradient"},
+        {"correction": "imposed-gradient", "explicit_decomposition": "polar", "enrichment_function": "H3"},
+        *({"correction": "explicit", "explicit_decomposition": name} for name in ("eigen", "polar", "svd")),
+        {"correction": "explicit", "enrichment_function": "H2"},
+        *({"correction": "enrichment", "enrichment_placement": name} for name in ("spread", "minima", "boundary")),
+        {"correction": "enrichment", "enrichment_function": "H1"},
+    ],
+    ids=lambda choices: " ".join(choices.values()),
+)
+def test_every_choice_of_the_enrichment_corrects_a_motion(choices: dict[str, str]) -> None:
+    targets = targets_of(model_of(), shift=(-0.25, 0.0))
+    standard = model_of(correction="none", allow_invalid=True).move(model_of().points, targets)
+    assert standard.corrected.metric.min < 0.02
+    model = model_of(quality_threshold=0.15, correction_target="threshold", **choices)
+    motion = model.move(model.points, targets)
+    assert motion.corrected.inverted == 0
+    assert motion.corrected.metric.min > standard.corrected.metric.min
+    assert 1 <= len(motion.correction.enrichment_points) <= 20
+
+
+def test_placements_that_a_correction_has_not_are_refused() -> None:
+    for correction, placement in (
+        ("imposed-gradient", "middle"),
+        ("imposed-gradient", "boundary"),
+        ("explicit", "minima"),
+        ("optimised", "spread"),
+    ):
+        with pytest.raises(InvalidInput, match=rf"'{placement}' is not for correction = '{correction}' in 2D"):
+            model_of(correction=correction, enrichment_placement=placement)
 
 
 def test_periodic_patches_are_refused_by_name() -> None:

@@ -1,13 +1,10 @@
 """Optimised enrichment: all coefficients of all enrichment points at once, chosen for the best worst cell.
 
-With H_m the enrichment functions and φ_bb the boundary's interpolation matrix, ::
-
-    ψ_m(x) = H_m(x) − φ(x, b) φ_bb⁻¹ H_m(b)
-
-vanishes on the boundary nodes (thesis 5.16 as a function), so the boundary condition holds for *any* coefficients, and
-the trial positions of all nodes are linear in them: ``y = y_standard + Σ ψ_m C_m``. The coefficients that minimise the
-p-mean of the distortion (:mod:`~mesh_motion_server.numerics.distortion`) are found by the same projected Gauss–Newton
-as free nodes, with its steps restricted to the space of the ψ: a dense system of 2 K d² unknowns.
+The functions ψ of an :class:`~.space.EnrichmentSpace` vanish on the boundary nodes, so the boundary condition holds for
+*any* coefficients, and the trial positions of all nodes are linear in them: ``y = y_standard + Σ ψ_m C_m``. The
+coefficients that minimise the p-mean of the distortion (:mod:`~mesh_motion_server.numerics.distortion`) are found by
+the same projected Gauss–Newton as free nodes, with its steps restricted to the space of the ψ: a dense system of
+2 K d² unknowns.
 
 On a large mesh only a working set of cells enters: the worst ones and a sample of the others. The result is judged on
 all cells, and those that turn out worse than the working set join it.
@@ -23,19 +20,14 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
 from scipy.sparse import csr_matrix
 
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.enrichment import functions
 from mesh_motion_server.numerics.enrichment.placement import Placement, spread_placement
-from mesh_motion_server.numerics.evaluation import Evaluator
+from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.free_region import NodeAdjacency, free_region, nodes_of_cells
-from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.trial_nodes import Polished, TrialMesh, polish
 
-__all__ = ["Enriched", "EnrichmentSpace", "optimised_enrichment", "optimised_placement"]
+__all__ = ["Enriched", "optimised_enrichment", "optimised_placement"]
 
 Floats = NDArray[np.float64]
-
-FUNCTIONS = ("H1", "H2")
-"""At every point both: with H1 alone, 20 points reach 0.60 to 0.85 of the ceiling, with both 0.80 to 0.94."""
 
 WORKING_CELLS = 20_000
 """Meshes up to this size are optimised as a whole; of larger ones, this many cells."""
@@ -45,42 +37,6 @@ RADIUS_CYCLE = (1.0, 2.0)
 
 _ROUNDS = 4
 _RIDGES = (1e-9, 1e-6, 1e-3)  # beside a unit diagonal: neighbouring enrichment functions are nearly dependent
-
-
-@dataclass(frozen=True, eq=False)
-class EnrichmentSpace:
-    """The functions ψ of some enrichment points, anywhere.
-
-    Attributes
-    ----------
-    placement : Placement
-        The K points and their radii.
-    factorization : Factorization
-        Of the boundary.
-    evaluator : Evaluator
-    """
-
-    placement: Placement
-    factorization: Factorization
-    evaluator: Evaluator
-
-    def values(self, points: Floats) -> Floats:
-        """(n, s) values ψ at points (n, d); s = 2 K d."""
-        return self.displacement(points, np.eye(len(FUNCTIONS) * self.placement.points.size))
-
-    def displacement(self, points: Floats, coefficients: Floats) -> Floats:
-        """(n, k) displacement ψ C at points (n, d), for coefficients (s, k)."""
-        at_boundary = _own(self.placement, self.factorization.control_points) @ coefficients
-        compensation = self.evaluator.displacement(self.factorization.solve(-at_boundary), points)
-        return np.asarray(_own(self.placement, points) @ coefficients + compensation)
-
-
-def _own(placement: Placement, points: Floats) -> Floats:
-    """(n, s) values of the enrichment functions at points (n, d)."""
-    pairs = zip(placement.points, placement.radii, strict=True)
-    return np.hstack(
-        [functions.values(kind, points, centre, float(radius)) for centre, radius in pairs for kind in FUNCTIONS]
-    )
 
 
 def optimised_placement(start: Floats, cells: CellTable, quality: Floats, *, count: int, radius: float) -> Placement:

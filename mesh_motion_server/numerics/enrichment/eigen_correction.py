@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.decomposition import deformation, eigen
 
-__all__ = ["eigen_correction"]
+__all__ = ["INCREMENT", "eigen_correction"]
 
 Floats = NDArray[np.float64]
 
-# The thesis' constant, both as the new value of a factor ≤ 0 and as the gain of the smaller one.
-_INCREMENT = 0.1
+INCREMENT = 0.1
+"""The thesis' constant, both as the new value of a factor ≤ 0 and as the gain of the smaller one."""
+
 # Condition of V from which directions count as parallel: the change is 10 times what a symmetric B would get.
 _PARALLEL = 100.0
 
@@ -44,8 +45,8 @@ def eigen_correction(gradient: Floats) -> Floats:
     reversed_directions = (values.imag == 0.0) & (values.real <= 0.0)
     if np.linalg.cond(vectors) > _PARALLEL:
         least = float(values.real[reversed_directions].min(initial=0.0))
-        return (_INCREMENT - least if reversed_directions.any() else _INCREMENT / len(B)) * np.eye(len(B))
-    change = np.where(reversed_directions, _INCREMENT - values.real, 0.0)
+        return (INCREMENT - least if reversed_directions.any() else INCREMENT / len(B)) * np.eye(len(B))
+    change = np.where(reversed_directions, INCREMENT - values.real, 0.0)
     if not reversed_directions.any():
-        change[0] = _INCREMENT  # eigen() sorts: the first is the smallest, or belongs to the smallest pair
+        change[0] = INCREMENT  # eigen() sorts: the first is the smallest, or belongs to the smallest pair
     return np.asarray((vectors * change @ np.linalg.inv(vectors)).real)

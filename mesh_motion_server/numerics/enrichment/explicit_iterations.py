@@ -1,8 +1,9 @@
 """The thesis' method of explicit iterations (§5.3): one enrichment point at a time, until the prediction is good.
 
-Each iteration takes the worst predicted cell, asks :func:`eigen_correction` for the change dJ of the displacement
-gradient that makes this cell better, and adds an enrichment point at its centre with the coefficients
-``relaxation × dJ`` (5.17 with c = 1: ∇H is the identity at its point). The boundary condition is kept by (5.16): the
+Each iteration takes the worst predicted cell, asks a correction by decomposition (Algorithm 1 by default, see
+:data:`~.stretch_correction.CELL_CORRECTIONS`) for the change dJ of the displacement gradient that makes this cell
+better, and adds an enrichment point at its centre with the coefficients ``relaxation × dJ / c`` (5.17; at its point ∇H
+is c times the identity, c = 1 for H1). The boundary condition is kept by (5.16): the
 RBF weights take up what the enrichment does to the boundary nodes. Earlier points stay; the boundary's matrix is
 factorized once. The best predicted iterate is the result, since improving one place may worsen another.
 
@@ -23,8 +24,8 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.enrichment import functions
-from mesh_motion_server.numerics.enrichment.eigen_correction import eigen_correction
 from mesh_motion_server.numerics.enrichment.placement import worst_cell
+from mesh_motion_server.numerics.enrichment.stretch_correction import CELL_CORRECTIONS
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Factorization, Interpolant
 from mesh_motion_server.numerics.metrics import CellQuality, cell_quality
@@ -56,6 +57,10 @@ class ExplicitSettings:
         Over-relaxation of the coefficients; 1.3 to 2 work, the thesis does not print its own.
     predictor : str
         One of :data:`~mesh_motion_server.numerics.prediction.PREDICTORS`; the thesis' is ``centre-gradient``.
+    function : {"H1", "H2", "H3"}
+        Enrichment function.
+    decomposition : {"eigen", "polar", "svd", "qr"}
+        How a cell is corrected.
     """
 
     enrichment_radius: float
@@ -64,6 +69,8 @@ class ExplicitSettings:
     metric: str = "size-skew"
     relaxation: float = 2.0
     predictor: str = "trial-nodes"
+    function: str = "H1"
+    decomposition: str = "eigen"
 
     def __post_init__(self) -> None:
         for name in ("enrichment_radius", "relaxation"):
@@ -71,6 +78,9 @@ class ExplicitSettings:
                 raise InvalidInput(f"{name}: expected a positive number, got {getattr(self, name)!r}")
         if self.predictor not in PREDICTORS:
             raise InvalidInput(f"unknown predictor {self.predictor!r}; known are {', '.join(PREDICTORS)}")
+        if self.decomposition not in CELL_CORRECTIONS:
+            raise InvalidInput(f"unknown decomposition {self.decomposition!r}; known are {', '.join(CELL_CORRECTIONS)}")
+        functions.slope_at_point(self.function, self.enrichment_radius)  # knows the functions
 
 
 @dataclass(frozen=True)
@@ -118,23 +128,31 @@ class EnrichmentTerm:
     coefficients: Floats
     compensation: Interpolant
     evaluator: Evaluator
+    function: str = "H1"
 
     @classmethod
     def build(
-        cls, centre: Floats, radius: float, coefficients: Floats, factorization: Factorization, evaluator: Evaluator
+        cls,
+        centre: Floats,
+        radius: float,
+        coefficients: Floats,
+        factorization: Factorization,
+        evaluator: Evaluator,
+        *,
+        function: str = "H1",
     ) -> EnrichmentTerm:
         """The term with coefficients (d, d) at a centre (d,)."""
-        at_boundary = functions.values("H1", factorization.control_points, centre, radius) @ coefficients
-        return cls(centre, radius, coefficients, factorization.solve(-at_boundary), evaluator)
+        at_boundary = functions.values(function, factorization.control_points, centre, radius) @ coefficients
+        return cls(centre, radius, coefficients, factorization.solve(-at_boundary), evaluator, function)
 
     def displacement(self, points: Floats) -> Floats:
         """(n, d) displacement of points (n, d)."""
-        own = functions.values("H1", points, self.centre, self.radius) @ self.coefficients
+        own = functions.values(self.function, points, self.centre, self.radius) @ self.coefficients
         return np.asarray(own + self.evaluator.displacement(self.compensation, points))
 
     def gradient(self, points: Floats) -> Floats:
         """(n, d, d) gradient, ``[:, i, j] = ∂S_i/∂x_j``."""
-        own = functions.gradients("H1", points, self.centre, self.radius)
+        own = functions.gradients(self.function, points, self.centre, self.radius)
         return np.asarray(
             np.einsum("nmj,mi->nij", own, self.coefficients) + self.evaluator.gradient(self.compensation, points)
         )
@@ -183,10 +201,11 @@ class _Trial:
             return np.asarray(SumField((self.standard, *self.terms)).gradient(centre[None])[0])
         return mean_gradient(self.problem.start, self.positions, self.problem.cells, cell)
 
-    def add(self, centre: Floats, coefficients: Floats) -> None:
-        """Add an enrichment point; held nodes do not feel it."""
-        p = self.problem
-        term = EnrichmentTerm.build(centre, self.settings.enrichment_radius, coefficients, p.factorization, p.evaluator)
+    def add(self, centre: Floats, change: Floats) -> None:
+        """Add an enrichment point that changes the gradient by (d, d) at its centre; held nodes do not feel it."""
+        p, radius, function = self.problem, self.settings.enrichment_radius, self.settings.function
+        coefficients = change.T / functions.slope_at_point(function, radius)
+        term = EnrichmentTerm.build(centre, radius, coefficients, p.factorization, p.evaluator, function=function)
         self.terms.append(term)
         self.positions = np.where(p.held[:, None], self.positions, self.positions + term.displacement(p.start))
 
@@ -219,7 +238,7 @@ def explicit_iterations(
         gradient = trial.gradient(cell, centre)
         if not np.isfinite(gradient).all():
             break  # the motion itself is no number; nothing local mends that
-        trial.add(centre, settings.relaxation * eigen_correction(gradient).T)
+        trial.add(centre, settings.relaxation * CELL_CORRECTIONS[settings.decomposition](gradient))
         history.append(_iterate(trial))
         if history[-1].predicted > history[best].predicted:
             best, best_positions = len(trial.terms), trial.positions

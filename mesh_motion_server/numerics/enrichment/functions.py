@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 
-__all__ = ["ENRICHMENT_FUNCTIONS", "gradients", "values"]
+__all__ = ["ENRICHMENT_FUNCTIONS", "gradients", "slope_at_point", "values"]
 
 Array = NDArray[np.float64]
 
@@ -93,6 +93,24 @@ def gradients(kind: str, points: Array, centre: Array, radius: float) -> Array:
     diagonal = np.arange(rho.shape[1])
     out[:, diagonal, diagonal] += f[:, None]
     return out
+
+
+def slope_at_point(kind: str, radius: float) -> float:
+    """c of thesis (5.17): at its point ∇H is c times the identity; 1 for H1, −20/R_l² for H2 and H3.
+
+    Parameters
+    ----------
+    kind : {"H1", "H2", "H3"}
+    radius : float, mesh length unit
+        R_l.
+
+    Raises
+    ------
+    InvalidInput
+        As :func:`values`.
+    """
+    _, f, _ = _radial(kind, np.zeros((1, 1)), np.zeros(1), radius)
+    return float(f[0])
 
 
 def _radial(kind: str, points: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:

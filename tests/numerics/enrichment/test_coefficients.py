@@ -8,10 +8,10 @@ from mesh_motion_server.numerics.enrichment import coefficients as module
 from mesh_motion_server.numerics.enrichment.coefficients import (
     RADIUS_CYCLE,
     Enriched,
-    EnrichmentSpace,
     optimised_enrichment,
     optimised_placement,
 )
+from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
 
 
 def space_of(name: str, count: int = 20) -> EnrichmentSpace:

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.enrichment.functions import ENRICHMENT_FUNCTIONS, gradients, values
+from mesh_motion_server.numerics.enrichment.functions import ENRICHMENT_FUNCTIONS, gradients, slope_at_point, values
 from mesh_motion_server.numerics.kernels import BASES
 from mesh_motion_server.numerics.kernels import values as phi_values
 
@@ -71,3 +71,12 @@ def test_unknown_kind_and_radius():
     for radius in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InvalidInput, match="enrichment radius > 0"):
             gradients("H1", np.zeros((1, 2)), np.zeros(2), radius)
+
+
+@pytest.mark.parametrize("kind", ["H1", "H2", "H3"])
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_the_gradient_at_the_point_is_c_times_the_identity(kind, d):
+    centre = np.full(d, 0.3)
+    c = {"H1": 1.0, "H2": -20 / 0.7**2, "H3": -20 / 0.7**2}[kind]
+    assert slope_at_point(kind, 0.7) == pytest.approx(c)
+    np.testing.assert_allclose(gradients(kind, centre[None], centre, 0.7)[0], c * np.eye(d), atol=1e-15)

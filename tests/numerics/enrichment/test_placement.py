@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.enrichment.placement import spread_placement, worst_cell
+from mesh_motion_server.numerics.enrichment.placement import (
+    boundary_placement,
+    gap_middle,
+    local_minima,
+    minima_placement,
+    spread_placement,
+    worst_cell,
+)
 
 
 @pytest.fixture
@@ -57,3 +64,48 @@ def test_cells_at_one_place_are_one_place(strip):
     points, _ = strip
     twice = CellTable.from_arrays({"quad": np.array([[0, 2, 3, 1], [0, 2, 3, 1]])})
     assert spread_placement(points, twice, np.zeros(2), count=2, radius=1.0).cells.tolist() == [0]
+
+
+def test_minima_are_no_better_than_their_neighbours(strip):
+    points, cells = strip
+    quality = np.ones(100)
+    quality[10:15] = [0.3, 0.1, -0.2, 0.1, 0.3]
+    quality[80:84] = [0.15, 0.0, 0.0, 0.2]  # of equal neighbours the first
+    quality[[40, 60]] = [0.19, 0.25]
+    assert local_minima(cells, quality, 0.2).tolist() == [12, 81, 40]
+    found = minima_placement(points, cells, quality, count=2, radius=0.5, threshold=0.2)
+    assert found.cells.tolist() == [12, 81]
+    np.testing.assert_array_equal(found.points, [[12.5, 0.5], [81.5, 0.5]])
+    np.testing.assert_array_equal(found.radii, [0.5, 0.5])
+    assert len(local_minima(cells, quality, -0.5)) == 0
+
+
+def test_minima_are_found_across_blocks_of_cells():
+    points = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]])
+    cells = CellTable.from_arrays({"quad": np.array([[0, 1, 4, 3]]), "triangle": np.array([[1, 2, 4], [2, 5, 4]])})
+    assert local_minima(cells, np.array([0.1, 0.05, 0.0]), 0.2).tolist() == [2]
+    assert len(points) == 6
+
+
+def test_boundary_nodes_nearest_to_the_minima(strip):
+    points, cells = strip
+    quality = np.ones(100)
+    quality[[12, 14, 81]] = [-0.2, 0.1, 0.0]
+    held = np.zeros(len(points), dtype=bool)
+    held[[20, 21, 180]] = True  # x = 10 and 90
+    choices = {"radius": 0.5, "threshold": 0.2, "held": held}
+    found = boundary_placement(points, cells, quality, count=5, **choices)
+    np.testing.assert_array_equal(found.points, points[[20, 180]])
+    assert found.cells.tolist() == [12, 81]
+    assert len(boundary_placement(points, cells, quality, count=1, **choices).cells) == 1
+    nowhere = boundary_placement(points, cells, np.ones(100), count=5, **choices)
+    assert nowhere.points.shape == (0, 2)
+
+
+def test_the_middle_of_the_gap_of_the_worst_cell():
+    points = np.linspace(0, 1, 11)[:, None]
+    n = np.arange(10)
+    cells = CellTable.from_arrays({"line": np.column_stack([n, n + 1])})
+    quality = np.ones(10)
+    quality[4] = 0.1
+    np.testing.assert_allclose(gap_middle(points, cells, quality, np.isin(np.arange(11), [0, 2, 7, 10])), [[0.45]])
