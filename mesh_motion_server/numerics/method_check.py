@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.correction import check_placement
 from mesh_motion_server.numerics.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.kernels import basis_named, checked_radius

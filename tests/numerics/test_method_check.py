@@ -35,7 +35,6 @@ def turned(model: MotionModel, degrees: float) -> np.ndarray:
         ({"basis": "qb"}, r"'qb' cannot interpolate: it is a polynomial.*rank d \+ 2"),
         ({"basis": "wendland-c0", "predictor": "centre-gradient"}, "no gradient at a control point"),
         ({"basis": "ctps-c0", "predictor": "edge-midpoint-gradient"}, "no gradient at a control point"),
-        ({"basis": "wendland-c0", "correction": "imposed-gradient"}, "no gradient at a control point"),
         ({"basis": "gauss"}, "'gauss' needs a shape parameter"),
         ({"basis": "mqb"}, "'mqb' needs a shape parameter"),
         ({"basis": "tps", "polynomial": "none"}, "it needs a polynomial"),
@@ -100,3 +99,12 @@ class _Each:
     def get_or_make(self, key, make):
         del key
         return make(), False
+
+
+def test_the_imposed_gradient_needs_that_of_the_basis_in_1d_only() -> None:
+    choices = {"basis": "wendland-c0", "correction": "imposed-gradient"}
+    line = CellTable.from_arrays({"line": np.array([[0, 1], [1, 2]])})
+    patches = {"ends": Patch("moving", np.array([0, 2]))}
+    with pytest.raises(InvalidInput, match="no gradient at a control point"):
+        MotionModel.build(np.array([[0.0], [0.5], [1.0]]), line, patches, Method(**choices))
+    model_of(**choices)
