@@ -11,7 +11,14 @@ from dataclasses import dataclass
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.reduction import greedy
+from mesh_motion_server.numerics.reduction import (
+    error_peaks,
+    greedy,
+    greedy_combined,
+    incremental_lu,
+    one_point,
+    recurrence_cholesky,
+)
 from mesh_motion_server.numerics.reduction.problem import Iterate, Level, Reduced, ReductionProblem
 
 __all__ = ["REDUCTIONS", "Iterate", "Level", "Reduced", "Reduction", "ReductionProblem", "reduction_named"]
@@ -51,6 +58,36 @@ REDUCTIONS: dict[str, Reduction] = {
             greedy.reduce,
             "Rendall & Allen 2009; thesis §2.2.2",
             "the node of the largest error, with a full solution for each",
+        ),
+        Reduction(
+            "one-point",
+            one_point.reduce,
+            "Rendall & Allen 2010; thesis (2.8)–(2.10)",
+            "a correction of one coefficient for each point, full solutions at 64, 128, 256 … points",
+        ),
+        Reduction(
+            "greedy-combined",
+            greedy_combined.reduce,
+            "Rendall & Allen 2010; thesis §2.2.2, Fig 2.6",
+            "one-point corrections, and a full solution after every ten points",
+        ),
+        Reduction(
+            "error-peaks",
+            error_peaks.reduce,
+            "Li et al.; thesis §2.2.3, Fig 2.7",
+            "all peaks of the error above half of the largest, then a full solution",
+        ),
+        Reduction(
+            "incremental-lu",
+            incremental_lu.reduce,
+            "Selim & Koomullil; thesis §2.2.3",
+            "the greedy choice, with an LU factorization that is bordered for each point",
+        ),
+        Reduction(
+            "recurrence-cholesky",
+            recurrence_cholesky.reduce,
+            "Fang et al.; thesis §2.2.3",
+            "the greedy choice, with a Cholesky factor and the errors grown by a row and a column",
         ),
     )
 }

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mesh_motion_server.numerics.reduction.errors import lengths
 from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress, lengths
+from mesh_motion_server.numerics.reduction.progress import Progress
 
 __all__ = ["reduce"]
 

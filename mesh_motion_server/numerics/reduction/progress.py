@@ -5,16 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.reduction.errors import lengths
 from mesh_motion_server.numerics.reduction.problem import Iterate, ReductionProblem
 
 __all__ = ["Progress", "lengths"]
 
 Floats = NDArray[np.float64]
-
-
-def lengths(vectors: Floats) -> Floats:
-    """(n,) Euclidean lengths of (n, k) vectors."""
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
 class Progress:
@@ -38,6 +34,6 @@ class Progress:
         """
         size = lengths(error)
         largest = float(size.max())
-        rms = float(np.sqrt(np.mean(size * size)))
+        rms = float(np.sqrt(np.dot(size, size) / len(size)))
         self.history.append(Iterate(points, largest, rms, self._solve, self._error))
         return largest <= self._problem.allowed_error or points >= self._problem.limit

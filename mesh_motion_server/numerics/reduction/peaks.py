@@ -1,0 +1,32 @@
+"""Local maxima of the error over a boundary, with neighbours taken by distance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+__all__ = ["error_peaks", "nearest_neighbours"]
+
+Indices = NDArray[np.int64]
+
+#: Nearest nodes that count as neighbours, by dimension: both sides of a curve twice, the ring around a surface node.
+_NEIGHBOURS = {1: 2, 2: 4, 3: 8}
+
+
+def nearest_neighbours(points: NDArray[np.float64]) -> Indices:
+    """(n, m) nearest other nodes of (n, d) points; fewer columns where there are fewer points."""
+    count = min(_NEIGHBOURS[points.shape[1]], len(points) - 1)
+    if count < 1:
+        return np.empty((len(points), 0), dtype=np.int64)
+    found = cKDTree(points).query(points, k=np.arange(1, count + 2))[1]
+    return np.asarray(found[:, 1:], dtype=np.int64)
+
+
+def error_peaks(size: NDArray[np.float64], neighbours: Indices) -> Indices:
+    """Nodes whose error ``size`` (n,) no neighbour exceeds, the largest first; of equal neighbours the first counts."""
+    own = np.arange(len(size))
+    around = size[neighbours]
+    lower = (around < size[:, None]) | ((around == size[:, None]) & (neighbours > own[:, None]))
+    peaks = np.flatnonzero(lower.all(axis=1))
+    return peaks[np.argsort(-size[peaks], kind="stable")]
