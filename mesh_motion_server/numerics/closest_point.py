@@ -63,9 +63,14 @@ def _on_triangle(p: Array, a: Array, b: Array, c: Array, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def _closest(
-    points: Array, corners: Array, starts: NDArray[np.int64], candidates: NDArray[np.int64], out: Array
+    points: Array,
+    corners: Array,
+    starts: NDArray[np.int64],
+    candidates: NDArray[np.int64],
+    out: Array,
+    facets: NDArray[np.int64],
 ) -> None:
-    """``out[i]``: the point nearest to ``points[i]`` on the facets ``candidates[starts[i]:starts[i + 1]]``."""
+    """``out[i]``: the point nearest to ``points[i]`` on ``candidates[starts[i]:starts[i + 1]]``, and its facet."""
     for i in prange(points.shape[0]):
         best, trial = np.inf, np.empty(3)
         for at in range(starts[i], starts[i + 1]):
@@ -77,7 +82,7 @@ def _closest(
             away = points[i] - trial
             if _dot(away, away) < best:
                 best = _dot(away, away)
-                out[i] = trial
+                out[i], facets[i] = trial, candidates[at]
 
 
 class FacetSet:
@@ -99,8 +104,13 @@ class FacetSet:
 
     def closest(self, points: Array) -> Array:
         """(n, d) points of the facets nearest to (n, d) points."""
+        return self.nearest(points)[0]
+
+    def nearest(self, points: Array) -> tuple[Array, NDArray[np.int64]]:
+        """(n, d) points of the facets nearest to (n, d) points, and the row (n,) of the facet each lies on."""
+        facets = np.zeros(len(points), dtype=np.int64)
         if not len(points):
-            return points.copy()
+            return points.copy(), facets
         places = padded(points)
         nearest = self._tree.query(places)[0]
         lists = self._tree.query_ball_point(places, (nearest + self._reach) * (1.0 + 1e-12), return_sorted=True)
@@ -108,5 +118,5 @@ class FacetSet:
         np.cumsum([len(candidates) for candidates in lists], out=starts[1:])
         out = np.empty_like(places)
         with threads_for(10.0 * starts[-1]):  # a facet costs about ten basis functions
-            _closest(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out)
-        return np.ascontiguousarray(out[:, : self._dimension])
+            _closest(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out, facets)
+        return np.ascontiguousarray(out[:, : self._dimension]), facets

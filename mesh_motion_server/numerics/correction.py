@@ -42,6 +42,7 @@ from mesh_motion_server.numerics.enrichment.space import FUNCTIONS, EnrichmentSp
 from mesh_motion_server.numerics.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Factorization
+from mesh_motion_server.numerics.node_constraint import NodeConstraint
 from mesh_motion_server.numerics.trial_nodes import Polished, Stage, TrialMesh, polish, reach
 
 __all__ = [
@@ -94,6 +95,8 @@ class CorrectionProblem:
     evaluator : Evaluator
     reference : (n, d) array, mesh length unit, optional
         Nodes of the reference mesh, the ideal shape of cells that are no simplices; ``start`` by default.
+    constraint : NodeConstraint, optional
+        Held nodes that ``optimised`` may move: along their surface, or in pairs.
     """
 
     start: Floats
@@ -104,6 +107,7 @@ class CorrectionProblem:
     factorization: Factorization
     evaluator: Evaluator
     reference: Floats | None = None
+    constraint: NodeConstraint | None = None
 
 
 @dataclass(frozen=True)
@@ -293,6 +297,7 @@ def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
     """Free trial nodes: all for the maximum, a growing region for the threshold."""
     if problem.start.shape[1] == 1:
         return _Found(equal_stretch(problem.standard, mesh), freed_nodes=int(np.count_nonzero(~mesh.held)))
+    mesh = mesh.released(problem.constraint)
     if mesh.held.all() or not _could_be_valid(problem.standard, mesh):
         return _Found(problem.standard)
     target = _target(problem, settings)

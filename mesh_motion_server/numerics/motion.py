@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import (
@@ -28,7 +29,8 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
 from mesh_motion_server.numerics.prediction import predict
-from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
+from mesh_motion_server.numerics.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
@@ -86,6 +88,8 @@ class MotionModel:
     held : (n,) bool array
         Nodes on the boundary or on a patch, which no correction may move.
     standard_motion : StandardMotion
+    constraint : BoundaryConstraint or None
+        Which of the held nodes the optimised correction may move nevertheless, and how.
     warnings : tuple of str
         What :func:`check_mesh` noticed.
     evaluator : Evaluator
@@ -98,6 +102,7 @@ class MotionModel:
     reference_sizes: NDArray[np.float64]
     held: NDArray[np.bool_]
     standard_motion: StandardMotion
+    constraint: BoundaryConstraint | None
     warnings: tuple[str, ...]
     evaluator: Evaluator
 
@@ -126,6 +131,7 @@ class MotionModel:
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
+        standard_motion = StandardMotion.build(points, cells, patches, method, evaluator)
         return cls(
             points,
             cells,
@@ -133,7 +139,8 @@ class MotionModel:
             method,
             reference_sizes(points, cells),
             held,
-            StandardMotion.build(points, cells, patches, method, evaluator),
+            standard_motion,
+            _constraint(points, cells, patches, standard_motion.sliding),
             tuple(warnings),
             evaluator,
         )
@@ -198,6 +205,7 @@ class MotionModel:
                     factorization=standard.factorization,
                     evaluator=self.evaluator,
                     reference=self.points,
+                    constraint=self.constraint,
                 ),
                 self._correction_settings(),
             )
@@ -279,6 +287,16 @@ class MotionModel:
             except NumericalError:
                 high = middle
         return low
+
+
+def _constraint(
+    points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch], sliding: SlidingSurfaces | None
+) -> BoundaryConstraint | None:
+    """What a correction may do with the boundary of a mesh with nodes at points (n, d)."""
+    if sliding is None:
+        return None
+    surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
+    return BoundaryConstraint.build(points, cells, surfaces, sliding)
 
 
 def _with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:

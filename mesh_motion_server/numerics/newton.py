@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numba import njit, prange
@@ -23,6 +24,7 @@ from scipy.sparse.linalg import splu
 from mesh_motion_server.numerics.curvature import FLOOR, corner_blocks
 from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.free_region import FreeRegion, NodeAdjacency
+from mesh_motion_server.numerics.node_constraint import RegionConstraint, StepSolver
 from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
@@ -84,10 +86,6 @@ class QuadraticTerm:
         return 0.5 * float(energy), pull
 
 
-StepSolver = Callable[[NodeAdjacency, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-"""(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
-
-
 @dataclass(frozen=True, eq=False)
 class Descent:
     """Result of :func:`newton`: points (l, d), distortion E and quadratic term together, iterations made."""
@@ -107,6 +105,7 @@ def newton(
     solve: StepSolver | None = None,
     quadratic: QuadraticTerm | None = None,
     accuracy: Accuracy | None = None,
+    constraint: RegionConstraint | None = None,
 ) -> Descent:
     """Lower E from the points (l, d) of the region; the nodes that are not free stay, bit by bit.
 
@@ -124,6 +123,8 @@ def newton(
     quadratic : QuadraticTerm, optional
         Added to E.
     accuracy : Accuracy, optional
+    constraint : RegionConstraint, optional
+        Of free nodes that slide, or move alike; the points have to be admissible.
     """
     accuracy = accuracy or Accuracy()
     d, n_corners = points.shape[1], len(region.simplices)
@@ -138,12 +139,13 @@ def newton(
         hessian = region.adjacency.assemble(blocks, d)
         if quadratic is not None:
             hessian += quadratic.stiffness
-        if solve is None:
-            step = _solve(region.adjacency, hessian, -gradient, accuracy, untangling=norm.epsilon > 0.0)
+        solver = solve or partial(_solve, accuracy=accuracy, untangling=norm.epsilon > 0.0)
+        if constraint is None:
+            step = solver(region.adjacency, hessian, -gradient)
         else:
-            step = solve(region.adjacency, hessian, -gradient)
+            step = constraint.step(points, hessian, -gradient, solver)
         slope = float(np.vdot(gradient, step))
-        found = _line_search(points, objective, step, energy, slope)
+        found = _line_search(points, objective, step, energy, slope, constraint)
         if found is None:
             break
         length, points, lower, weights = found
@@ -186,6 +188,7 @@ def _line_search(
     step: NDArray[np.float64],
     energy: float,
     slope: float,
+    constraint: RegionConstraint | None,
 ) -> tuple[float, NDArray[np.float64], float, NDArray[np.float64]] | None:
     """Halve the step (f, d) until Armijo's rule holds: (length, points, E, w), or None if no step is left."""
     if not slope < 0.0:
@@ -194,9 +197,11 @@ def _line_search(
     for _ in range(_HALVINGS + 1):
         trial = points.copy()
         trial[: len(step)] += length * step
-        lower, weights = objective(trial)
-        if lower <= energy + _ARMIJO * length * slope:
-            return length, trial, lower, weights
+        admitted = trial if constraint is None else constraint.retract(points, trial)
+        if admitted is not None:
+            lower, weights = objective(admitted)
+            if lower <= energy + _ARMIJO * length * slope:
+                return length, admitted, lower, weights
         length *= 0.5
     return None
 

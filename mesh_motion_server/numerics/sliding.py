@@ -4,7 +4,7 @@ Where a sliding node may go follows from the smooth pieces of the sliding patche
 
 - planar pieces: its own plane through its reference place; on two, their line of intersection; on three, its place;
 - one curved piece: the piece's facets in the reference mesh, which represent the surface exactly as the mesh does;
-- a curved and another piece: the curve where the two meet; more of them: its place.
+- a curved and another piece, or two pieces in one plane: the curve where they meet; more of them: its place.
 
 So a corner stays a corner, an edge an edge, and a box whose six sides are one patch keeps its shape. Everything refers
 to the reference mesh: nothing drifts however often positions are projected.
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,57 +21,13 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.closest_point import FacetSet
 from mesh_motion_server.numerics.smooth_pieces import Piece, sides, smooth_pieces
+from mesh_motion_server.numerics.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
 
 __all__ = ["SlidingSurfaces"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-#: Planes whose normals differ by less (as a sine) are one plane: they have no line of intersection to stay on.
-_PARALLEL = 1e-6
-
-
-class _Constraint(Protocol):
-    """Where some nodes may go."""
-
-    def project(self, positions: Array, reference: Array) -> Array:
-        """The admissible positions (m, d) nearest to the given ones, of nodes that started at ``reference`` (m, d)."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class _OnPlanes:
-    """Orthonormal normals (r, d) of the planes through each node's reference place."""
-
-    normals: Array
-
-    def project(self, positions: Array, reference: Array) -> Array:
-        out = positions.copy()
-        for normal in self.normals:
-            axis = int(np.argmax(np.abs(normal)))
-            if np.count_nonzero(normal) == 1:  # along a coordinate: that coordinate stays bitwise
-                out[:, axis] = reference[:, axis]
-            else:
-                out -= np.sum((out - reference) * normal, axis=1)[:, None] * normal
-        return out
-
-
-@dataclass(frozen=True, eq=False)
-class _OnFacets:
-    facets: FacetSet
-
-    def project(self, positions: Array, reference: Array) -> Array:
-        del reference
-        return self.facets.closest(positions)
-
-
-@dataclass(frozen=True, eq=False)
-class _Held:
-    def project(self, positions: Array, reference: Array) -> Array:
-        del positions
-        return reference.copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +42,14 @@ class SlidingSurfaces:
         Their reference places.
     groups : tuple of (rows, constraint)
         Each row of ``nodes`` in exactly one group.
+    pieces : tuple of Piece
+        The smooth pieces of the patches.
     """
 
     nodes: Integers
     reference: Array
-    groups: tuple[tuple[Integers, _Constraint], ...]
+    groups: tuple[tuple[Integers, SurfaceConstraint], ...]
+    pieces: tuple[Piece, ...] = ()
 
     @classmethod
     def build(
@@ -115,7 +73,7 @@ class SlidingSurfaces:
             If a sliding node lies on no boundary facet of its patches.
         """
         facets = boundary_facets(cells)
-        pieces = [piece for name in sorted(patches) for piece in smooth_pieces(points, facets, patches[name])]
+        pieces = _pieces(points, facets, patches)
         keys = _pieces_of(pieces, len(points), nodes)
         _refuse_stray(keys, patches, nodes)
         rows: dict[tuple[int, ...], list[int]] = {}
@@ -125,7 +83,7 @@ class SlidingSurfaces:
             (np.array(members, dtype=np.int64), _constraint(points, [pieces[i] for i in key]))
             for key, members in rows.items()
         )
-        return cls(nodes, points[nodes], groups)
+        return cls(nodes, points[nodes], groups, tuple(pieces))
 
     def project(self, positions: Array) -> Array:
         """Put positions back onto the surfaces.
@@ -149,6 +107,35 @@ class SlidingSurfaces:
         for rows, constraint in self.groups:
             out[rows] = constraint.project(positions[rows], self.reference[rows])
         return out
+
+    def tangents(self, positions: Array) -> Array:
+        """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may go."""
+        out = np.empty((*positions.shape, positions.shape[1]))
+        for rows, constraint in self.groups:
+            out[rows] = constraint.tangents(positions[rows])
+        return out
+
+    def freedom(self) -> Integers:
+        """(s,) dimension of the space of those directions; 0 for a node that stays."""
+        out = np.zeros(len(self.nodes), dtype=np.int64)
+        for rows, constraint in self.groups:
+            out[rows] = constraint.freedom
+        return out
+
+    def of(self, chosen: NDArray[np.bool_]) -> SlidingSurfaces:
+        """The constraints of some of the nodes: where ``chosen`` (s,) is true."""
+        number = np.cumsum(chosen) - 1
+        groups = tuple((number[rows[chosen[rows]]], c) for rows, c in self.groups if chosen[rows].any())
+        return SlidingSurfaces(self.nodes[chosen], self.reference[chosen], groups, self.pieces)
+
+
+def _pieces(points: Array, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
+    """The smooth pieces of the patches; what is on two patches counts once."""
+    found: dict[bytes, Piece] = {}
+    for name in sorted(patches):
+        for piece in smooth_pieces(points, facets, patches[name]):
+            found.setdefault(piece.nodes.tobytes(), piece)
+    return list(found.values())
 
 
 def _pieces_of(pieces: list[Piece], n_points: int, nodes: Integers) -> list[tuple[int, ...]]:
@@ -176,28 +163,15 @@ def _refuse_stray(keys: list[tuple[int, ...]], patches: Mapping[str, Integers], 
         )
 
 
-def _constraint(points: Array, pieces: list[Piece]) -> _Constraint:
+def _constraint(points: Array, pieces: list[Piece]) -> SurfaceConstraint:
     """Where a node on these pieces may go."""
-    normals = [piece.normal for piece in pieces if piece.normal is not None]
-    if len(normals) == len(pieces):
-        return _OnPlanes(_orthonormal(normals))
+    planes = OnPlanes.from_normals([piece.normal for piece in pieces if piece.normal is not None])
+    if len(planes.normals) == len(pieces):
+        return planes
     if len(pieces) == 1:
-        return _OnFacets(FacetSet(points[pieces[0].simplices]))
+        return OnFacets.from_simplices(points, pieces[0].simplices)
     curve = _common_sides(pieces) if len(pieces) == 2 else np.empty((0, 2), dtype=np.int64)
-    return _OnFacets(FacetSet(points[curve])) if len(curve) and curve.shape[1] == 2 else _Held()
-
-
-def _orthonormal(normals: list[Array]) -> Array:
-    """(r, d) orthonormal basis of the normals, in their order; nearly parallel ones count once."""
-    basis: list[Array] = []
-    for normal in normals:
-        rest = normal.copy()
-        for known in basis:
-            rest -= (rest @ known) * known
-        length = float(np.linalg.norm(rest))
-        if length > _PARALLEL:
-            basis.append(rest / length)
-    return np.array(basis)
+    return OnFacets.from_simplices(points, curve) if len(curve) and curve.shape[1] == 2 else Held()
 
 
 def _common_sides(pieces: list[Piece]) -> Integers:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["Piece", "smooth_pieces"]
+__all__ = ["Piece", "area_vectors", "sides", "smooth_pieces"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -72,7 +72,7 @@ def smooth_pieces(points: Array, facets: dict[str, Integers], nodes: Integers) -
     table = np.concatenate([np.empty((0, width), dtype=np.int64), *own])
     if not len(table):
         return []
-    areas = _area_vectors(points, table)
+    areas = area_vectors(points, table)
     labels = _components(table, areas)
     return list(_collect(points, table, areas, labels))
 
@@ -100,8 +100,8 @@ def _widened(block: Integers, width: int) -> Integers:
     return out
 
 
-def _area_vectors(points: Array, facets: Integers) -> Array:
-    """(f, d) normals times area (length in 2D, 1 in 1D)."""
+def area_vectors(points: Array, facets: Integers) -> Array:
+    """(f, d) outward normals times area (length in 2D, 1 in 1D) of facets (f, w) as in :class:`Piece`."""
     if facets.shape[1] == 1:
         return np.ones((len(facets), 1))
     if facets.shape[1] == 2:

@@ -19,7 +19,8 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.distortion import PNorm, determinants
 from mesh_motion_server.numerics.free_region import FreeRegion, free_region, grow, nodes_of_cells
 from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.newton import StepSolver, newton
+from mesh_motion_server.numerics.newton import newton
+from mesh_motion_server.numerics.node_constraint import NodeConstraint, RegionConstraint, StepSolver
 from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach"]
@@ -67,6 +68,8 @@ class TrialMesh:
         Nodes that must not move.
     metric : str
         One of :data:`~mesh_motion_server.numerics.metrics.QUALITY_METRICS`.
+    constraint : NodeConstraint or None
+        Of nodes that are not held but not quite free either.
     """
 
     reference: NDArray[np.float64]
@@ -74,13 +77,21 @@ class TrialMesh:
     reference_sizes: NDArray[np.float64]
     held: NDArray[np.bool_]
     metric: str = "size-skew"
+    constraint: NodeConstraint | None = None
+
+    def released(self, constraint: NodeConstraint | None) -> TrialMesh:
+        """The mesh with the nodes that a constraint releases no longer held."""
+        if constraint is None:
+            return self
+        return replace(self, held=self.held & ~constraint.released, constraint=constraint)
 
     def quality(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The metric (m,) of every cell; negative where a cell is inverted."""
         return signed_quality(points, self.cells, self.reference_sizes, self.metric)
 
     def free(self, marked: NDArray[np.bool_]) -> FreeRegion:
-        """The region in which the marked (n) nodes are free, but for the held ones."""
+        """The region in which the marked (n) nodes are free, but for the held ones, and those tied to them."""
+        marked = marked if self.constraint is None else self.constraint.closed(marked)
         return free_region(self.reference, self.cells, self.reference_sizes, marked & ~self.held)
 
 
@@ -127,6 +138,7 @@ class _Search:
     target: float
     points: NDArray[np.float64]
     solve: StepSolver | None = None
+    constraint: RegionConstraint | None = None
     minimum: float = -math.inf
     history: list[Stage] = field(default_factory=list)
 
@@ -144,7 +156,15 @@ class _Search:
     def descend(self, points: NDArray[np.float64], norm: PNorm, iterations: int) -> NDArray[np.float64]:
         """Newton iterations with one p-mean; judged on the way and at the end."""
         norm = replace(norm, size_weight=SIZE_WEIGHTS[self.metric])
-        result = newton(points, self.region, norm, iterations=iterations, good_enough=self.judge, solve=self.solve)
+        result = newton(
+            points,
+            self.region,
+            norm,
+            iterations=iterations,
+            good_enough=self.judge,
+            solve=self.solve,
+            constraint=self.constraint,
+        )
         self.judge(result.points)
         self.history.append(Stage(norm, self.region.n_free, result.iterations, self.minimum))
         return result.points
@@ -189,7 +209,8 @@ def polish(
     Polished
         The best of all positions met, the given ones included; nodes that are not free are bitwise the given ones.
     """
-    search = _Search(region, mesh.metric, target, points[region.nodes], solve)
+    constraint = None if mesh.constraint is None else mesh.constraint.of(region)
+    search = _Search(region, mesh.metric, target, points[region.nodes], solve, constraint)
     with threads_for(len(region.simplices) // _CORNERS_PER_THREAD):
         barrier = search.judge(search.points) or _descend_all(search, thorough)
     moved = points.copy()
