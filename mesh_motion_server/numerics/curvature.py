@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.distortion import BLOCK, CornerSimplices, PNorm, jacobian, slopes
 
-__all__ = ["FLOOR", "corner_blocks"]
+__all__ = ["FLOOR", "add_curvature", "corner_blocks"]
 
 FLOOR = 0.1
 """Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
@@ -160,8 +160,9 @@ def _signed_svd_3(jac, u, s, v, gram):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _stretch_matrix(s, q, h1, h2, p, d, out):  # type: ignore[no-untyped-def]
+def _stretch_matrix(s, q, law, d, out):  # type: ignore[no-untyped-def]
     """out (d, d) = M of the module's text."""
+    weight, h1, h2, p, slope = law
     for i in range(d):
         t_i = 1.0
         for k in range(d):
@@ -171,15 +172,15 @@ def _stretch_matrix(s, q, h1, h2, p, d, out):  # type: ignore[no-untyped-def]
             for k in range(d):
                 t_j *= s[k] if k != j else 1.0
                 t_ij *= s[k] if k not in (i, j) else 1.0
-            rank_one = p * (2.0 * s[i] / q + h1 * t_i) * (2.0 * s[j] / q + h1 * t_j)
-            out[i, j] = -4.0 * s[i] * s[j] / (q * q) + h2 * t_i * t_j + h1 * t_ij + rank_one
-        out[i, i] += 2.0 / q
+            rank_one = p * (2.0 * s[i] / q + slope * t_i) * (2.0 * s[j] / q + slope * t_j)
+            out[i, j] = -4.0 * weight * s[i] * s[j] / (q * q) + h2 * t_i * t_j + h1 * t_ij + rank_one
+        out[i, i] += 2.0 * weight / q
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _modes(s, q, h1, h2, p, d, matrix, vectors, values, pairs):  # type: ignore[no-untyped-def]
+def _modes(s, q, law, d, matrix, vectors, values, pairs):  # type: ignore[no-untyped-def]
     """Eigenvalues (d²) of the modes: first the d stretches (columns of vectors), then two for every pair."""
-    _stretch_matrix(s, q, h1, h2, p, d, matrix)
+    _stretch_matrix(s, q, law, d, matrix)
     _symmetric_eigen(matrix, d, vectors)
     for i in range(d):
         values[i] = matrix[i, i]
@@ -187,7 +188,8 @@ def _modes(s, q, h1, h2, p, d, matrix, vectors, values, pairs):  # type: ignore[
     for i in range(d):
         for j in range(i + 1, d):
             t_ij = s[3 - i - j] if d == 3 else 1.0
-            values[mode], values[mode + 1] = 2.0 / q + h1 * t_ij, 2.0 / q - h1 * t_ij
+            shape, size = 2.0 * law[0] / q, law[1] * t_ij
+            values[mode], values[mode + 1] = shape + size, shape - size
             pairs[mode, 0], pairs[mode, 1] = i, j
             pairs[mode + 1, 0], pairs[mode + 1, 1] = i, j
             mode += 2
@@ -231,20 +233,36 @@ def _block(  # type: ignore[no-untyped-def]
     points, corner, ideal, weight, norm, d, small, long, pairs, total, out
 ):
     """out (d², d²) of one corner; small, long, pairs and total are work space."""
-    u, v, z, matrix, vectors = small[0], small[1], small[2], small[3], small[4]
-    values, mode, s = long[0], long[1], long[2]
-    tau, q = jacobian(points, corner, ideal, d, z)
+    tau, q = jacobian(points, corner, ideal, d, small[0])
     p, m, epsilon, size_weight = norm
     h1, h2 = slopes(tau, d, m, epsilon, size_weight)
+    total[:] = 0.0
+    add_curvature(tau, q, ideal, (1.0, h1, h2, p, h1), weight, d, small, long, pairs, total)
+    for a in range(d * d):
+        for b in range(a + 1):
+            value = np.float32(total[a, b])
+            out[a, b] = value
+            out[b, a] = value
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def add_curvature(  # type: ignore[no-untyped-def]
+    tau, q, ideal, law, weight, d, small, long, pairs, total
+):
+    """Add the projected Hessian of one corner with the Jacobian small[0] to the lower half of total (d², d²).
+
+    law is (weight of the shape, h1, h2, weight of the rank-one term, its slope).
+    """
+    z, u, v, matrix, vectors = small[0], small[1], small[2], small[3], small[4]
+    values, mode, s = long[0], long[1], long[2]
     if d == 3:
         _signed_svd_3(z, u, s, v, matrix)
     elif d == 2:
         _signed_svd_2(z, u, s, v)
     else:
         u[0, 0], v[0, 0], s[0] = 1.0, 1.0, tau
-    _modes(s, q, h1, h2, p, d, matrix, vectors, values, pairs)
+    _modes(s, q, law, d, matrix, vectors, values, pairs)
     _product(ideal, v, d, z)  # the right singular vectors at the edges
-    total[:] = 0.0
     for number in range(d * d):
         if values[number] > 0.0:
             _mode_at_edges(number, u, z, vectors, pairs, d, mode)
@@ -253,11 +271,6 @@ def _block(  # type: ignore[no-untyped-def]
                 t = scale * mode[a]
                 for b in range(a + 1):
                     total[a, b] += t * mode[b]
-    for a in range(d * d):
-        for b in range(a + 1):
-            value = np.float32(total[a, b])
-            out[a, b] = value
-            out[b, a] = value
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -34,7 +34,15 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable, CellType
 
-__all__ = ["CornerSimplices", "PNorm", "corner_simplices", "determinants", "distortion_gradient", "mean_distortion"]
+__all__ = [
+    "CornerSimplices",
+    "PNorm",
+    "corner_simplices",
+    "determinants",
+    "distortion_gradient",
+    "mean_distortion",
+    "mean_of_measures",
+]
 
 BLOCK = 512
 """Corners per block of the compiled loops: the unit of work of a thread and of every partial sum."""
@@ -56,12 +64,16 @@ class PNorm:
         Regularisation of the determinant; 0 is the barrier (every τ must be positive).
     size_weight : float
         a: what the size counts beside the shape.
+    of : {"corners", "cells"}
+        What is measured: every corner simplex against the reference mesh, or whole cells as the metric does
+        (:mod:`.cell_distortion`), which is the same for simplices and needs ε = 0.
     """
 
     p: float
     m: float
     epsilon: float = 0.0
     size_weight: float = 0.5
+    of: str = "corners"
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +152,20 @@ def mean_distortion(
     """
     measure = np.empty(len(simplices))
     highest = _measure(points, simplices.nodes, simplices.ideal, norm.m, norm.epsilon, norm.size_weight, measure)
+    return _p_mean(measure, highest, norm.p)
+
+
+def mean_of_measures(measure: NDArray[np.float64], p: float) -> tuple[float, NDArray[np.float64]]:
+    """The p-mean of any measure (c,), and the weights w (c,), which take its place in memory."""
+    return _p_mean(measure, float(measure.max()), p)
+
+
+def _p_mean(measure: NDArray[np.float64], highest: float, p: float) -> tuple[float, NDArray[np.float64]]:
+    """(E, w) of a measure (c,) and its largest value; w takes its place in memory."""
     if not math.isfinite(highest):
         return math.inf, measure
-    total = _soften(measure, highest, norm.p)
-    return highest + math.log(total / len(measure)) / norm.p, measure
+    total = _soften(measure, highest, p)
+    return highest + math.log(total / len(measure)) / p, measure
 
 
 def distortion_gradient(

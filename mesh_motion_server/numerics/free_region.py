@@ -8,17 +8,20 @@ whatever the number of threads.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.cell_distortion import CellGroup, cell_groups
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.distortion import CornerSimplices, corner_simplices
 from mesh_motion_server.numerics.read_only import read_only
 
-__all__ = ["FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
+__all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
 
+_DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
 _ROWS = 64  # nodes per block of the compiled gathers
 
 
@@ -59,6 +62,34 @@ class NodeAdjacency:
 
 
 @dataclass(frozen=True, eq=False)
+class CellAdjacency:
+    """Where the cells of one type are, in the same pattern of the Hessian.
+
+    Attributes
+    ----------
+    starts : (f + 1) int64 array
+    entries : (e) int32 array
+        ``cell · k + place``.
+    slots : (e, k) int32 array
+    """
+
+    starts: NDArray[np.int64]
+    entries: NDArray[np.int32]
+    slots: NDArray[np.int32]
+
+    def gather(self, cell_values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum the cells' shares (m, k, d) at the free nodes: (f, d)."""
+        d = cell_values.shape[2]
+        out = np.empty((len(self.starts) - 1, d))
+        _gather(self.starts, self.entries, cell_values.reshape(-1, d), out)
+        return out
+
+    def add(self, blocks: NDArray[np.float32], hessian: NDArray[np.float64]) -> None:
+        """Add the cells' blocks (m, k d, k d) to the Hessian (b, d, d)."""
+        _add_cells(self.starts, self.entries, self.slots, blocks, hessian)
+
+
+@dataclass(frozen=True, eq=False)
 class FreeRegion:
     """Free nodes and the cells that touch them.
 
@@ -84,6 +115,20 @@ class FreeRegion:
     reference_sizes: NDArray[np.float64]
     simplices: CornerSimplices
     adjacency: NodeAdjacency
+
+    @cached_property
+    def groups(self) -> tuple[CellGroup, ...]:
+        """The cells by type."""
+        return cell_groups(self.cells, self.reference_sizes)
+
+    @cached_property
+    def cell_adjacency(self) -> tuple[CellAdjacency, ...]:
+        """Of each group."""
+        pattern = self.adjacency.row_starts, self.adjacency.columns
+        return tuple(
+            CellAdjacency(*_cell_adjacency(group.nodes, self.n_free, len(self.nodes), *pattern))
+            for group in self.groups
+        )
 
     @property
     def free(self) -> NDArray[np.int64]:
@@ -147,7 +192,7 @@ def free_region(
     )
     sizes = reference_sizes[chosen]
     simplices = corner_simplices(reference[nodes], table, sizes)
-    adjacency = NodeAdjacency(*_adjacency(simplices.nodes, n_free, len(nodes)))
+    adjacency = NodeAdjacency(*_adjacency(simplices.nodes, n_free, len(nodes), _diagonals(table)))
     return FreeRegion(nodes, n_free, np.flatnonzero(chosen), table, sizes, simplices, adjacency)
 
 
@@ -162,28 +207,43 @@ def _touch(cell_nodes, marked):  # type: ignore[no-untyped-def]
     return out
 
 
+def _diagonals(cells: CellTable) -> NDArray[np.int64]:
+    """(h, 2) pairs of nodes that share a cell but no corner simplex: the diagonals of hexahedra."""
+    pairs = [block.nodes[:, _DIAGONALS].reshape(-1, 2) for block in cells if block.type.name == "hexahedron"]
+    return np.concatenate([*pairs, np.empty((0, 2), dtype=np.int64)])
+
+
 @njit(cache=True, error_model="numpy")
-def _adjacency(corners, n_free, n_nodes):  # type: ignore[no-untyped-def]
-    """The arrays of :class:`NodeAdjacency`: counting sort by node, then one pass per row with a table of places."""
-    n, k = corners.shape
+def _places(cell_nodes, n_free):  # type: ignore[no-untyped-def]
+    """(starts, entries): the places of the free nodes in cells (m, k), by counting sort."""
+    n, k = cell_nodes.shape
     starts = np.zeros(n_free + 1, np.int64)
     for c in range(n):
         for a in range(k):
-            if corners[c, a] < n_free:
-                starts[corners[c, a] + 1] += 1
+            if cell_nodes[c, a] < n_free:
+                starts[cell_nodes[c, a] + 1] += 1
     for i in range(n_free):
         starts[i + 1] += starts[i]
     entries = np.empty(starts[n_free], np.int32)
     place = starts[:-1].copy()
     for c in range(n):
         for a in range(k):
-            i = corners[c, a]
+            i = cell_nodes[c, a]
             if i < n_free:
                 entries[place[i]] = c * k + a
                 place[i] += 1
+    return starts, entries
+
+
+@njit(cache=True, error_model="numpy")
+def _adjacency(corners, n_free, n_nodes, diagonals):  # type: ignore[no-untyped-def]
+    """The arrays of :class:`NodeAdjacency`: the places, then one pass per row with a table of columns."""
+    k = corners.shape[1]
+    starts, entries = _places(corners, n_free)
+    ends, others = _places(diagonals, n_free)
     slots = np.full((len(entries), k), -1, np.int32)
     row_starts = np.zeros(n_free + 1, np.int64)
-    columns = np.empty(len(entries) * (k - 1) + n_free, np.int32)
+    columns = np.empty(len(entries) * (k - 1) + len(others) + n_free, np.int32)
     where = np.full(n_nodes, -1, np.int64)
     filled = 0
     for i in range(n_free):
@@ -201,8 +261,47 @@ def _adjacency(corners, n_free, n_nodes):  # type: ignore[no-untyped-def]
                         columns[filled] = j
                         filled += 1
                     slots[e, b] = where[j]
+        for e in range(ends[i], ends[i + 1]):
+            j = diagonals[others[e] // 2, 1 - others[e] % 2]
+            if j < n_free and where[j] < first:
+                where[j] = filled
+                columns[filled] = j
+                filled += 1
         row_starts[i + 1] = filled
     return starts, entries, slots, row_starts, columns[:filled].copy()
+
+
+@njit(cache=True, error_model="numpy")
+def _cell_adjacency(cell_nodes, n_free, n_nodes, row_starts, columns):  # type: ignore[no-untyped-def]
+    """The arrays of :class:`CellAdjacency` in a given pattern."""
+    k = cell_nodes.shape[1]
+    starts, entries = _places(cell_nodes, n_free)
+    slots = np.full((len(entries), k), -1, np.int32)
+    where = np.empty(n_nodes, np.int64)
+    for i in range(n_free):
+        for e in range(row_starts[i], row_starts[i + 1]):
+            where[columns[e]] = e
+        for e in range(starts[i], starts[i + 1]):
+            for b in range(k):
+                j = cell_nodes[entries[e] // k, b]
+                if j < n_free:
+                    slots[e, b] = where[j]
+    return starts, entries, slots
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _add_cells(starts, entries, slots, blocks, out):  # type: ignore[no-untyped-def]
+    """out (b, d, d) += the rows of the cells' blocks (m, k d, k d)."""
+    n, d, k = len(starts) - 1, out.shape[1], slots.shape[1]
+    for block in prange((n + _ROWS - 1) // _ROWS):
+        for i in range(block * _ROWS, min(n, (block + 1) * _ROWS)):
+            for e in range(starts[i], starts[i + 1]):
+                whole, a = blocks[entries[e] // k], entries[e] % k
+                for b in range(k):
+                    if slots[e, b] >= 0:
+                        for r in range(d):
+                            for q in range(d):
+                                out[slots[e, b], r, q] += whole[a * d + r, b * d + q]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
-from mesh_motion_server.numerics.curvature import FLOOR, corner_blocks
-from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.curvature import FLOOR
+from mesh_motion_server.numerics.distortion import PNorm
 from mesh_motion_server.numerics.free_region import FreeRegion, NodeAdjacency
 from mesh_motion_server.numerics.node_constraint import RegionConstraint, StepSolver
+from mesh_motion_server.numerics.region_measure import RegionMeasure, region_measure
 from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
@@ -127,16 +128,13 @@ def newton(
         Of free nodes that slide, or move alike; the points have to be admissible.
     """
     accuracy = accuracy or Accuracy()
-    d, n_corners = points.shape[1], len(region.simplices)
-    objective = _Objective(region, norm, quadratic)
-    blocks = np.zeros((n_corners, d * d, d * d), dtype=np.float32)
+    objective = _Objective(region, region_measure(region, norm), quadratic)
     energy, weights = objective(points)
     done = 0
     while done < iterations and math.isfinite(energy):
-        least = 0.0 if done == 0 else accuracy.refresh / n_corners
         gradient = objective.gradient(points, weights)
-        corner_blocks(points, region.simplices, weights, norm, blocks, least_weight=least, floor=accuracy.floor)
-        hessian = region.adjacency.assemble(blocks, d)
+        refresh = accuracy.refresh if done else 0.0
+        hessian = objective.measure.hessian(points, weights, refresh=refresh, floor=accuracy.floor)
         if quadratic is not None:
             hessian += quadratic.stiffness
         solver = solve or partial(_solve, accuracy=accuracy, untangling=norm.epsilon > 0.0)
@@ -163,22 +161,21 @@ class _Objective:
     """What is lowered: the distortion of a region, and the quadratic term."""
 
     region: FreeRegion
-    norm: PNorm
+    measure: RegionMeasure
     quadratic: QuadraticTerm | None
 
     def __call__(self, points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """The objective at the points (l, d), and the corners' weights (c,)."""
-        energy, weights = mean_distortion(points, self.region.simplices, self.norm)
+        """The objective at the points (l, d), and the weights of what is measured."""
+        energy, weights = self.measure.mean(points)
         if self.quadratic is not None and math.isfinite(energy):
             energy += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[0]
         return energy, weights
 
     def gradient(self, points: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Its gradient (f, d)."""
-        adjacency = self.region.adjacency
-        gradient = adjacency.gather(distortion_gradient(points, self.region.simplices, weights, self.norm))
+        gradient = self.measure.gradient(points, weights)
         if self.quadratic is not None:
-            gradient += self.quadratic.gradient(points[: self.region.n_free], adjacency)[1]
+            gradient += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[1]
         return gradient
 
 

@@ -2,8 +2,10 @@
 
 The boundary is held where the motion puts it; no node of the mesh has moved yet. :func:`polish` frees a region and
 follows a continuation from a mild p-mean of the distortion to a sharp one with projected Gauss–Newton iterations
-(:mod:`.newton`), untangling first where cells are inverted. :func:`reach` frees the nodes of the bad cells only and
-grows the region until a threshold holds, so that the cost follows the bad region and not the mesh.
+(:mod:`.newton`). Where cells are inverted it untangles first, and measures the corners of cells against the reference
+mesh; in a valid mesh it measures whole cells as the metric does, which for quads and hexahedra ends at up to twice the
+quality. :func:`reach` frees the nodes of the bad cells only and grows the region until a threshold holds, so that the
+cost follows the bad region and not the mesh.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach"]
 
-LEVELS = (PNorm(2, 1), PNorm(8, 2), PNorm(24, 4), PNorm(60, 8), PNorm(150, 16))
+LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
 SIZE_WEIGHTS = {"size-skew": 0.5, "size-skew-root": 1.0, "size-skew-product": 1.0, "size": 1.0, "skew": 0.01}

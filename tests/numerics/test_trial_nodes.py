@@ -13,13 +13,13 @@ from mesh_motion_server.numerics.trial_nodes import SIZE_WEIGHTS, TrialMesh, pol
 
 # smallest size-skew that all nodes freed reached when this was written, less a twentieth
 BOX_CASES = {
-    "quad": (0.42, 0.47, 0.51),
-    "hexahedron": (0.51, 0.58, 0.62),
-    "wedge": (0.44, 0.42, 0.47),
-    "pyramid": (0.38, 0.35, 0.44),
-    "tetra": (0.31, 0.32, 0.36),
-    "quad + triangle": (0.42, 0.37, 0.43),
-    "hexahedron + wedge": (0.45, 0.44, 0.47),
+    "quad": (0.68, 0.63, 0.77),
+    "hexahedron": (0.75, 0.7, 0.81),
+    "wedge": (0.61, 0.51, 0.62),
+    "pyramid": (0.48, 0.42, 0.55),
+    "tetra": (0.31, 0.33, 0.36),
+    "quad + triangle": (0.59, 0.44, 0.65),
+    "hexahedron + wedge": (0.65, 0.55, 0.65),
 }
 
 METRIC_TARGETS = {"size": 0.3, "skew": 0.6, "size-skew": 0.32, "size-skew-root": 0.42, "size-skew-product": 0.18}

@@ -1,0 +1,109 @@
+"""The distortion of whole cells: it is the metric, its gradient against differences, its curvature from above."""
+
+import numpy as np
+import pytest
+from box_meshes import CELL_KINDS, box_mesh
+from scipy.sparse import bsr_matrix
+
+from mesh_motion_server.numerics.cell_distortion import cell_groups, mean_cell_distortion
+from mesh_motion_server.numerics.distortion import PNorm, mean_distortion
+from mesh_motion_server.numerics.free_region import FreeRegion
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.region_measure import MEASURES, region_measure
+
+NORMS = (PNorm(8, 2, of="cells"), PNorm(60, 8, of="cells", size_weight=1.0))
+
+
+def shaken(kind: str, size: float = 0.02) -> tuple[np.ndarray, FreeRegion]:
+    """Local points of a small mesh with all of its interior free, and shaken."""
+    mesh = box_mesh(kind, 5)
+    region = mesh.trial.free(~mesh.held)
+    points = mesh.points[region.nodes].copy()
+    points[: region.n_free] += size * np.random.default_rng(1).normal(size=(region.n_free, points.shape[1]))
+    return points, region
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+def test_it_is_the_logarithm_of_one_over_size_skew(kind: str) -> None:
+    points, region = shaken(kind)
+    values = cell_quality(points, region.cells, region.reference_sizes).metric("size-skew")
+    assert values.min() > 0
+    groups = cell_groups(region.cells, region.reference_sizes)
+    energy, weights = mean_cell_distortion(points, groups, PNorm(8, 1e4))
+    # rounding |log τ| costs at most log 2 / 2m
+    assert energy == pytest.approx(np.log(np.mean(values**-8.0)) / 8, abs=np.log(2) / 1e4)
+    np.testing.assert_allclose(weights, values**-8.0 / np.sum(values**-8.0), rtol=1e-3)
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+@pytest.mark.parametrize("norm", NORMS, ids=str)
+def test_gradient_and_curvature(kind: str, norm: PNorm) -> None:
+    points, region = shaken(kind)
+    measure = MEASURES["cells"](region, norm)
+    energy, weights = measure.mean(points)
+    gradient = measure.gradient(points, weights)
+    pattern = region.adjacency
+    hessian = bsr_matrix(
+        (measure.hessian(points, weights, refresh=0.0, floor=0.0), pattern.columns, pattern.row_starts)
+    ).toarray()
+    np.testing.assert_allclose(hessian, hessian.T, atol=1e-6 * hessian.max())
+    values = np.linalg.eigvalsh(hessian)
+    assert values.min() > -1e-6 * values.max()
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        direction = rng.normal(size=gradient.shape)
+
+        def along(t: float, direction: np.ndarray = direction) -> float:
+            trial = points.copy()
+            trial[: region.n_free] += t * direction
+            return measure.mean(trial)[0]
+
+        slope = np.vdot(gradient, direction)
+        assert (along(1e-6) - along(-1e-6)) / 2e-6 == pytest.approx(slope, rel=1e-4, abs=1e-6)
+        curvature = (along(1e-4) - 2 * energy + along(-1e-4)) / 1e-8 + norm.p * slope**2
+        assert direction.ravel() @ hessian @ direction.ravel() > 0.98 * curvature
+
+
+def test_light_cells_keep_their_curvature() -> None:
+    points, region = shaken("hexahedron")
+    measure = MEASURES["cells"](region, NORMS[0])
+    _, weights = measure.mean(points)
+    first = measure.hessian(points, weights, refresh=0.0, floor=0.1)
+    points[: region.n_free] += 0.001
+    assert np.array_equal(measure.hessian(points, weights, refresh=1e9, floor=0.1), first)
+    assert not np.array_equal(measure.hessian(points, weights, refresh=0.0, floor=0.1), first)
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+def test_an_inverted_corner_is_outside_the_barrier(kind: str) -> None:
+    points, region = shaken(kind)
+    points[0] += 1.0
+    assert mean_cell_distortion(points, region.groups, NORMS[0])[0] == np.inf
+
+
+def test_simplices_are_their_own_corners() -> None:
+    points, region = shaken("tetra")
+    norm = NORMS[0]
+    whole = MEASURES["cells"](region, norm)
+    energy, weights = whole.mean(points)
+    expected, corner_weights = mean_distortion(points, region.simplices, norm)
+    assert energy == pytest.approx(expected, rel=1e-12)
+    quick = region_measure(region, norm)
+    assert type(quick) is MEASURES["corners"]
+    np.testing.assert_allclose(whole.gradient(points, weights), quick.gradient(points, corner_weights), atol=1e-9)
+    hessians = [m.hessian(points, w, refresh=0.0, floor=0.1) for m, w in ((whole, weights), (quick, corner_weights))]
+    # the projection of the parts, instead of the sum, may keep a little more
+    np.testing.assert_allclose(*hessians, atol=0.2 * np.abs(hessians[1]).max())
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "hexahedron + wedge"])
+def test_the_pattern_couples_all_nodes_of_a_cell(kind: str) -> None:
+    _, region = shaken(kind)
+    for adjacency in region.cell_adjacency:
+        places = region.groups[region.cell_adjacency.index(adjacency)].nodes[
+            adjacency.entries // adjacency.slots.shape[1]
+        ]
+        assert np.array_equal(adjacency.slots >= 0, places < region.n_free)
+        assert np.array_equal(
+            region.adjacency.columns[adjacency.slots[places < region.n_free]], places[places < region.n_free]
+        )
