@@ -15,7 +15,12 @@ from mesh_motion_server.numerics.reduction import (
     error_peaks,
     greedy,
     greedy_combined,
+    grid_clustering,
+    grouped_circular,
     incremental_lu,
+    multi_step,
+    multilevel_subspace,
+    multiscale,
     one_point,
     recurrence_cholesky,
 )
@@ -88,6 +93,36 @@ REDUCTIONS: dict[str, Reduction] = {
             recurrence_cholesky.reduce,
             "Fang et al.; thesis §2.2.3",
             "the greedy choice, with a Cholesky factor and the errors grown by a row and a column",
+        ),
+        Reduction(
+            "grouped-circular",
+            grouped_circular.reduce,
+            "Fang et al. 2021; thesis §2.2.3, Fig 2.8",
+            "the node of the largest error of one group of nodes after the other",
+        ),
+        Reduction(
+            "multilevel-subspace",
+            multilevel_subspace.reduce,
+            "Wang et al. 2015, 2018; thesis §2.2.1, Table 2.3",
+            "levels of few nodes, each greedy on what the levels before it left",
+        ),
+        Reduction(
+            "multi-step",
+            multi_step.reduce,
+            "Floater & Iske 1996; thesis §2.2.1, Fig 2.4",
+            "nested subsets from coarse to fine, each with half the support radius of the one before",
+        ),
+        Reduction(
+            "multiscale",
+            multiscale.reduce,
+            "Kedward et al. 2017; thesis §2.2.1, Fig 2.5",
+            "a base set, then every other node with a support radius as small as its separation: exact",
+        ),
+        Reduction(
+            "grid-clustering",
+            grid_clustering.reduce,
+            "Strofylas et al. 2017; thesis §2.2.3",
+            "a node for each cell of a grid, finer where the error is large",
         ),
     )
 }

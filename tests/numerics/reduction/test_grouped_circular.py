@@ -1,0 +1,61 @@
+"""The grouping-circular-based greedy algorithm."""
+
+import numpy as np
+import pytest
+from reduced_motions import problem
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_server.numerics.reduction.grouped_circular import default_groups, reduce
+from mesh_motion_server.numerics.reduction.growing_set import GrowingSet
+
+
+@pytest.mark.parametrize("boundary", ["slab", "wing"])
+def test_one_group_is_the_greedy_algorithm(boundary: str) -> None:
+    of = problem(boundary, tolerance=1e-2)
+    np.testing.assert_array_equal(reduce(of, groups=1).selected, REDUCTIONS["greedy"](of).selected)
+
+
+def test_errors_cost_the_share_of_the_groups() -> None:
+    of = problem("wing", tolerance=0.0, max_points=100)
+    one, many = (reduce(of, groups=m).history[-2].error_operations for m in (1, 20))
+    assert many == pytest.approx(one / 20, rel=0.1)
+
+
+def test_every_iteration_looks_at_the_next_group() -> None:
+    of = problem("wing", tolerance=0.0, max_points=50)
+    chosen = reduce(of, groups=7).selected
+    np.testing.assert_array_equal(np.diff(chosen[1:] % 7) % 7, np.ones(48))
+
+
+def test_it_stops_only_after_a_whole_cycle_within_the_tolerance() -> None:
+    of = problem("wing", tolerance=1e-2)
+    reduced = reduce(of, groups=7)
+    groups = [i for i in reduced.history[:-1] if i.points == len(reduced.selected)]
+    assert len(groups) == 7
+    assert all(i.max_error <= of.allowed_error for i in groups)
+
+
+def test_the_number_of_groups_follows_the_number_of_nodes() -> None:
+    assert [default_groups(n) for n in (3, 64, 640, 10**6)] == [1, 2, 20, 32]
+
+
+def test_weights_of_a_growing_set_are_those_of_a_factorization() -> None:
+    of = problem("wing")
+    growing = GrowingSet(of)
+    nodes = np.random.default_rng(0).permutation(of.n_points)[:150]
+    for node in nodes:
+        growing.append(int(node))
+    expected = factorize(of.points[nodes], support_radius=of.support_radius).solve(of.displacement[nodes]).weights
+    np.testing.assert_allclose(growing.weights, expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(growing.errors(nodes), 0.0, atol=1e-12)
+
+
+def test_a_node_that_cannot_be_told_from_another_is_refused() -> None:
+    points = np.array([[0.0, 0.0], [1e-9, 0.0], [1.0, 0.0]])
+    of = ReductionProblem(points, np.ones((3, 1)), support_radius=2.0)
+    growing = GrowingSet(of)
+    growing.append(0)
+    with pytest.raises(NumericalError, match="singular to working precision"):
+        growing.append(1)
