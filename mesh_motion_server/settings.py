@@ -74,6 +74,8 @@ class MethodSettings(_Strict):
     enrichment_placement: str = "auto"
     explicit_decomposition: str = "eigen"
     reduction: str = "none"
+    volume_reduction: str = "none"
+    volume_reduction_length: _Length | None = None
     refuse_below_threshold: bool = False
     allow_invalid: bool = False
     predictor: str = "trial-nodes"

@@ -166,6 +166,11 @@ _SETTINGS = {
     ),
     "explicit_decomposition": ("str", "what `explicit` (above 1D `imposed-gradient` too) corrects a cell by"),
     "reduction": ("str", "reduction of the control points"),
+    "volume_reduction": ("str", "at which places the interpolation is evaluated"),
+    "volume_reduction_length": (
+        "float > 0 or nil",
+        "the box's margin, the wall function's distance or the grid's spacing, mesh length unit; nil: chosen",
+    ),
     "refuse_below_threshold": (
         "bool",
         "refuse a valid motion below the threshold; else it is answered with a warning",

@@ -46,7 +46,7 @@ def stored(path: str) -> StoredMesh:
     with np.load(ROOT / f"{path}.npz") as data:
         cells = {key.removeprefix("cells_"): data[key] for key in data if key.startswith("cells_")}
         named = {key.removeprefix("patch_"): data[key] for key in data if key.startswith("patch_")}
-        patches = {name: Patch(_role(name), nodes) for name, nodes in named.items()}
+        patches = {name: Patch(_role(name), nodes.astype(np.int64)) for name, nodes in named.items()}
         return StoredMesh(data["points"], CellTable.from_arrays(cells), patches)
 
 

@@ -70,6 +70,7 @@ def _methods(dimension: int) -> Iterator[Method]:
         yield Method(support_radius=1.0, correction="none", predictor=predictor)
     for solver in ("sparse", "iterative"):
         yield Method(support_radius=1.0, correction="none", solver=solver)
+    yield Method(support_radius=1.0, correction="none", volume_reduction="background-grid")
 
 
 def _move(points: FloatArray, cells: CellTable, method: Method, *, sliding: bool) -> None:

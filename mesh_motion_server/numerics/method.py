@@ -22,6 +22,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient"),
     "solver": ("auto", "dense", "sparse", "iterative"),
     "reduction": ("none",),
+    "volume_reduction": ("none", "enclosing-box", "wall-function", "background-grid"),
 }
 
 
@@ -58,6 +59,11 @@ class Method:
         What "explicit", and above 1D "imposed-gradient", correct a cell by.
     reduction : str
         Control-point reduction.
+    volume_reduction : {"none", "enclosing-box", "wall-function", "background-grid"}
+        At which places the interpolation is evaluated (thesis §2.2.1).
+    volume_reduction_length : float or None
+        The box's margin around the body, the wall function's D or the grid's spacing, mesh length unit; None: chosen
+        from the mesh and the motion.
     refuse_below_threshold : bool
         Refuse a valid motion that stays below the threshold; otherwise it is kept with a warning.
     allow_invalid : bool
@@ -82,6 +88,8 @@ class Method:
     enrichment_placement: str = "auto"
     explicit_decomposition: str = "eigen"
     reduction: str = "none"
+    volume_reduction: str = "none"
+    volume_reduction_length: float | None = None
     refuse_below_threshold: bool = False
     allow_invalid: bool = False
     predictor: str = "trial-nodes"
@@ -91,7 +99,7 @@ class Method:
         for name, known in CHOICES.items():
             if getattr(self, name) not in known:
                 raise InvalidInput(f"{name}: {getattr(self, name)!r} is not known; known are {', '.join(known)}")
-        for name in ("support_radius", "enrichment_radius"):
+        for name in ("support_radius", "enrichment_radius", "volume_reduction_length"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive length in the mesh's unit, got {value!r}")

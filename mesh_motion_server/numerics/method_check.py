@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.correction import check_placement
 from mesh_motion_server.numerics.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.kernels import basis_named, checked_radius
@@ -44,6 +45,11 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     )  # above 1D, of cells and not of the field
     gradient = method.predictor in _GRADIENT_PREDICTORS or imposed
     basis = basis_named(method.basis, gradient=gradient)
+    if method.volume_reduction != "none" and method.predictor in _GRADIENT_PREDICTORS:
+        raise InvalidInput(
+            f"predictor = {method.predictor!r} needs the motion's gradient, which a volume reduction does not give",
+            hint="use 'trial-nodes'",
+        )
     if basis.radius_meaning == "shape":
         checked_radius(method.support_radius, basis)
     chosen_polynomial(method.polynomial, basis, points[roles.prescribed])

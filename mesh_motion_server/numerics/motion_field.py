@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.paths import RigidMotion
+from mesh_motion_server.numerics.volume_reduction import VolumeField
 
 __all__ = ["MotionField", "Stage"]
 
@@ -22,18 +24,31 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """``x → rigid(x) + S(x)``; ``rigid`` None is the identity."""
+    """``x → rigid(x) + S(x)``; ``rigid`` None is the identity, ``volume`` what stands for S where nodes are reduced."""
 
     rigid: RigidMotion | None
     interpolant: Interpolant
+    volume: VolumeField | None = None
 
     def positions(self, points: Floats, evaluator: Evaluator) -> Floats:
         """(n, d) where the stage puts points (n, d)."""
         carried = points if self.rigid is None else self.rigid.apply(points)
+        if self.volume is not None:
+            return np.asarray(carried + self.volume(points).displacement)
         return carried + evaluator.displacement(self.interpolant, points)
 
     def deformation(self, points: Floats, evaluator: Evaluator) -> Floats:
-        """(n, d, d) deformation gradient B at points (n, d)."""
+        """(n, d, d) deformation gradient B at points (n, d).
+
+        Raises
+        ------
+        InvalidInput
+            If the volume is reduced: only displacements are known then.
+        """
+        if self.volume is not None:
+            raise InvalidInput(
+                "a motion with a volume reduction has no gradient", hint="predictor = 'trial-nodes' needs none"
+            )
         turn = np.eye(points.shape[1]) if self.rigid is None else self.rigid.rotation
         return turn + evaluator.gradient(self.interpolant, points)
 

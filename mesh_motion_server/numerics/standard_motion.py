@@ -26,13 +26,14 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, factorization_of
-from mesh_motion_server.numerics.interpolant import Factorization
+from mesh_motion_server.numerics.interpolant import Factorization, Interpolant
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion_field import MotionField, Stage
 from mesh_motion_server.numerics.paths import fit_rigid_motion, substeps
 from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
 from mesh_motion_server.numerics.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.numerics.volume_reduction import Field, VolumeField, VolumeProblem, volume_reduction_named
 
 __all__ = ["StandardMotion", "StandardTrial"]
 
@@ -173,7 +174,31 @@ class StandardMotion:
                 rigid = fit_rigid_motion(origin, goal)
             factorization, reused = factorization_of(origin, self.method, factors)
             carried = origin if rigid is None else rigid.apply(origin)
-            return _Solved(Stage(rigid, factorization.solve(goal - carried)), factorization, reused)
+            interpolant = factorization.solve(goal - carried)
+            volume = self._reduced_volume(points, controls, goal - carried, interpolant, factors)
+            return _Solved(Stage(rigid, interpolant, volume), factorization, reused)
+
+    def _reduced_volume(
+        self, points: Floats, controls: Indices, displacement: Floats, interpolant: Interpolant, factors: FactorSource
+    ) -> VolumeField | None:
+        """The field that the method's volume reduction makes of an interpolant."""
+        if self.method.volume_reduction == "none":
+            return None
+
+        def interpolate(control_points: Floats, values: Floats) -> Field:
+            other = factorization_of(control_points, self.method, factors)[0].solve(values)
+            return lambda places: self.evaluator.displacement(other, places)
+
+        problem = VolumeProblem(
+            boundary=points[controls],
+            displacement=displacement,
+            moving=np.isin(controls, self.roles.moving),
+            nodes=points,
+            standard=lambda places: self.evaluator.displacement(interpolant, places),
+            interpolate=interpolate,
+            length=self.method.volume_reduction_length,
+        )
+        return volume_reduction_named(self.method.volume_reduction)(problem)
 
 
 @dataclass(frozen=True, eq=False)
