@@ -114,11 +114,12 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
 def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Ints) -> Floats:
     """(K, k, d) gradients of nodal values (n, k) over some cells (K,): exact for simplices, a fit for others."""
     out = np.empty((len(numbers), values.shape[1], points.shape[1]))
-    for row, cell in enumerate(numbers.tolist()):
-        block, place = cells.locate(cell)
-        nodes = block.nodes[place]
+    for block, first in zip(cells, cells.offsets, strict=False):
+        here = (numbers >= first) & (numbers < first + len(block))
+        nodes = block.nodes[numbers[here] - first]
         x, v = points[nodes], values[nodes]
-        out[row] = np.linalg.lstsq(x - x.mean(axis=0), v - v.mean(axis=0), rcond=None)[0].T
+        inverse = np.linalg.pinv(x - x.mean(axis=1, keepdims=True))
+        out[here] = np.swapaxes(inverse @ (v - v.mean(axis=1, keepdims=True)), 1, 2)
     return out
 
 

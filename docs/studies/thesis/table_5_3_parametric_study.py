@@ -1,0 +1,276 @@
+"""Tables 5.2 to 5.4 and Figs 5.4 to 5.6: which Jacobian to impose at the worst cell in 2D, by trying them all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from docs.studies.study import Cell, Outcome, Picture, Study, Table
+from docs.studies.thesis._block import BlockCase, block_case, draw_mesh
+from mesh_motion_server.numerics.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_server.numerics.enrichment.imposed_jacobian import (
+    ImposedSettings,
+    cell_gradients,
+    impose,
+    imposed_jacobians,
+)
+from mesh_motion_server.numerics.enrichment.placement import Placement
+from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.prediction import predict
+
+Floats = NDArray[np.float64]
+
+RADII = (0.2, 0.4, 0.6, 0.8, 1.0)
+PLACES_RADIUS = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """One enrichment point whose Jacobian is varied: every cell's B is linear in it.
+
+    Attributes
+    ----------
+    standard : (m, 2, 2) array
+        B of the cells without enrichment; rows are components.
+    response : (m, 2, 2) array
+        ``[c, k, j]``: what the entry (i, k) of J − J_0 adds to ``B_c[i, j]``.
+    predicted : (2, 2) array
+        J_0: the standard motion's own Jacobian at the point.
+    displacement : (n, 2) array
+        ψ G⁻¹ at the nodes: the displacement is ``S + displacement (J − J_0)ᵀ``.
+    """
+
+    standard: Floats
+    response: Floats
+    predicted: Floats
+    displacement: Floats
+
+
+def sweep_at(case: BlockCase, point: Floats, radius: float) -> Sweep:
+    """Thesis (5.6) with one enrichment point (2,), solved for all Jacobians at once."""
+    p = case.problem
+    placement = Placement(np.zeros(1, dtype=np.int64), point[None], np.array([radius]))
+    space = EnrichmentSpace(placement, p.factorization, p.evaluator, ("H1",))
+    slopes = space.gradients(point[None])
+    unit = np.stack([impose(slopes, np.outer([1.0, 0.0], e)[None])[:, 0] for e in np.eye(2)], axis=1)
+    nodal = np.where(p.held[:, None], 0.0, space.values(p.start) @ unit)
+    every = np.arange(len(p.cells))
+    standard = np.eye(2) + cell_gradients(p.start, p.standard - p.start, p.cells, every)
+    return Sweep(standard, cell_gradients(p.start, nodal, p.cells, every), case.field.gradient(point[None])[0], nodal)
+
+
+@njit(cache=True)
+def _best(standard, response, predicted, values, order):  # type: ignore[no-untyped-def]
+    """Best minimum size over all J with entries from values, and that J; ``order`` (m,) cells, moved to the front."""
+    m, best, found = len(standard), -2.0, np.zeros((2, 2))
+    rows = np.empty((2, m, 2))
+    jacobian = np.empty((2, 2))
+    for a in values:
+        for b in values:
+            jacobian[0, 0], jacobian[0, 1] = a, b
+            _row(standard, response, predicted, jacobian, 0, rows)
+            for c in values:
+                for d in values:
+                    jacobian[1, 0], jacobian[1, 1] = c, d
+                    least = 2.0
+                    for place in range(m):
+                        cell = order[place]
+                        x = standard[cell, 1, 0] + (c - predicted[1, 0]) * response[cell, 0, 0]
+                        y = standard[cell, 1, 1] + (c - predicted[1, 0]) * response[cell, 0, 1]
+                        x += (d - predicted[1, 1]) * response[cell, 1, 0]
+                        y += (d - predicted[1, 1]) * response[cell, 1, 1]
+                        tau = rows[0, cell, 0] * y - rows[0, cell, 1] * x
+                        size = tau if abs(tau) <= 1.0 else 1.0 / tau
+                        if size < least:
+                            least = size
+                            if least <= best:  # this cell will rule out the next Jacobians too
+                                order[1 : place + 1] = order[:place].copy()
+                                order[0] = cell
+                                break
+                    if least > best:
+                        best = least
+                        found[:] = jacobian
+    return best, found
+
+
+@njit(cache=True)
+def _row(standard, response, predicted, jacobian, i, rows):  # type: ignore[no-untyped-def]
+    """rows[i] (m, 2) = row i of every cell's B."""
+    for cell in range(len(standard)):
+        for j in range(2):
+            rows[i, cell, j] = standard[cell, i, j]
+            for k in range(2):
+                rows[i, cell, j] += (jacobian[i, k] - predicted[i, k]) * response[cell, k, j]
+
+
+def best_jacobian(sweep: Sweep, values: Floats, rounds: int = 0) -> tuple[float, Floats]:
+    """Best minimum size and its J (2, 2), from a grid of entries and ``rounds`` finer grids around the best."""
+    best, found = _tried(sweep, [values] * 4)
+    step = float(values[1] - values[0])
+    for _ in range(rounds):
+        step /= 2
+        around = [entry + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) for entry in found.ravel()]
+        better, at = _tried(sweep, around)
+        if better > best:
+            best, found = better, at
+    return best, found
+
+
+def _tried(sweep: Sweep, entries: list[Floats]) -> tuple[float, Floats]:
+    order = np.argsort(np.linalg.det(sweep.standard)).astype(np.int64)
+    if all(e is entries[0] for e in entries):
+        return _best(sweep.standard, sweep.response, sweep.predicted, entries[0], order)
+    best, found = -2.0, np.zeros((2, 2))
+    for a in np.stack(np.meshgrid(*entries, indexing="ij"), axis=-1).reshape(-1, 2, 2):
+        size = _sizes(sweep, a).min()
+        if size > best:
+            best, found = float(size), a
+    return best, found
+
+
+def _sizes(sweep: Sweep, jacobian: Floats) -> Floats:
+    """(m,) signed sizes with a Jacobian (2, 2) imposed."""
+    tau = np.linalg.det(sweep.standard + np.einsum("ik,ckj->cij", jacobian - sweep.predicted, sweep.response))
+    return np.asarray(np.where(np.abs(tau) > 1.0, 1.0 / tau, tau))
+
+
+def worst_point(case: BlockCase) -> Floats:
+    """(2,) centre of the cell of the smallest predicted size."""
+    p = case.problem
+    quality = predict("centre-gradient", p.start, p.cells, p.reference_sizes, case.field).metric("size")
+    return p.cells.centres(p.start, np.array([int(np.argmin(quality))]))[0]
+
+
+def run(quick: bool) -> Outcome:
+    case = block_case("x")
+    point, values = worst_point(case), np.linspace(-3.0, 3.0, 11 if quick else 31)
+    every = case.problem.cells.centres(case.problem.start, np.arange(len(case.problem.cells)))
+    rows: list[list[Cell]] = []
+    sweeps: list[Any] = []
+    for radius in RADII:
+        sweep = sweep_at(case, point, radius)
+        best, found = best_jacobian(sweep, values)
+        refined, exact = best_jacobian(sweep, values, 0 if quick else 4)
+        worst = every[int(np.argmin(_sizes(sweep, found)))]
+        entries = [float(found[0, 0]), float(found[1, 0]), float(found[0, 1]), float(found[1, 1])]
+        rows.append([radius, *entries, best, refined, _pair(worst)])
+        sweeps.append((radius, sweep, exact, refined))
+    columns = ["R_l", "J11 = ∂S_x/∂x", "J12 = ∂S_y/∂x", "J21 = ∂S_x/∂y", "J22 = ∂S_y/∂y"]
+    columns += ["minimum size", "refined", "place of the minimum"]
+    caption = f"Table 5.3, Fig 5.6: best of {len(values)}⁴ Jacobians imposed at {_pair(point)}; R = 0.5, dx = −0.3."
+    response = Table(columns, rows, caption, digits=3)
+    best = max(sweeps, key=lambda s: s[3])
+    places = _places(case, every, quick)
+    pictures = (
+        Picture(
+            lambda figure: _meshes(figure, case, best),
+            "Figs 5.4 and 5.5: without and with the best Jacobian.",
+            (10, 3.6),
+        ),
+        Picture(lambda figure: _responses(figure, rows, sweeps, places), "Fig 5.6, and the best place.", (9.5, 3.2)),
+    )
+    return Outcome((response, _compared(case, best[3])), pictures, _text(places, sweeps[0][1].predicted))
+
+
+def _places(case: BlockCase, every: Floats, quick: bool) -> tuple[Floats, Floats]:
+    """Places (k, 2) for the point, and the best minimum (k,) that a coarse grid of Jacobians reaches there."""
+    chosen = every[:: 120 if quick else 8]
+    values = np.linspace(-3.0, 3.0, 7 if quick else 11)
+    return chosen, np.array([best_jacobian(sweep_at(case, x, PLACES_RADIUS), values)[0] for x in chosen])
+
+
+def _text(places: tuple[Floats, Floats], predicted: Floats) -> str:
+    best = int(np.argmax(places[1]))
+    return (
+        f"The standard motion's own Jacobian at the worst cell has J11 = {predicted[0, 0]:.2f}. Elsewhere than at the "
+        f"worst cell, with R_l = {PLACES_RADIUS} and a coarse grid of Jacobians, one point reaches at most "
+        f"{places[1][best]:.3f}, at {_pair(places[0][best])}; it makes the mesh valid from "
+        f"{np.mean(places[1] > 0):.0%} of the places tried."
+    )
+
+
+def _compared(case: BlockCase, best: float) -> Table:
+    """Table 5.4, and the rounds of imposed Jacobians."""
+    thesis = ExplicitSettings(
+        enrichment_radius=0.5, threshold=0.19, metric="size", relaxation=1.3, predictor="centre-gradient"
+    )
+    explicit = explicit_iterations(case.problem, thesis, case.field)
+    rows: list[list[Cell]] = [
+        ["standard", -0.25, case.smallest(case.problem.standard), 0],
+        ["imposed gradient, parametric study", 0.26, best, 1],
+        ["explicit iterations (predicted)", 0.19, explicit.history[explicit.best].predicted, explicit.best],
+        ["explicit iterations (actual)", None, case.smallest(explicit.points), explicit.best],
+    ]
+    for decomposition in ("eigen", "polar"):
+        settings = ImposedSettings(enrichment_radius=0.5, threshold=0.19, decomposition=decomposition)
+        found = imposed_jacobians(case.problem, case.mesh, settings)
+        name = f"imposed gradients of cells corrected by {decomposition}, in rounds"
+        rows.append([name, None, case.smallest(found.points), len(found.enrichment_points)])
+    return Table(("motion", "thesis", "minimum size", "points"), rows, "Table 5.4, and what needs no study.", digits=3)
+
+
+def _pair(x: Floats) -> str:
+    return f"({x[0]:.2f}, {x[1]:.2f})"
+
+
+def _meshes(figure: Any, case: BlockCase, best: Any) -> None:
+    radius, sweep, jacobian, _ = best
+    axes = figure.subplots(1, 4)
+    added = sweep.displacement @ (jacobian - sweep.predicted).T
+    total = case.field.displacement(case.problem.start) + added
+    draw_mesh(axes[0], case, case.problem.standard, "standard, R = 0.5")
+    draw_mesh(axes[1], case, case.moved(total), f"one imposed Jacobian, R_l = {radius}")
+    x = case.problem.start
+    for ax, values, name in zip(axes[2:], total.T, ("x", "y"), strict=True):
+        shown = ax.tricontourf(x[:, 0], x[:, 1], case.triangles, values, 12, cmap="coolwarm")
+        ax.set_aspect("equal")
+        ax.set_axis_off()
+        ax.set_title(f"{name} displacement", fontsize=9)
+        figure.colorbar(
+            shown,
+            ax=ax,
+            location="bottom",
+            shrink=0.8,
+            ticks=np.linspace(*values[[values.argmin(), values.argmax()]], 3),
+            format="%.2f",
+        )
+
+
+def _responses(figure: Any, rows: Any, sweeps: Any, places: tuple[Floats, Floats]) -> None:
+    quality, jacobians, where = figure.subplots(1, 3)
+    quality.plot(RADII, [s[3] for s in sweeps], ".-")
+    quality.set(xlabel="R_l", title="best minimum size", ylim=(-0.3, 0.35))
+    quality.axhline(0, color="k", lw=0.6)
+    jacobians.plot(RADII, [row[1:5] for row in rows], ".-", label=["J11", "J12", "J21", "J22"])
+    jacobians.set(xlabel="R_l", title="its Jacobian")
+    jacobians.legend(fontsize=7)
+    shown = where.scatter(*places[0].T, c=places[1], s=14, cmap="viridis", vmin=-0.3, vmax=0.3)
+    where.set(title=f"best minimum by place, R_l = {PLACES_RADIUS}", aspect="equal")
+    figure.colorbar(shown, ax=where, shrink=0.8)
+
+
+def claims(outcome: Outcome) -> None:
+    response, compared = outcome.tables
+    minima = np.array(response.column("refined"), dtype=float)
+    assert minima.max() > 0.15
+    assert minima[0] < minima[2:].max()
+    reached = dict(zip(compared.column("motion"), compared.column("minimum size"), strict=True))
+    assert -0.25 < reached["standard"] < -0.2
+    assert reached["imposed gradients of cells corrected by polar, in rounds"] > 0.15
+
+
+STUDY = Study(
+    "Which Jacobian must be imposed in 2D, with which radius and at which place?",
+    "Tables 5.1–5.4, Figs 5.4–5.6 (equations 5.4–5.6)",
+    run,
+    claims,
+    (
+        "mesh_motion_server.numerics.enrichment.imposed_jacobian.impose",
+        "mesh_motion_server.numerics.enrichment.imposed_jacobian.imposed_jacobians",
+        "mesh_motion_server.numerics.enrichment.space.EnrichmentSpace",
+    ),
+)
