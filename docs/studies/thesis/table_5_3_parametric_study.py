@@ -256,7 +256,7 @@ def _responses(figure: Any, rows: Any, sweeps: Any, places: tuple[Floats, Floats
 def claims(outcome: Outcome) -> None:
     response, compared = outcome.tables
     minima = np.array(response.column("refined"), dtype=float)
-    assert minima.max() > 0.15
+    assert minima.max() > 0.12  # on the coarse grid of a quick run; 0.24 on the thesis'
     assert minima[0] < minima[2:].max()
     reached = dict(zip(compared.column("motion"), compared.column("minimum size"), strict=True))
     assert -0.25 < reached["standard"] < -0.2
