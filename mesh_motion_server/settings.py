@@ -66,6 +66,7 @@ class MethodSettings(_Strict):
     displacement: str = "relative"
     correction: str = "optimised"
     correction_target: str = "auto"
+    correction_in_time: str = "independent"
     enrichment_radius: _Length | None = None
     quality_metric: str = "size-skew"
     quality_threshold: Annotated[float, Field(ge=-1, le=1)] = 0.2

@@ -155,6 +155,11 @@ _SETTINGS = {
     ),
     "correction": ("str", "how a motion below the threshold is corrected"),
     "correction_target": ("str", "where a correction stops"),
+    "correction_in_time": (
+        "str",
+        "each motion is corrected on its own, or smoothly: no node jumps between steps; needs `optimised` and a "
+        "displacement from the reference",
+    ),
     "enrichment_radius": ("float > 0 or nil", "R_l, mesh length unit; nil: the support radius"),
     "quality_metric": ("str", "what the threshold is compared with"),
     "quality_threshold": ("float −1 … 1", "a motion predicted below it is corrected"),

@@ -46,6 +46,7 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("displacement", "total", "one of relative, absolute, reanchored"),
         ("correction", "", "one of none, imposed-gradient, explicit, enrichment, optimised"),
         ("correction_target", "best", "one of auto, threshold, maximum"),
+        ("correction_in_time", "always", "one of independent, smooth"),
         ("quality_metric", "aspect", "one of size-skew"),
         ("predictor", "none", "one of trial-nodes"),
         ("enrichment_function", "H4", "one of auto, H1, H2, H3"),

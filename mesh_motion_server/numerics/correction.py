@@ -12,6 +12,10 @@ enrichment          all coefficients of all points at once: :mod:`.enrichment.co
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
 ==================  =====================================================================================
 
+``in_time`` says how the corrections of successive motions hang together: each one on its own, as far as its threshold
+and target ask ("independent"), or as a smooth function of the boundary ("smooth", of ``optimised`` only:
+:mod:`.smooth_in_time`).
+
 ``optimised`` frees nodes and opens with no enrichment: from plain RBF positions the freed nodes reach the threshold in
 less time than an enrichment takes to be set up, at every size that was measured, and end at a better quality.
 """
@@ -43,10 +47,12 @@ from mesh_motion_server.numerics.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.node_constraint import NodeConstraint
+from mesh_motion_server.numerics.smooth_in_time import SmoothInTime, travel
 from mesh_motion_server.numerics.trial_nodes import Polished, Stage, TrialMesh, polish, reach
 
 __all__ = [
     "CORRECTIONS",
+    "IN_TIME",
     "PLACEMENTS",
     "TARGETS",
     "Correction",
@@ -68,6 +74,8 @@ PLACEMENTS = {
     "optimised": ("auto",),
 }
 """Where each correction can put its enrichment points; see :mod:`.enrichment.placement`. "middle" of a gap is 1D's."""
+
+IN_TIME = ("independent", "smooth")
 
 SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
 """Free nodes, by dimension, up to which "auto" goes for the maximum: it costs about a second there."""
@@ -97,6 +105,10 @@ class CorrectionProblem:
         Nodes of the reference mesh, the ideal shape of cells that are no simplices; ``start`` by default.
     constraint : NodeConstraint, optional
         Held nodes that ``optimised`` may move: along their surface, or in pairs.
+    smooth : SmoothInTime, optional
+        The prepared correction of this mesh, for ``in_time`` "smooth"; made anew by default.
+    near : (n, d) array, mesh length unit, optional
+        Positions near the corrected ones, from which ``in_time`` "smooth" begins: only the time depends on them.
     """
 
     start: Floats
@@ -108,6 +120,8 @@ class CorrectionProblem:
     evaluator: Evaluator
     reference: Floats | None = None
     constraint: NodeConstraint | None = None
+    smooth: SmoothInTime | None = None
+    near: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -133,11 +147,13 @@ class CorrectionSettings:
         One of the correction's :data:`PLACEMENTS`.
     explicit_decomposition : {"eigen", "polar", "svd", "qr"}
         What a correction of single cells goes by.
+    in_time : {"independent", "smooth"}
+        "smooth" knows no threshold and no target: it is always active.
 
     Raises
     ------
     InvalidInput
-        On an unknown correction or target, or a placement that the correction has not.
+        On an unknown correction, target or in_time, or a placement or in_time that the correction has not.
     """
 
     correction: str = "optimised"
@@ -149,12 +165,15 @@ class CorrectionSettings:
     enrichment_function: str = "auto"
     enrichment_placement: str = "auto"
     explicit_decomposition: str = "eigen"
+    in_time: str = "independent"
 
     def __post_init__(self) -> None:
-        for name, known in (("correction", ("none", *CORRECTIONS)), ("target", TARGETS)):
+        for name, known in (("correction", ("none", *CORRECTIONS)), ("target", TARGETS), ("in_time", IN_TIME)):
             if getattr(self, name) not in known:
                 raise InvalidInput(f"unknown {name} {getattr(self, name)!r}; known are {', '.join(known)}")
         check_placement(self.correction, self.enrichment_placement)
+        if self.in_time == "smooth" and self.correction != "optimised":
+            raise InvalidInput(f"in_time 'smooth' expects correction 'optimised', got {self.correction!r}")
 
     @property
     def functions(self) -> tuple[str, ...]:
@@ -236,6 +255,8 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     p = problem
     reference = p.start if p.reference is None else p.reference
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
+    if settings.in_time == "smooth":
+        return _smooth_in_time(problem, settings, mesh)
     quality = mesh.quality(p.standard)
     if settings.correction == "none" or quality.min() >= _goal(settings):
         return _judged(problem, settings, _Found(p.standard), "none", quality)
@@ -247,6 +268,26 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
     return _judged(problem, settings, found, settings.correction, corrected)
+
+
+def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:
+    """The correction that is a smooth function of the boundary, judged but never switched by its quality."""
+    if mesh.held.all():
+        return _judged(problem, settings, _Found(problem.standard), "none", mesh.quality(problem.standard))
+    with one_blas_thread():
+        smooth = problem.smooth or SmoothInTime.build(mesh)
+        travelled = travel(mesh.reference, problem.standard, mesh.held)
+        found = smooth.correct(problem.standard, travelled, problem.near)
+    corrected = mesh.quality(found.points)
+    if not corrected.min() > 0.0:
+        raise _refusal(corrected, settings)
+    return _judged(
+        problem,
+        settings,
+        _Found(found.points, None, found.freed, found.iterations, found.history),
+        settings.correction,
+        corrected,
+    )
 
 
 def _judged(

@@ -18,6 +18,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "enrichment_function": ("auto", "H1", "H2", "H3"),
     "enrichment_placement": ("auto", "spread", "minima", "boundary", "middle"),
     "explicit_decomposition": ("eigen", "polar", "svd", "qr"),
+    "correction_in_time": ("independent", "smooth"),
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient"),
     "solver": ("auto", "dense", "sparse", "iterative"),
@@ -44,6 +45,10 @@ class Method:
     correction : {"none", "imposed-gradient", "explicit", "enrichment", "optimised"}
     correction_target : {"auto", "threshold", "maximum"}
         Where a correction stops once the prediction is below the threshold.
+    correction_in_time : {"independent", "smooth"}
+        Each motion is corrected on its own, as far as the threshold and the target ask, or the correction is a smooth
+        function of the boundary, always active and without either. "smooth" needs the correction "optimised" and a
+        displacement from the reference mesh.
     enrichment_radius : float or None
         R_l, mesh length unit; None: the support radius.
     quality_metric : str
@@ -80,6 +85,7 @@ class Method:
     displacement: str = "relative"
     correction: str = "optimised"
     correction_target: str = "auto"
+    correction_in_time: str = "independent"
     enrichment_radius: float | None = None
     quality_metric: str = "size-skew"
     quality_threshold: float = 0.2

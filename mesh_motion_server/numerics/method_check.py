@@ -38,7 +38,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     ------
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a polynomial that the basis or the control points
-        do not admit, or a placement of the enrichment points that the correction has not.
+        do not admit, a placement of the enrichment points that the correction has not, or a correction that cannot be
+        smooth in time.
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1
@@ -54,3 +55,20 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         checked_radius(method.support_radius, basis)
     chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
     check_placement(method.correction, method.enrichment_placement, points.shape[1])
+    if method.correction_in_time == "smooth":
+        _check_smooth(method)
+
+
+def _check_smooth(method: Method) -> None:
+    """Refuse what a correction that is a function of the boundary alone cannot be combined with."""
+    if method.correction != "optimised":
+        raise InvalidInput(
+            f"correction_in_time = 'smooth': expected correction 'optimised', got {method.correction!r}",
+            hint="set correction = 'optimised', or correction_in_time = 'independent'",
+        )
+    if method.displacement == "relative":
+        raise InvalidInput(
+            "correction_in_time = 'smooth': expected displacement 'absolute' or 'reanchored', got 'relative', which "
+            "depends on the way and not on the boundary alone",
+            hint="set displacement = 'absolute', or 'reanchored' for large rotations",
+        )

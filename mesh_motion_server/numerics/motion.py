@@ -31,8 +31,10 @@ from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, re
 from mesh_motion_server.numerics.prediction import predict
 from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
 from mesh_motion_server.numerics.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["Motion", "MotionModel"]
 
@@ -93,6 +95,8 @@ class MotionModel:
     warnings : tuple of str
         What :func:`check_mesh` noticed.
     evaluator : Evaluator
+    smooth : SmoothInTime or None
+        What ``correction_in_time`` "smooth" prepares.
     """
 
     points: NDArray[np.float64]
@@ -105,6 +109,7 @@ class MotionModel:
     constraint: BoundaryConstraint | None
     warnings: tuple[str, ...]
     evaluator: Evaluator
+    smooth: SmoothInTime | None = None
 
     @classmethod
     def build(
@@ -132,17 +137,22 @@ class MotionModel:
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
         standard_motion = StandardMotion.build(points, cells, patches, method, evaluator)
+        sizes = reference_sizes(points, cells)
+        smooth = None
+        if method.correction_in_time == "smooth" and not held.all():
+            smooth = SmoothInTime.build(TrialMesh(points, cells, sizes, held, method.quality_metric))
         return cls(
             points,
             cells,
             roles,
             method,
-            reference_sizes(points, cells),
+            sizes,
             held,
             standard_motion,
             _constraint(points, cells, patches, standard_motion.sliding),
             tuple(warnings),
             evaluator,
+            smooth,
         )
 
     def summary(self, points: NDArray[np.float64]) -> QualitySummary:
@@ -194,6 +204,7 @@ class MotionModel:
         standard = self.standard_motion.trial(committed, targets, factors, watch)
         with watch.phase("predict"):
             predicted = self._predict(standard)
+        near = self._near(standard, committed, factors, watch)
         with watch.phase("correct"):
             correction = correct(
                 CorrectionProblem(
@@ -206,6 +217,8 @@ class MotionModel:
                     evaluator=self.evaluator,
                     reference=self.points,
                     constraint=self.constraint,
+                    smooth=self.smooth,
+                    near=near,
                 ),
                 self._correction_settings(),
             )
@@ -223,6 +236,15 @@ class MotionModel:
             caches={"factorization": "reused" if standard.reused else "made"},
             warnings=self._warnings(corrected, reached),
         )
+
+    def _near(
+        self, standard: StandardTrial, committed: NDArray[np.float64], factors: FactorSource, watch: Stopwatch
+    ) -> NDArray[np.float64] | None:
+        """The standard motion with the committed mesh's correction (n, d), where that is cheap and one is smooth."""
+        if self.smooth is None or self.method.displacement != "absolute" or np.array_equal(committed, self.points):
+            return None
+        before = self.standard_motion.trial(committed, committed[self.roles.moving], factors, watch)
+        return standard.points + (committed - before.points)
 
     def _predict(self, trial: StandardTrial) -> QualitySummary:
         """Quality of the standard motion by the method's predictor."""
@@ -243,6 +265,7 @@ class MotionModel:
             enrichment_function=method.enrichment_function,
             enrichment_placement=method.enrichment_placement,
             explicit_decomposition=method.explicit_decomposition,
+            in_time=method.correction_in_time,
         )
 
     def _refuse_unacceptable(self, quality: QualitySummary, reached: bool) -> None:
@@ -276,7 +299,8 @@ class MotionModel:
         self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource
     ) -> float:
         """Largest tested fraction of the displacement since ``committed`` that is accepted, by bisection."""
-        model = replace(self, method=replace(self.method, correction_target="threshold"))
+        quick = replace(self.method, correction_target="threshold", correction_in_time="independent")
+        model = replace(self, method=quick, smooth=None)
         origin = committed[self.roles.moving]
         low, high = 0.0, 1.0
         for _ in range(_FRACTION_HALVINGS):

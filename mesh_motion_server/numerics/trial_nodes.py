@@ -25,7 +25,7 @@ from mesh_motion_server.numerics.newton import newton
 from mesh_motion_server.numerics.node_constraint import NodeConstraint, RegionConstraint, StepSolver
 from mesh_motion_server.numerics.thread_share import threads_for
 
-__all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach"]
+__all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach", "untangle"]
 
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
@@ -230,6 +230,11 @@ def _descend_all(search: _Search, thorough: bool) -> bool:
             break
         local = search.descend(local, norm, _LEVEL_ITERATIONS)
     return barrier
+
+
+def untangle(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
+    """Positions (l, d) of a region with positive determinants, or the last ones met where that fails."""
+    return _untangle(_Search(region, metric, math.inf, points), points)[0]
 
 
 def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
