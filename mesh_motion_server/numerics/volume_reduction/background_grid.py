@@ -40,6 +40,8 @@ INTERPOLATIONS = {"linear": 2, "cubic": 4}
 _DIRECT, _BLEND = 2.0, 1.0
 #: Spacings tried, as shares of the domain's longest side.
 _SHARES = 2.0 ** -np.arange(2.0, 8.01, 0.5)
+#: Nodes from which the number of direct ones is estimated.
+_SAMPLE = 2000
 
 
 @njit(cache=True, error_model="numpy")
@@ -202,7 +204,8 @@ def _cheapest_spacing(problem: VolumeProblem) -> float:
     """The spacing with the fewest sums: grid points, which fall with it, and direct nodes, which rise."""
     sides = np.ptp(problem.nodes, axis=0)
     candidates = float(sides.max()) * _SHARES
-    distance = np.sort(cKDTree(problem.boundary).query(problem.nodes)[0])
-    direct = np.searchsorted(distance, (_DIRECT + _BLEND) * candidates)
+    sample = problem.nodes[:: max(len(problem.nodes) // _SAMPLE, 1)]
+    distance = np.sort(cKDTree(problem.boundary).query(sample)[0])
+    direct = np.searchsorted(distance, (_DIRECT + _BLEND) * candidates) * (len(problem.nodes) / len(sample))
     grid = np.prod(np.floor(sides / candidates[:, None]) + 4.0, axis=1)
     return float(candidates[int(np.argmin(direct + grid))])
