@@ -170,7 +170,15 @@ _SETTINGS = {
         "where enrichment points go; `auto`: the correction's own way, and the only one of some corrections",
     ),
     "explicit_decomposition": ("str", "what `explicit` (above 1D `imposed-gradient` too) corrects a cell by"),
-    "reduction": ("str", "reduction of the control points"),
+    "reduction": (
+        "str",
+        "how few boundary nodes are chosen to interpolate from; all are met exactly whatever is chosen",
+    ),
+    "reduction_tolerance": (
+        "float 0 … 1",
+        "largest error of a boundary node before it is made exact, as a share of the largest displacement",
+    ),
+    "max_control_points": ("int 0 … 1000000", "most boundary nodes that a reduction may choose; 0: no bound"),
     "volume_reduction": ("str", "at which places the interpolation is evaluated"),
     "volume_reduction_length": (
         "float > 0 or nil",

@@ -53,8 +53,11 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("enrichment_placement", "wall", "one of auto, spread, minima, boundary, middle"),
         ("explicit_decomposition", "lu", "one of eigen, polar, svd, qr"),
         ("solver", "lu", "one of auto, dense, sparse, iterative"),
-        ("reduction", "greedy", "only 'none' is available in this version"),
-        ("reduction", "greddy", "one of none"),
+        ("reduction", "greddy", "one of none, greedy, one-point"),
+        ("reduction_tolerance", -1e-3, "greater than or equal to 0"),
+        ("reduction_tolerance", 2.0, "less than or equal to 1"),
+        ("max_control_points", -1, "greater than or equal to 0"),
+        ("max_control_points", 10.0, "a valid integer"),
     ],
 )
 def test_a_wrong_value_is_named_with_its_key_and_what_was_expected(key: str, value: Any, says: str) -> None:

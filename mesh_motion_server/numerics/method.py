@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.reduction import REDUCTIONS
 
 __all__ = ["CHOICES", "Method"]
 
@@ -22,7 +23,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient"),
     "solver": ("auto", "dense", "sparse", "iterative"),
-    "reduction": ("none",),
+    "reduction": ("none", *REDUCTIONS),
     "volume_reduction": ("none", "enclosing-box", "wall-function", "background-grid"),
 }
 
@@ -63,7 +64,13 @@ class Method:
     explicit_decomposition : {"eigen", "polar", "svd", "qr"}
         What "explicit", and above 1D "imposed-gradient", correct a cell by.
     reduction : str
-        Control-point reduction.
+        Which boundary nodes the interpolation starts from: "none": all; otherwise one of
+        :data:`~mesh_motion_server.numerics.reduction.REDUCTIONS`, corrected near the surface (thesis §2.2).
+    reduction_tolerance : float
+        Largest error that a reduction may leave at a boundary node before it is corrected, as a share of the largest
+        displacement.
+    max_control_points : int
+        Most nodes a reduction may choose; 0: no bound.
     volume_reduction : {"none", "enclosing-box", "wall-function", "background-grid"}
         At which places the interpolation is evaluated (thesis §2.2.1).
     volume_reduction_length : float or None
@@ -94,6 +101,8 @@ class Method:
     enrichment_placement: str = "auto"
     explicit_decomposition: str = "eigen"
     reduction: str = "none"
+    reduction_tolerance: float = 1e-3
+    max_control_points: int = 0
     volume_reduction: str = "none"
     volume_reduction_length: float | None = None
     refuse_below_threshold: bool = False
@@ -111,8 +120,11 @@ class Method:
                 raise InvalidInput(f"{name} must be a positive length in the mesh's unit, got {value!r}")
         if not (math.isfinite(self.quality_threshold) and self.quality_threshold <= 1):
             raise InvalidInput(f"quality_threshold must be a number up to 1, got {self.quality_threshold!r}")
-        if self.max_enrichment_points < 0:
-            raise InvalidInput(f"max_enrichment_points must be 0 or more, got {self.max_enrichment_points!r}")
+        for name in ("max_enrichment_points", "max_control_points"):
+            if getattr(self, name) < 0:
+                raise InvalidInput(f"{name} must be 0 or more, got {getattr(self, name)!r}")
+        if not (math.isfinite(self.reduction_tolerance) and self.reduction_tolerance >= 0):
+            raise InvalidInput(f"reduction_tolerance must be a number from 0 on, got {self.reduction_tolerance!r}")
 
     def as_dict(self) -> dict[str, object]:
         """The choices as plain values, in the order of the fields."""

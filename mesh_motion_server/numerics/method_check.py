@@ -38,8 +38,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     ------
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a polynomial that the basis or the control points
-        do not admit, a placement of the enrichment points that the correction has not, or a correction that cannot be
-        smooth in time.
+        do not admit, a reduction beside a polynomial, a placement of the enrichment points that the correction has not,
+        or a correction that cannot be smooth in time.
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1
@@ -53,7 +53,13 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         )
     if basis.radius_meaning == "shape":
         checked_radius(method.support_radius, basis)
-    chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
+    linear = chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
+    if method.reduction != "none" and linear is not None:
+        raise InvalidInput(
+            f"reduction = {method.reduction!r} needs a positive definite basis without a polynomial, got basis "
+            f"{method.basis!r} with polynomial {method.polynomial!r}",
+            hint="basis = 'wendland-c2' and polynomial = 'auto', or reduction = 'none'",
+        )
     check_placement(method.correction, method.enrichment_placement, points.shape[1])
     if method.correction_in_time == "smooth":
         _check_smooth(method)

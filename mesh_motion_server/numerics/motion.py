@@ -60,6 +60,8 @@ class Motion:
         Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
     caches : dict
         ``{"factorization": "reused" | "made"}``.
+    control_points : (nc,) int64 array
+        Nodes that the standard motion was interpolated from.
     warnings : list of str
     """
 
@@ -70,6 +72,7 @@ class Motion:
     reached: bool
     seconds: dict[str, float]
     caches: dict[str, str]
+    control_points: NDArray[np.int64]
     warnings: list[str]
 
 
@@ -234,7 +237,8 @@ class MotionModel:
             reached=reached,
             seconds=watch.seconds(),
             caches={"factorization": "reused" if standard.reused else "made"},
-            warnings=self._warnings(corrected, reached),
+            control_points=standard.control_points,
+            warnings=[*self._reduction_warnings(standard), *self._warnings(corrected, reached)],
         )
 
     def _near(
@@ -294,6 +298,15 @@ class MotionModel:
         if not reached:
             found.append(f"minimum {name} {quality.metric.min:.4g} stays below the threshold {threshold:.4g}")
         return found
+
+    def _reduction_warnings(self, trial: StandardTrial) -> list[str]:
+        method, error = self.method, trial.reduction_error
+        if error <= method.reduction_tolerance:
+            return []
+        return [
+            f"reduction {method.reduction!r} left an error of {error:.2g} of the largest displacement with "
+            f"{len(trial.control_points)} control points; it was corrected near the surface"
+        ]
 
     def _acceptable_fraction(
         self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource

@@ -1,4 +1,4 @@
-"""The standard motion as a field, defined anywhere: a sequence of stages, each a rigid motion plus an RBF sum.
+"""The standard motion as a field, defined anywhere: a sequence of stages, each a rigid motion plus RBF sums.
 
 Through several stages the deformation gradients multiply, ``B = B_n … B_2 B_1`` with each ``B_i = R_i + ∇S_i`` taken
 where the stages before have moved the point (thesis 3.9–3.12).
@@ -24,10 +24,23 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """``x → rigid(x) + S(x)``; ``rigid`` None is the identity, ``volume`` what stands for S where nodes are reduced."""
+    """``x → rigid(x) + S(x)``.
+
+    Attributes
+    ----------
+    rigid : RigidMotion or None
+        None is the identity.
+    interpolant : Interpolant
+        S, or its first level where few control points stand for the boundary.
+    further : tuple of Interpolant
+        Its other levels, to be added.
+    volume : VolumeField or None
+        What stands for S where the volume is reduced.
+    """
 
     rigid: RigidMotion | None
     interpolant: Interpolant
+    further: tuple[Interpolant, ...] = ()
     volume: VolumeField | None = None
 
     def positions(self, points: Floats, evaluator: Evaluator) -> Floats:
@@ -35,7 +48,14 @@ class Stage:
         carried = points if self.rigid is None else self.rigid.apply(points)
         if self.volume is not None:
             return np.asarray(carried + self.volume(points).displacement)
-        return carried + evaluator.displacement(self.interpolant, points)
+        return carried + self.interpolated(points, evaluator)
+
+    def interpolated(self, points: Floats, evaluator: Evaluator) -> Floats:
+        """(n, d) sum of the levels at points (n, d), whatever a volume reduction makes of it."""
+        total = evaluator.displacement(self.interpolant, points)
+        for level in self.further:
+            total += evaluator.displacement(level, points)
+        return total
 
     def deformation(self, points: Floats, evaluator: Evaluator) -> Floats:
         """(n, d, d) deformation gradient B at points (n, d).
@@ -50,7 +70,10 @@ class Stage:
                 "a motion with a volume reduction has no gradient", hint="predictor = 'trial-nodes' needs none"
             )
         turn = np.eye(points.shape[1]) if self.rigid is None else self.rigid.rotation
-        return turn + evaluator.gradient(self.interpolant, points)
+        deformed = turn + evaluator.gradient(self.interpolant, points)
+        for level in self.further:
+            deformed += evaluator.gradient(level, points)
+        return deformed
 
 
 @dataclass(frozen=True, eq=False)

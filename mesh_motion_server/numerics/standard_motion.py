@@ -10,6 +10,9 @@ reanchored
     from the reference mesh, through sub-steps along a path that rotates with the body; each sub-step interpolates from
     the mesh of the one before. Depends on the boundary alone too, and takes larger rotations than ``absolute``.
 
+With a point reduction the interpolation starts from few of the boundary nodes and is corrected near the surface
+(:mod:`.reduced_motion`); everything else stays the same.
+
 When every prescribed node moves (no node is fixed or slides), the best rigid motion is taken out first and applied to
 all nodes exactly: a mesh that is only carried along is not deformed at all.
 """
@@ -25,11 +28,13 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import Evaluator
-from mesh_motion_server.numerics.factor_source import FactorSource, factorization_of
-from mesh_motion_server.numerics.interpolant import Factorization, Interpolant
+from mesh_motion_server.numerics.factor_source import DeferredFactorization, FactorSource, factorization_of
+from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion_field import MotionField, Stage
 from mesh_motion_server.numerics.paths import fit_rigid_motion, substeps
+from mesh_motion_server.numerics.reduced_motion import interpolate_reduced
+from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
 from mesh_motion_server.numerics.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.stopwatch import Stopwatch
@@ -59,9 +64,14 @@ class StandardTrial:
     field : MotionField
         The displacement from ``start``, anywhere.
     factorization : Factorization
-        Of all nodes with a role at ``start``.
+        Of all nodes with a role at ``start``; with a reduction made only when it is first used.
     reused : bool
         Whether every factorization came from the cache.
+    control_points : (nc,) int64 array
+        Nodes that the last interpolation started from: all with a role, or those that a reduction chose.
+    reduction_error : float
+        Largest error that a reduction left at a boundary node before it was corrected, as a share of the largest
+        displacement of that interpolation; 0 without a reduction.
     """
 
     start: Floats
@@ -69,6 +79,8 @@ class StandardTrial:
     field: MotionField
     factorization: Factorization
     reused: bool
+    control_points: Indices
+    reduction_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +96,8 @@ class StandardMotion:
         With the support radius filled in.
     sliding : SlidingSurfaces or None
         Surfaces on which ``roles.sliding`` stay; None without such nodes.
+    spacing : float, mesh length unit
+        Of the moving nodes in the reference mesh; 0 where no reduction asks for it.
     evaluator : Evaluator
     """
 
@@ -91,6 +105,7 @@ class StandardMotion:
     roles: BoundaryRoles
     method: Method
     sliding: SlidingSurfaces | None
+    spacing: float
     evaluator: Evaluator
 
     @classmethod
@@ -103,7 +118,8 @@ class StandardMotion:
         if len(roles.sliding):
             surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
             sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding)
-        return cls(points, roles, method, sliding, evaluator)
+        spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
+        return cls(points, roles, method, sliding, spacing, evaluator)
 
     def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
         """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
@@ -129,6 +145,8 @@ class StandardMotion:
             MotionField(tuple(s.stage for s in solved), self.evaluator),
             solved[0].factorization,
             all(s.reused for s in solved),
+            solved[-1].control_points,
+            max(s.reduction_error for s in solved),
         )
 
     def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
@@ -172,16 +190,30 @@ class StandardMotion:
             rigid = None
             if self.sliding is None and not len(self.roles.fixed):
                 rigid = fit_rigid_motion(origin, goal)
-            factorization, reused = factorization_of(origin, self.method, factors)
             carried = origin if rigid is None else rigid.apply(origin)
-            interpolant = factorization.solve(goal - carried)
-            volume = self._reduced_volume(points, controls, goal - carried, interpolant, factors)
-            return _Solved(Stage(rigid, interpolant, volume), factorization, reused)
+            solved = self._levels(origin, goal - carried, controls, factors)
+            stage = replace(solved.stage, rigid=rigid)
+            volume = self._reduced_volume(points, controls, goal - carried, stage, factors)
+            return replace(solved, stage=replace(stage, volume=volume))
+
+    def _levels(self, origin: Floats, displacement: Floats, controls: Indices, factors: FactorSource) -> _Solved:
+        """The interpolation of the ``displacement`` (c, d) of control nodes at ``origin`` (c, d)."""
+        if self.method.reduction == "none":
+            factorization, reused = factorization_of(origin, self.method, factors)
+            return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
+        reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
+        return _Solved(
+            Stage(None, reduced.levels[0], reduced.levels[1:]),
+            DeferredFactorization(origin, self.method, factors),
+            reduced.reused,
+            controls[reduced.selected],
+            reduced.error,
+        )
 
     def _reduced_volume(
-        self, points: Floats, controls: Indices, displacement: Floats, interpolant: Interpolant, factors: FactorSource
+        self, points: Floats, controls: Indices, displacement: Floats, stage: Stage, factors: FactorSource
     ) -> VolumeField | None:
-        """The field that the method's volume reduction makes of an interpolant."""
+        """The field that the method's volume reduction makes of a stage's interpolation."""
         if self.method.volume_reduction == "none":
             return None
 
@@ -194,7 +226,7 @@ class StandardMotion:
             displacement=displacement,
             moving=np.isin(controls, self.roles.moving),
             nodes=points,
-            standard=lambda places: self.evaluator.displacement(interpolant, places),
+            standard=lambda places: stage.interpolated(places, self.evaluator),
             interpolate=interpolate,
             length=self.method.volume_reduction_length,
         )
@@ -203,8 +235,10 @@ class StandardMotion:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A stage, the factorization it was solved with, and whether that came from the cache."""
+    """A stage, the boundary's factorization, whether what was needed came from the cache, the nodes (nc,) in use."""
 
     stage: Stage
     factorization: Factorization
     reused: bool
+    control_points: Indices
+    reduction_error: float = 0.0

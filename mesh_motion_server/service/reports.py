@@ -60,6 +60,7 @@ def correction_report(motion: Any) -> dict[str, Any]:
         "freed_nodes": int(correction.freed_nodes),
         "iterations": int(correction.iterations),
         "reached": bool(motion.reached),
+        "control_points": len(motion.control_points),
     }
 
 

@@ -63,6 +63,7 @@ class PlainModel:
             reached=True,
             seconds={"total": 0.0},
             caches={"factorization": "made"},
+            control_points=np.arange(len(committed)),
             warnings=["a warning"],
         )
 

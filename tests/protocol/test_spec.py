@@ -51,7 +51,7 @@ def test_codes_in_the_text_exist(text):
 
 def test_limits_in_the_text_exist(text):
     mentioned = set(re.findall(r"`((?:max|stored)_\w+|\w+_ms)`", text))
-    assert mentioned - {"max_enrichment_points"} <= set(LIMITS)
+    assert mentioned - {"max_enrichment_points", "max_control_points"} <= set(LIMITS)
     assert set(LIMITS) <= mentioned
 
 

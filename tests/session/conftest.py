@@ -95,6 +95,7 @@ class StandIn:
             reached=True,
             seconds={"total": 0.0},
             caches={"factorization": "reused" if reused else "made"},
+            control_points=np.arange(len(committed)),
             warnings=[],
         )
 

@@ -68,7 +68,7 @@ REDUCTIONS: dict[str, Reduction] = {
             "one-point",
             one_point.reduce,
             "Rendall & Allen 2010; thesis (2.8)–(2.10)",
-            "a correction of one coefficient for each point, full solutions at 64, 128, 256 … points",
+            "a correction of one coefficient for each point, full solutions at 16, 32, 64 … points",
         ),
         Reduction(
             "greedy-combined",

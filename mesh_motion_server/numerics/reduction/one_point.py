@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 #: faster with more of them, and without a bound a tolerance near rounding would never be given up.
 _REVISITS = 10
 #: Points at the first full solution; a power of two.
-_FIRST_CHECK = 64
+_FIRST_CHECK = 16
 
 
 def reduce(problem: ReductionProblem) -> Reduced:

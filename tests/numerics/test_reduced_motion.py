@@ -1,0 +1,164 @@
+"""Motions from few control points through the real path: exact boundaries, sliding nodes, corrections, caches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from frame_meshes import rotation, square_frame
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.factor_source import DeferredFactorization, MakeEachTime
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.reduced_motion import interpolate_reduced
+from mesh_motion_server.numerics.reduction import REDUCTIONS
+from mesh_motion_server.numerics.standard_motion import StandardTrial
+from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.session.factors import FactorCache
+
+
+def model_of(outer: str = "fixed", **choices) -> MotionModel:
+    points, cells, patches = square_frame(25, outer=outer)
+    method = Method(**{"support_radius": 2.5, "correction": "none", "allow_invalid": True, **choices})
+    return MotionModel.build(points, cells, patches, method)
+
+
+def turned(model: MotionModel, degrees: float = 15.0, shift: tuple[float, float] = (0.06, 0.03)) -> np.ndarray:
+    return (model.points[model.roles.moving] - 0.5) @ rotation(degrees).T + 0.5 + shift
+
+
+#: Their levels have radii of their own: another field, and all nodes.
+LEVELS = ("multi-step", "multiscale")
+
+
+@pytest.mark.parametrize("reduction", REDUCTIONS)
+@pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
+@pytest.mark.parametrize("outer", ["fixed", "slip"])
+def test_the_boundary_is_exact_and_the_mesh_that_of_the_full_interpolation(
+    reduction: str, displacement: str, outer: str
+) -> None:
+    choices = {"displacement": displacement, "support_radius": 0.5}
+    full, model = model_of(outer, **choices), model_of(outer, **choices, reduction=reduction, reduction_tolerance=0.02)
+    targets = turned(model)
+    motion, expected = model.move(model.points, targets), full.move(full.points, targets)
+    assert np.array_equal(motion.points[model.roles.moving], targets)
+    assert np.array_equal(motion.points[model.roles.fixed], model.points[model.roles.fixed])
+    assert np.isin(motion.control_points, model.roles.all).all()
+    assert np.array_equal(expected.control_points, model.roles.all)
+    if reduction not in LEVELS:
+        assert 0 < len(motion.control_points) < len(model.roles.all)
+        largest = np.linalg.norm(targets - model.points[model.roles.moving], axis=1).max()
+        assert np.abs(motion.points - expected.points).max() < 0.05 * largest
+        assert motion.standard.metric.min > 0.9 * expected.standard.metric.min > 0.0
+
+
+def test_sliding_nodes_stay_on_their_surface() -> None:
+    model = model_of("slip", reduction="greedy", reduction_tolerance=0.05)
+    moved = model.move(model.points, turned(model)).points
+    for side in (0.0, 1.0):
+        for axis in range(2):
+            on = model.points[:, axis] == side
+            assert np.array_equal(moved[on, axis], model.points[on, axis])
+
+
+@pytest.mark.parametrize("reduction", REDUCTIONS)
+def test_a_mesh_carried_as_a_whole_is_reproduced(reduction: str) -> None:
+    model = model_of("moving", reduction=reduction)
+    targets = turned(model, 60.0, (0.4, -0.2))
+    moved = model.move(model.points, targets).points
+    np.testing.assert_allclose(moved, (model.points - 0.5) @ rotation(60.0).T + 0.5 + (0.4, -0.2), atol=2e-14)
+
+
+@pytest.mark.parametrize("correction", ["optimised", "enrichment", "explicit"])
+def test_corrections_work_on_a_reduced_motion(correction: str) -> None:
+    model = model_of(
+        reduction="error-peaks",
+        correction_target="threshold",
+        correction=correction,
+        quality_threshold=0.3,
+        enrichment_radius=0.5,
+        support_radius=0.5,
+    )
+    targets = turned(model, 35.0, (0.1, 0.1))
+    motion = model.move(model.points, targets)
+    assert motion.corrected.metric.min > motion.standard.metric.min
+    assert np.array_equal(motion.points[model.roles.moving], targets)
+    assert motion.correction.method == correction
+
+
+def test_gradients_are_those_of_the_reduced_field() -> None:
+    model = model_of(reduction="greedy", reduction_tolerance=0.05, predictor="edge-midpoint-gradient")
+    trial = trial_of(model)
+    x = np.random.default_rng(3).uniform(0.05, 0.3, (20, 2))
+    h = 1e-6
+    for axis in range(2):
+        step = h * np.eye(2)[axis]
+        slope = (trial.field.displacement(x + step) - trial.field.displacement(x - step)) / (2 * h)
+        np.testing.assert_allclose(trial.field.gradient(x)[:, :, axis], slope, atol=1e-8)
+
+
+def trial_of(model: MotionModel, **choices) -> StandardTrial:
+    return model.standard_motion.trial(model.points, turned(model, **choices), MakeEachTime(), Stopwatch())
+
+
+def test_the_field_itself_is_exact_at_the_boundary() -> None:
+    """Not the setting of the nodes alone: the near-surface correction makes it so."""
+    model = model_of(reduction="greedy", reduction_tolerance=0.1)
+    trial = trial_of(model)
+    moving = model.roles.moving
+    told = turned(model) - model.points[moving]
+    assert 0.01 < trial.reduction_error <= 0.1
+    np.testing.assert_allclose(trial.field.displacement(model.points[moving]), told, atol=1e-11)
+
+
+def test_the_boundarys_factorization_is_made_only_for_a_correction_that_asks() -> None:
+    model = model_of(reduction="greedy")
+    cache: FactorCache = FactorCache(1 << 28)
+    first = model.move(model.points, turned(model), cache)
+    again = model.move(model.points, turned(model), cache)
+    assert (first.caches["factorization"], again.caches["factorization"]) == ("made", "reused")
+    assert len(cache) == 1
+    assert np.array_equal(first.points, again.points)
+    trial = model.standard_motion.trial(model.points, turned(model), cache, Stopwatch())
+    assert isinstance(trial.factorization, DeferredFactorization)
+    assert trial.factorization.support_radius == 2.5
+    assert trial.factorization.basis.name == "wendland-c2"
+    assert len(cache) == 1
+    assert trial.factorization.solve(np.zeros((len(model.roles.all), 2))).support_radius == 2.5
+    assert trial.factorization.solver == "dense"
+    assert len(cache) == 2
+    assert trial.factorization.nbytes > 0
+
+
+def test_a_bound_that_is_met_before_the_tolerance_is_warned_of() -> None:
+    model = model_of(reduction="greedy", max_control_points=4)
+    motion = model.move(model.points, turned(model))
+    assert len(motion.control_points) == 4
+    assert [line for line in motion.warnings if "'greedy' left an error of" in line and "4 control points" in line]
+    assert np.array_equal(motion.points[model.roles.moving], turned(model))
+
+
+def test_nothing_moves() -> None:
+    model = model_of(reduction="error-peaks")
+    assert np.array_equal(model.move(model.points, model.points[model.roles.moving]).points, model.points)
+
+
+def test_all_nodes_leave_nothing_to_correct() -> None:
+    points = np.random.default_rng(1).random((20, 2))
+    method = Method(support_radius=2.0, reduction="greedy", reduction_tolerance=0.0)
+    found = interpolate_reduced(points, points**2, method, MakeEachTime(), spacing=0.1)
+    assert (len(found.levels), found.error, found.reused) == (1, 0.0, False)
+
+
+@pytest.mark.parametrize("choices", [{"basis": "tps"}, {"polynomial": "linear"}])
+def test_a_polynomial_is_refused_at_the_build(choices: dict[str, str]) -> None:
+    with pytest.raises(InvalidInput, match="needs a positive definite basis without a polynomial"):
+        model_of(reduction="greedy", **choices)
+
+
+@pytest.mark.parametrize(
+    "choices", [{"reduction": "peaks"}, {"reduction_tolerance": float("nan")}, {"max_control_points": -1}]
+)
+def test_bad_choices_are_refused(choices: dict[str, object]) -> None:
+    with pytest.raises(InvalidInput):
+        Method(**choices)
