@@ -23,8 +23,13 @@ from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProb
 
 __all__ = ["SPACINGS", "reduce"]
 
-SPACINGS = 4.0
-"""Support radius of a level over the separation of its nodes."""
+SPACINGS = 8.0
+"""Support radius of a level over the separation of its nodes.
+
+With 4, as is usual for plain interpolation, the first level holds a small body by two or three nodes, and narrower
+levels carry its motion: around a thin ellipse the minimum size-skew is then 0.12, with 8 0.37, with 16 0.48, from all
+nodes 0.48; each doubling doubles to quadruples the work.
+"""
 
 
 def reduce(problem: ReductionProblem, *, spacings: float = SPACINGS) -> Reduced:
