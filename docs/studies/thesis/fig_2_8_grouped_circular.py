@@ -90,7 +90,7 @@ def _words(rows: list[list[Any]], points: int) -> str:
     return (
         f"To {points} points the grouped algorithm is up to {best[4]:.0f} times as fast ({best[0]}), the error it "
         f"leaves at all nodes at most {worst_ratio:.2f} times that of the conventional choice; to the tolerance it "
-        f"takes {min(row[5] for row in grouped)} to {max(row[5] for row in grouped)} points instead of {conventional[5]}."
+        f"takes {min(row[5] for row in grouped)} to {max(row[5] for row in grouped)} points for {conventional[5]}."
     )
 
 
