@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from correction_cases import case as body_case
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import CorrectionProblem
+from mesh_motion_server.numerics.enrichment import functions
 from mesh_motion_server.numerics.enrichment.explicit_iterations import (
     EnrichmentTerm,
     ExplicitSettings,
@@ -209,6 +211,8 @@ def test_the_mean_gradient_of_a_cell():
         ({"enrichment_radius": 0.0}, "enrichment_radius: expected a positive number, got 0.0"),
         ({"relaxation": float("nan")}, "relaxation: expected a positive number, got nan"),
         ({"predictor": "oracle"}, "unknown predictor 'oracle'"),
+        ({"decomposition": "lu"}, "unknown decomposition 'lu'; known are eigen, polar, svd, qr"),
+        ({"function": "H4"}, "unknown enrichment function 'H4'"),
     ],
 )
 def test_unusable_settings(choice, message):
@@ -220,3 +224,50 @@ def test_a_gradient_predictor_needs_the_field():
     c = case("x")
     with pytest.raises(InvalidInput, match="'centre-gradient' needs the standard motion as a field"):
         explicit_iterations(c, thesis(0.2))
+
+
+@pytest.mark.parametrize("decomposition", ["eigen", "polar", "svd"])
+def test_in_3d_a_motion_that_inverts_cells_becomes_valid(decomposition):
+    problem = body_case("3D box 0.25 + bend")
+    settings = ExplicitSettings(enrichment_radius=0.5, decomposition=decomposition)
+    found = explicit_iterations(problem, settings)
+    assert found.history[0].actual < 0
+    assert found.history[found.best].actual > 0.1
+    assert found.coefficients.shape == (found.best, 3, 3)
+    np.testing.assert_array_equal(found.points[problem.held], problem.standard[problem.held])
+
+
+def test_the_polar_stretch_mends_rotations_that_eigenvalues_do_not():
+    """3D box turned by 60° and bent: eigenvalues leave cells inverted after 20 points."""
+    problem = body_case("3D box + 60° + bend")
+    reached = {}
+    for decomposition in ("eigen", "polar"):
+        settings = ExplicitSettings(enrichment_radius=0.5, decomposition=decomposition)
+        found = explicit_iterations(problem, settings)
+        reached[decomposition] = found.history[found.best].actual
+    assert reached["eigen"] < 0 < reached["polar"]
+
+
+@pytest.mark.parametrize("function", ["H1", "H2", "H3"])
+@pytest.mark.parametrize("name", ["dx -0.3", "3D box 0.25 + bend"])
+def test_a_term_changes_the_gradient_at_its_point_as_asked_but_for_the_boundary(name, function):
+    """∇H = c I there (5.17); what the boundary takes back is ∇ of the compensation."""
+    problem = body_case(name)
+    d = problem.start.shape[1]
+    centre, change = np.full(d, 0.25), np.random.default_rng(1).normal(size=(d, d))
+    coefficients = change.T / functions.slope_at_point(function, 0.5)
+    term = EnrichmentTerm.build(centre, 0.5, coefficients, problem.factorization, problem.evaluator, function=function)
+    own = term.gradient(centre[None]) - problem.evaluator.gradient(term.compensation, centre[None])
+    np.testing.assert_allclose(own[0], change, atol=1e-12)
+    points, h = np.random.default_rng(2).uniform(0.1, 0.4, (20, d)), 1e-6
+    numeric = np.stack(
+        [(term.displacement(points + h * e) - term.displacement(points - h * e)) / (2 * h) for e in np.eye(d)], 2
+    )
+    np.testing.assert_allclose(term.gradient(points), numeric, atol=1e-7)
+
+
+def test_other_functions_and_decompositions_also_make_the_first_case_valid():
+    c = case("x")
+    for choice in ({"function": "H2"}, {"function": "H3"}, {"decomposition": "polar"}, {"decomposition": "svd"}):
+        found = explicit_iterations(c, ExplicitSettings(enrichment_radius=0.5, **choice))
+        assert found.history[found.best].actual > 0, choice

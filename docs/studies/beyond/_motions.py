@@ -1,0 +1,98 @@
+"""Meshes with a body in a box, and random rigid motions of it, that the enrichment's methods were not tuned on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.correction import CorrectionProblem
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.metrics import reference_sizes
+from mesh_motion_server.numerics.trial_nodes import TrialMesh
+
+Floats = NDArray[np.float64]
+
+REFERENCES = Path(__file__).parents[3] / "tests" / "references"
+RADIUS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A mesh of the unit square or cube with a held outside and a body.
+
+    Attributes
+    ----------
+    points : (n, d) array
+    cells : CellTable
+    body : (k,) int array
+    held : (n,) bool array
+    sizes : (m,) array
+    factorization : Factorization
+        Of the held nodes.
+    """
+
+    points: Floats
+    cells: CellTable
+    body: NDArray[np.int64]
+    held: NDArray[np.bool_]
+    sizes: Floats
+    factorization: Factorization
+
+    @classmethod
+    def build(cls, points: Floats, cells: CellTable, body: NDArray[np.int64], outer: NDArray[np.int64]) -> Body:
+        """With the boundary factorized, R = 0.5."""
+        held = np.zeros(len(points), dtype=bool)
+        held[body] = held[outer] = True
+        factorization = factorize(points[held], support_radius=RADIUS)
+        return cls(points, cells, body, held, reference_sizes(points, cells), factorization)
+
+    def judge(self, metric: str = "size-skew") -> TrialMesh:
+        """Gives the quality of trial positions."""
+        return TrialMesh(self.points, self.cells, self.sizes, self.held, metric)
+
+    def moved(self, displacement: Floats) -> CorrectionProblem:
+        """The standard motion for the boundary's rows of a displacement (n, d)."""
+        evaluator = LocalEvaluator()
+        interpolant = self.factorization.solve(displacement[self.held])
+        standard = self.points + evaluator.displacement(interpolant, self.points)
+        standard[self.held] = (self.points + displacement)[self.held]
+        return CorrectionProblem(
+            self.points, standard, self.held, self.cells, self.sizes, self.factorization, evaluator
+        )
+
+    def rigid(self, shift: Floats, degrees: float) -> CorrectionProblem:
+        """The body shifted, and turned about the centre (in 3D about the z axis)."""
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        turned = self.points - 0.5
+        turned[:, :2] = turned[:, :2] @ np.array([[c, s], [-s, c]])
+        displacement = np.zeros_like(self.points)
+        displacement[self.body] = (turned + 0.5 + shift - self.points)[self.body]
+        return self.moved(displacement)
+
+
+@cache
+def stored(name: str) -> Body:
+    """A mesh of tests/references."""
+    with np.load(REFERENCES / f"{name}.npz") as data:
+        cells = {key.removeprefix("cells_"): data[key] for key in data if key.startswith("cells_")}
+        body = data["patch_body"] if "patch_body" in data else data["patch_block"]
+        return Body.build(data["points"], CellTable.from_arrays(cells), body, data["patch_outer"])
+
+
+def random_motions(body: Body, count: int, seed: int) -> Iterator[CorrectionProblem]:
+    """Shifts up to 0.3 (in 3D 0.2) along each axis and turns up to 75°, below the threshold without a correction."""
+    rng, d = np.random.default_rng(seed), body.points.shape[1]
+    reach = 0.3 if d == 2 else 0.2
+    found = 0
+    while found < count:
+        problem = body.rigid(rng.uniform(-reach, reach, size=d), float(rng.uniform(-75.0, 75.0)))
+        if body.judge().quality(problem.standard).min() < 0.2:
+            found += 1
+            yield problem
