@@ -249,30 +249,29 @@ def _blocks(  # type: ignore[no-untyped-def]
     """out (m, k d, k d): the blocks of the cells heavier than least_weight."""
     n, d, k = len(nodes), points.shape[1], nodes.shape[1]
     for block in prange((n + BLOCK - 1) // BLOCK):
-        small, long, vectors = np.empty((7, d, d)), np.empty((2, len(corners))), np.empty((4, d * d))
-        pairs, total = np.zeros((d * d, 2), np.int64), np.empty((d * d, d * d))
-        pulls, whole = np.empty((2, k, d)), np.empty((k * d, k * d))
+        small, long, vectors = np.empty((11, d, d)), np.empty((2, len(corners))), np.empty((2, d))
+        total, pulls, whole = np.empty((d * d, d * d)), np.empty((2, k, d)), np.empty((k * d, k * d))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
             if weights[c] < least_weight:
                 continue
             weight = weights[c] + floor
-            mean, tau = _sums(points, nodes[c], corners, ideal, sine, references[c], small[5:], long[0], long[1])
+            mean, tau = _sums(points, nodes[c], corners, ideal, sine, references[c], small[9:], long[0], long[1])
             tanh = math.tanh(law[1] * math.log(tau))
             slope = law[2] * tanh
             pulls[:], whole[:] = 0.0, 0.0
             for corner in range(len(corners)):
                 omega = long[0, corner] / (mean * len(corners))
                 beta = long[1, corner] / (tau * references[c])
-                _, det, q, _ = _corner(points, nodes[c], corners[corner], ideal, sine, small[0], small[6])
+                _, det, q, _ = _corner(points, nodes[c], corners[corner], ideal, sine, small[0], small[10])
                 _add_pulls(small, det, q, omega, beta, corners[corner], pulls)
                 h1 = (slope * beta - (2.0 / d) * omega) / det
                 terms = (omega, h1, (2.0 / d) * omega / (det * det), omega, -(2.0 / d) / det)
                 total[:] = 0.0
                 # the literal dimensions let the compiler unroll every small loop
                 if d == 3:
-                    add_curvature(det, q, small[6], terms, weight, 3, small, vectors, pairs, total)
+                    add_curvature(det, q, small[10], terms, weight, 3, small, vectors, total)
                 else:
-                    add_curvature(det, q, small[6], terms, weight, 2, small, vectors, pairs, total)
+                    add_curvature(det, q, small[10], terms, weight, 2, small, vectors, total)
                 _scatter(total, corners[corner], d, whole)
             _add_rank_two(pulls, weight, law[0], slope, law[2] * law[1] * (1.0 - tanh * tanh), whole)
             for a in range(k * d):
@@ -283,7 +282,7 @@ def _blocks(  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _add_pulls(small, det, q, omega, beta, corner, pulls):  # type: ignore[no-untyped-def]
     """pulls (2, k, d) += the corner's share of g and of n; small holds J, work space and P."""
-    jac, cof, pull, to_ideal = small[0], small[1], small[2], small[6]
+    jac, cof, pull, to_ideal = small[0], small[1], small[2], small[10]
     d = len(jac)
     cofactor(jac, d, cof)
     for i in range(d):

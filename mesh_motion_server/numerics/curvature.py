@@ -29,8 +29,7 @@ __all__ = ["FLOOR", "add_curvature", "corner_blocks"]
 FLOOR = 0.1
 """Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
 
-_JACOBI_SWEEPS = 12
-_ROOT_HALF = math.sqrt(0.5)
+_JACOBI_SWEEPS, _DIAGONAL = 12, 1e-10  # the last sweep squares what is off the diagonal
 
 
 def corner_blocks(
@@ -75,7 +74,7 @@ def _symmetric_eigen(a, k, v):  # type: ignore[no-untyped-def]
             size += abs(a[i, i])
             for j in range(i):
                 off += abs(a[i, j])
-        if not off > 1e-15 * size:
+        if not off > _DIAGONAL * size:
             return
         for i in range(1, k):
             for j in range(i):
@@ -178,21 +177,44 @@ def _stretch_matrix(s, q, law, d, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _modes(s, q, law, d, matrix, vectors, values, pairs):  # type: ignore[no-untyped-def]
-    """Eigenvalues (d²) of the modes: first the d stretches (columns of vectors), then two for every pair."""
-    _stretch_matrix(s, q, law, d, matrix)
-    _symmetric_eigen(matrix, d, vectors)
+def _is_positive(a, d):  # type: ignore[no-untyped-def]
+    """Whether a symmetric matrix (d, d) has positive leading minors."""
+    if not a[0, 0] > 0.0:
+        return False
+    if d == 1:
+        return True
+    minor = a[0, 0] * a[1, 1] - a[0, 1] * a[0, 1]
+    if d == 2 or not minor > 0.0:
+        return minor > 0.0
+    x, y = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1], a[0, 0] * a[1, 2] - a[0, 2] * a[0, 1]
+    return a[0, 2] * x - a[1, 2] * y + a[2, 2] * minor > 0.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _project(a, d, vectors, values):  # type: ignore[no-untyped-def]
+    """Drop the negative part of a symmetric matrix (d, d) in place."""
+    if _is_positive(a, d):
+        return
+    _symmetric_eigen(a, d, vectors)
     for i in range(d):
-        values[i] = matrix[i, i]
-    mode = d
+        values[i] = max(a[i, i], 0.0)
     for i in range(d):
-        for j in range(i + 1, d):
-            t_ij = s[3 - i - j] if d == 3 else 1.0
-            shape, size = 2.0 * law[0] / q, law[1] * t_ij
-            values[mode], values[mode + 1] = shape + size, shape - size
-            pairs[mode, 0], pairs[mode, 1] = i, j
-            pairs[mode + 1, 0], pairs[mode + 1, 1] = i, j
-            mode += 2
+        for j in range(d):
+            a[i, j] = 0.0
+            for k in range(d):
+                a[i, j] += values[k] * vectors[i, k] * vectors[j, k]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _pair_modes(s, q, weight, h1, d, alike, crossed):  # type: ignore[no-untyped-def]
+    """alike, crossed (d, d) of the pairs: both modes projected, back in the basis u_i v_jᵀ, u_j v_iᵀ."""
+    for i in range(d):
+        alike[i, i] = crossed[i, i] = 0.0
+        for j in range(i):
+            shape, size = weight / q, 0.5 * h1 * (s[3 - i - j] if d == 3 else 1.0)
+            rotation, shear = max(shape + size, 0.0), max(shape - size, 0.0)
+            alike[i, j] = alike[j, i] = rotation + shear
+            crossed[i, j] = crossed[j, i] = shear - rotation
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -202,19 +224,19 @@ def _corner_blocks(  # type: ignore[no-untyped-def]
     n, d = len(corners), points.shape[1]
     norm = (p, m, epsilon, size_weight)
     for block in prange((n + BLOCK - 1) // BLOCK):
-        small, vectors = np.empty((5, d, d)), np.empty((4, d * d))
-        pairs, total = np.zeros((d * d, 2), np.int64), np.empty((d * d, d * d))
+        small, vectors = np.empty((9, d, d)), np.empty((2, d))
+        total = np.empty((d * d, d * d))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
             if weights[c] < least_weight:
                 continue
             weight = weights[c] + floor
             # the literal dimensions let the compiler unroll every small loop
             if d == 3:
-                _block(points, corners[c], ideals[c], weight, norm, 3, small, vectors, pairs, total, out[c])
+                _block(points, corners[c], ideals[c], weight, norm, 3, small, vectors, total, out[c])
             elif d == 2:
-                _block(points, corners[c], ideals[c], weight, norm, 2, small, vectors, pairs, total, out[c])
+                _block(points, corners[c], ideals[c], weight, norm, 2, small, vectors, total, out[c])
             else:
-                _block(points, corners[c], ideals[c], weight, norm, 1, small, vectors, pairs, total, out[c])
+                _block(points, corners[c], ideals[c], weight, norm, 1, small, vectors, total, out[c])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -230,14 +252,14 @@ def _product(a, b, d, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _block(  # type: ignore[no-untyped-def]
-    points, corner, ideal, weight, norm, d, small, long, pairs, total, out
+    points, corner, ideal, weight, norm, d, small, long, total, out
 ):
-    """out (d², d²) of one corner; small, long, pairs and total are work space."""
+    """out (d², d²) of one corner; small, long and total are work space."""
     tau, q = jacobian(points, corner, ideal, d, small[0])
     p, m, epsilon, size_weight = norm
     h1, h2 = slopes(tau, d, m, epsilon, size_weight)
     total[:] = 0.0
-    add_curvature(tau, q, ideal, (1.0, h1, h2, p, h1), weight, d, small, long, pairs, total)
+    add_curvature(tau, q, ideal, (1.0, h1, h2, p, h1), weight, d, small, long, total)
     for a in range(d * d):
         for b in range(a + 1):
             value = np.float32(total[a, b])
@@ -247,44 +269,44 @@ def _block(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def add_curvature(  # type: ignore[no-untyped-def]
-    tau, q, ideal, law, weight, d, small, long, pairs, total
+    tau, q, ideal, law, weight, d, small, long, total
 ):
     """Add the projected Hessian of one corner with the Jacobian small[0] to the lower half of total (d², d²).
 
     law is (weight of the shape, h1, h2, weight of the rank-one term, its slope).
     """
     z, u, v, matrix, vectors = small[0], small[1], small[2], small[3], small[4]
-    values, mode, s = long[0], long[1], long[2]
+    alike, crossed, part, turned = small[5], small[6], small[7], small[8]
+    s, values = long[0], long[1]
     if d == 3:
         _signed_svd_3(z, u, s, v, matrix)
     elif d == 2:
         _signed_svd_2(z, u, s, v)
     else:
         u[0, 0], v[0, 0], s[0] = 1.0, 1.0, tau
-    _modes(s, q, law, d, matrix, vectors, values, pairs)
+    _stretch_matrix(s, q, law, d, matrix)
+    _project(matrix, d, vectors, values)
+    _pair_modes(s, q, law[0], law[1], d, alike, crossed)
     _product(ideal, v, d, z)  # the right singular vectors at the edges
-    for number in range(d * d):
-        if values[number] > 0.0:
-            _mode_at_edges(number, u, z, vectors, pairs, d, mode)
-            scale = weight * values[number]
-            for a in range(d * d):
-                t = scale * mode[a]
-                for b in range(a + 1):
-                    total[a, b] += t * mode[b]
+    for j in range(d):
+        for c in range(j + 1):
+            _edge_part(z, j, c, matrix, alike, crossed, d, part)
+            _product(u, part, d, turned)
+            for a in range(d):
+                for b in range(d):
+                    t = 0.0
+                    for k in range(d):
+                        t += turned[a, k] * u[b, k]
+                    total[j * d + a, c * d + b] += weight * t
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _mode_at_edges(number, u, z, vectors, pairs, d, out):  # type: ignore[no-untyped-def]
-    """out (d²) = a unit mode N of J, taken to the edges: out[j d + i] = Σ_k N_ik P_jk."""
-    if number < d:
-        for j in range(d):
-            for i in range(d):
-                out[j * d + i] = 0.0
-                for k in range(d):
-                    out[j * d + i] += vectors[k, number] * u[i, k] * z[j, k]
-        return
-    a, b = pairs[number, 0], pairs[number, 1]
-    sign = -1.0 if (number - d) % 2 == 0 else 1.0
-    for j in range(d):
-        for i in range(d):
-            out[j * d + i] = _ROOT_HALF * (u[i, a] * z[j, b] + sign * u[i, b] * z[j, a])
+def _edge_part(z, j, c, matrix, alike, crossed, d, out):  # type: ignore[no-untyped-def]
+    """out (d, d) = the Hessian between the edges j and c, in the basis of the left singular vectors."""
+    for i in range(d):
+        diagonal = z[j, i] * z[c, i] * matrix[i, i]
+        for k in range(d):
+            if k != i:
+                diagonal += z[j, k] * z[c, k] * alike[i, k]
+                out[i, k] = z[j, i] * z[c, k] * matrix[i, k] + z[j, k] * z[c, i] * crossed[i, k]
+        out[i, i] = diagonal

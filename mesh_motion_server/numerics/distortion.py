@@ -47,6 +47,7 @@ __all__ = [
 BLOCK = 512
 """Corners per block of the compiled loops: the unit of work of a thread and of every partial sum."""
 
+_NO_WEIGHT = 1e-12  # of the mean weight: less has no gradient
 _DEGENERATE = 1e-6  # reference corners flatter than this (det / product of edge lengths) take the cell type's ideal
 
 
@@ -172,7 +173,7 @@ def distortion_gradient(
     points: NDArray[np.float64], simplices: CornerSimplices, weights: NDArray[np.float64], norm: PNorm
 ) -> NDArray[np.float64]:
     """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
-    gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
+    gradient = np.zeros((*simplices.nodes.shape, simplices.dimension))
     _corner_gradients(
         points, simplices.nodes, simplices.ideal, weights, norm.m, norm.epsilon, norm.size_weight, gradient
     )
@@ -320,6 +321,8 @@ def _corner_gradients(points, corners, ideals, weights, m, epsilon, a, out):  # 
     for block in prange((n + BLOCK - 1) // BLOCK):
         jac, cof = np.empty((d, d)), np.empty((d, d))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            if weights[c] < _NO_WEIGHT / n:
+                continue
             if d == 3:
                 _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, a, 3, jac, cof, out[c])
             elif d == 2:

@@ -56,9 +56,13 @@ class NodeAdjacency:
 
     def assemble(self, blocks: NDArray[np.float32], d: int) -> NDArray[np.float64]:
         """Hessian blocks (b, d, d) from the corners' blocks (c, d², d²), see :mod:`.curvature`."""
-        out = np.empty((len(self.columns), d, d))
-        _assemble(self.starts, self.entries, self.slots, self.row_starts, blocks, out)
-        return out
+        hessian = np.empty((len(self.columns), d, d))
+        self.reassemble(blocks, np.ones(len(blocks), dtype=np.bool_), hessian)
+        return hessian
+
+    def reassemble(self, blocks: NDArray[np.float32], changed: NDArray[np.bool_], hessian: NDArray[np.float64]) -> None:
+        """Bring the Hessian (b, d, d) up to date after some (c,) of the corners' blocks have changed."""
+        _assemble(self.starts, self.entries, self.slots, self.row_starts, blocks, changed, hessian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,13 +321,24 @@ def _gather(starts, entries, values, out):  # type: ignore[no-untyped-def]
                     out[i, k] += values[entries[e], k]
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _any_changed(entries, k, changed):  # type: ignore[no-untyped-def]
+    """Whether any of a node's corners has changed."""
+    for entry in entries:  # noqa: SIM110 compiled
+        if changed[entry // k]:
+            return True
+    return False
+
+
 @njit(cache=True, error_model="numpy", parallel=True)
-def _assemble(starts, entries, slots, row_starts, blocks, out):  # type: ignore[no-untyped-def]
-    """out (b, d, d): rows of the Hessian."""
+def _assemble(starts, entries, slots, row_starts, blocks, changed, out):  # type: ignore[no-untyped-def]
+    """out (b, d, d): rows of the Hessian, anew where a corner has changed."""
     n, d = len(starts) - 1, out.shape[1]
     for block in prange((n + _ROWS - 1) // _ROWS):
         row = np.empty((d, d * d))
         for i in range(block * _ROWS, min(n, (block + 1) * _ROWS)):
+            if not _any_changed(entries[starts[i] : starts[i + 1]], d + 1, changed):
+                continue
             out[row_starts[i] : row_starts[i + 1]] = 0.0
             for e in range(starts[i], starts[i + 1]):
                 c, a = entries[e] // (d + 1), entries[e] % (d + 1)

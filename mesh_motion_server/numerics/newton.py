@@ -89,11 +89,12 @@ class QuadraticTerm:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Result of :func:`newton`: points (l, d), distortion E and quadratic term together, iterations made."""
+    """Result of :func:`newton`: points (l, d), distortion E and quadratic term together, iterations made, measure."""
 
     points: NDArray[np.float64]
     distortion: float
     iterations: int
+    measure: RegionMeasure
 
 
 def newton(
@@ -107,6 +108,7 @@ def newton(
     quadratic: QuadraticTerm | None = None,
     accuracy: Accuracy | None = None,
     constraint: RegionConstraint | None = None,
+    earlier: RegionMeasure | None = None,
 ) -> Descent:
     """Lower E from the points (l, d) of the region; the nodes that are not free stay, bit by bit.
 
@@ -126,17 +128,18 @@ def newton(
     accuracy : Accuracy, optional
     constraint : RegionConstraint, optional
         Of free nodes that slide, or move alike; the points have to be admissible.
+    earlier : RegionMeasure, optional
+        Of the same region's last descent, which goes on from its curvature where that matters little.
     """
     accuracy = accuracy or Accuracy()
-    objective = _Objective(region, region_measure(region, norm), quadratic)
+    objective = _Objective(region, region_measure(region, norm, earlier), quadratic)
     energy, weights = objective(points)
     done = 0
     while done < iterations and math.isfinite(energy):
         gradient = objective.gradient(points, weights)
-        refresh = accuracy.refresh if done else 0.0
-        hessian = objective.measure.hessian(points, weights, refresh=refresh, floor=accuracy.floor)
+        hessian = objective.measure.hessian(points, weights, refresh=accuracy.refresh, floor=accuracy.floor)
         if quadratic is not None:
-            hessian += quadratic.stiffness
+            hessian = hessian + quadratic.stiffness
         solver = solve or partial(_solve, accuracy=accuracy, untangling=norm.epsilon > 0.0)
         if constraint is None:
             step = solver(region.adjacency, hessian, -gradient)
@@ -153,7 +156,7 @@ def newton(
             break
         if good_enough is not None and done % 2 == 0 and good_enough(points):
             break
-    return Descent(points, energy, done)
+    return Descent(points, energy, done, objective.measure)
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,11 +35,15 @@ class RegionMeasure(Protocol):
         ...
 
     def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
-        """Positive semi-definite (b, d, d) in the region's pattern.
+        """Positive semi-definite (b, d, d) in the region's pattern; overwritten by the next call.
 
-        What weighs less than ``refresh`` mean weights keeps the curvature of the last call; ``floor`` mean weights
-        are added to every weight.
+        From the second call on, what weighs less than ``refresh`` mean weights keeps its curvature; ``floor`` mean
+        weights are added to every weight.
         """
+        ...
+
+    def sharpened(self, norm: PNorm) -> RegionMeasure:
+        """The same with another norm; where both are barriers, what is light keeps its curvature all the same."""
         ...
 
 
@@ -48,8 +52,9 @@ class _Corners:
 
     def __init__(self, region: FreeRegion, norm: PNorm) -> None:
         d = region.simplices.dimension
-        self._region, self._norm, self._d = region, norm, d
-        self._blocks = np.zeros((len(region.simplices), d * d, d * d), dtype=np.float32)
+        self._region, self._norm, self._filled = region, norm, False
+        self._blocks = np.empty((len(region.simplices), d * d, d * d), dtype=np.float32)
+        self._hessian = np.empty((len(region.adjacency.columns), d, d))
 
     def mean(self, points: Floats) -> tuple[float, Floats]:
         return mean_distortion(points, self._region.simplices, self._norm)
@@ -59,10 +64,18 @@ class _Corners:
         return self._region.adjacency.gather(shares)
 
     def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
-        least = refresh / len(weights)
-        simplices = self._region.simplices
+        least = refresh / len(weights) if self._filled else 0.0
+        simplices, adjacency = self._region.simplices, self._region.adjacency
         corner_blocks(points, simplices, weights, self._norm, self._blocks, least_weight=least, floor=floor)
-        return self._region.adjacency.assemble(self._blocks, self._d)
+        adjacency.reassemble(self._blocks, weights >= least, self._hessian)
+        self._filled = True
+        return self._hessian
+
+    def sharpened(self, norm: PNorm) -> RegionMeasure:
+        if norm.epsilon or self._norm.epsilon:
+            return _Corners(self._region, norm)
+        self._norm = norm
+        return self
 
 
 class _Cells:
@@ -70,9 +83,10 @@ class _Cells:
 
     def __init__(self, region: FreeRegion, norm: PNorm) -> None:
         d = region.simplices.dimension
-        self._region, self._norm, self._d = region, norm, d
+        self._region, self._norm, self._filled = region, norm, False
         widths = [(len(group), d * group.nodes.shape[1]) for group in region.groups]
-        self._blocks = [np.zeros((cells, width, width), dtype=np.float32) for cells, width in widths]
+        self._blocks = [np.empty((cells, width, width), dtype=np.float32) for cells, width in widths]
+        self._hessian = np.empty((len(region.adjacency.columns), d, d))
 
     def mean(self, points: Floats) -> tuple[float, Floats]:
         return mean_cell_distortion(points, self._region.groups, self._norm)
@@ -83,20 +97,28 @@ class _Cells:
         return sum(gathered[1:], start=gathered[0])
 
     def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
-        least = refresh / len(weights)
+        least = refresh / len(weights) if self._filled else 0.0
         region = self._region
         cell_blocks(points, region.groups, weights, self._norm, self._blocks, least_weight=least, floor=floor)
-        hessian = np.zeros((len(region.adjacency.columns), self._d, self._d))
+        self._hessian[:] = 0.0
         for adjacency, blocks in zip(region.cell_adjacency, self._blocks, strict=True):
-            adjacency.add(blocks, hessian)
-        return hessian
+            adjacency.add(blocks, self._hessian)
+        self._filled = True
+        return self._hessian
+
+    def sharpened(self, norm: PNorm) -> RegionMeasure:
+        if norm.epsilon:
+            return _Corners(self._region, norm)
+        self._norm = norm
+        return self
 
 
 MEASURES: dict[str, type[_Corners] | type[_Cells]] = {"corners": _Corners, "cells": _Cells}
 """By name, see :class:`~mesh_motion_server.numerics.distortion.PNorm`."""
 
 
-def region_measure(region: FreeRegion, norm: PNorm) -> RegionMeasure:
-    """The measure that a norm names."""
+def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | None = None) -> RegionMeasure:
+    """The measure that a norm names; an earlier one of the same region goes on with the curvature it has."""
     simplices_only = all(block.type.is_simplex for block in region.cells)
-    return MEASURES["corners" if simplices_only else norm.of](region, norm)
+    kind = MEASURES["corners" if simplices_only else norm.of]
+    return earlier.sharpened(norm) if type(earlier) is kind else kind(region, norm)

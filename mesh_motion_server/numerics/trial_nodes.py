@@ -23,6 +23,7 @@ from mesh_motion_server.numerics.free_region import FreeRegion, free_region, gro
 from mesh_motion_server.numerics.metrics import cell_quality
 from mesh_motion_server.numerics.newton import newton
 from mesh_motion_server.numerics.node_constraint import NodeConstraint, RegionConstraint, StepSolver
+from mesh_motion_server.numerics.region_measure import RegionMeasure
 from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach", "untangle"]
@@ -106,6 +107,11 @@ def signed_quality(
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
 
 
+def region_quality(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
+    """The metric (k,) of the cells of a region at its local points (l, d)."""
+    return signed_quality(points, region.cells, region.reference_sizes, metric)
+
+
 @dataclass(frozen=True, eq=False)
 class Polished:
     """Corrected trial positions.
@@ -141,12 +147,13 @@ class _Search:
     points: NDArray[np.float64]
     solve: StepSolver | None = None
     constraint: RegionConstraint | None = None
+    measure: RegionMeasure | None = None
     minimum: float = -math.inf
     history: list[Stage] = field(default_factory=list)
 
     def judge(self, points: NDArray[np.float64]) -> bool:
         """Remember the points if they are better; whether the target is met."""
-        quality = signed_quality(points, self.region.cells, self.region.reference_sizes, self.metric)
+        quality = region_quality(points, self.region, self.metric)
         if quality.min() > self.minimum:
             self.points, self.minimum = points, float(quality.min())
         return self.met
@@ -166,7 +173,9 @@ class _Search:
             good_enough=self.judge,
             solve=self.solve,
             constraint=self.constraint,
+            earlier=self.measure,
         )
+        self.measure = result.measure
         self.judge(result.points)
         self.history.append(Stage(norm, self.region.n_free, result.iterations, self.minimum))
         return result.points
@@ -276,11 +285,13 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polish
         everything = count > _ALL * int(np.count_nonzero(may_move)) or count <= best.freed  # too large, or cannot grow
         region = mesh.free(may_move if everything else free)
         found = polish(best.points, mesh, region, target=target, thorough=everything)
-        quality = np.minimum(quality, mesh.quality(found.points))
-        best = _better(best, found, float(mesh.quality(found.points).min()))
+        now = quality.copy()
+        now[region.cell_numbers] = region_quality(found.points[region.nodes], region, mesh.metric)
+        bad |= nodes_of_cells(mesh.cells, np.minimum(quality, now) < _MARGIN * target, len(points))
+        quality = now if now.min() > best.minimum else quality
+        best = _better(best, found, float(now.min()))
         if everything:
             break
-        bad |= nodes_of_cells(mesh.cells, quality < _MARGIN * target, len(points))
         growth = _MOST_GROWTH if found.forecast <= 0.0 else target / found.forecast
         free = _grown(mesh, free | (bad & may_move), min(max(growth, _LEAST_GROWTH), _MOST_GROWTH) * region.n_free)
     return best
