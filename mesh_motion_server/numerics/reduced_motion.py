@@ -75,7 +75,8 @@ def interpolate_reduced(
     left = reduced.max_error
     if left <= _ROUNDING * problem.largest:
         return ReducedInterpolation(reduced.levels, reduced.selected, 0.0, reused=False)
-    near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, radius), polynomial="none")
+    widest = radius if problem.row.compact else float(np.ptp(points, axis=0).max())
+    near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, widest), polynomial="none")
     factorization, reused = factorization_of(points, near, factors)
     levels = (*reduced.levels, factorization.solve(reduced.error))
     return ReducedInterpolation(levels, reduced.selected, left / problem.largest, reused)

@@ -50,7 +50,7 @@ def boundary_spacing(points: NDArray[np.float64]) -> float:
     return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
 
 
-def near_surface_radius(spacing: float, largest_error: float, support_radius: float) -> float:
+def near_surface_radius(spacing: float, largest_error: float, widest: float) -> float:
     """Support radius of the correction, mesh length unit.
 
     Parameters
@@ -59,10 +59,10 @@ def near_surface_radius(spacing: float, largest_error: float, support_radius: fl
         Of the moving boundary; 0 where there is none.
     largest_error : float, mesh length unit
         Left at a boundary node.
-    support_radius : float, mesh length unit
-        Of the motion.
+    widest : float, mesh length unit
+        The support radius of the motion, or the extent of the boundary where its basis has none.
     """
-    radius = _SPACINGS * spacing if spacing > 0.0 else support_radius
-    while radius < _ERRORS * largest_error and radius < support_radius:
+    radius = _SPACINGS * spacing if spacing > 0.0 else widest
+    while radius < _ERRORS * largest_error and radius < widest:
         radius *= 2.0
-    return min(radius, support_radius)
+    return min(radius, widest)

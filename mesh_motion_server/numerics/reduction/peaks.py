@@ -24,9 +24,14 @@ def nearest_neighbours(points: NDArray[np.float64]) -> Indices:
 
 
 def error_peaks(size: NDArray[np.float64], neighbours: Indices) -> Indices:
-    """Nodes whose error ``size`` (n,) no neighbour exceeds, the largest first; of equal neighbours the first counts."""
-    own = np.arange(len(size))
+    """Nodes whose error ``size`` (n,) no neighbour exceeds, the largest first; of equal neighbours the first counts.
+
+    Being neighbours is mutual here, whichever of two nodes counts the other among its nearest.
+    """
+    own = np.arange(len(size))[:, None]
     around = size[neighbours]
-    lower = (around < size[:, None]) | ((around == size[:, None]) & (neighbours > own[:, None]))
-    peaks = np.flatnonzero(lower.all(axis=1))
+    exceeded = (around > size[:, None]) | ((around == size[:, None]) & (neighbours < own))
+    lower = exceeded.any(axis=1)
+    lower[neighbours[~exceeded]] = True
+    peaks = np.flatnonzero(~lower)
     return peaks[np.argsort(-size[peaks], kind="stable")]

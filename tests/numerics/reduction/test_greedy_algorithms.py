@@ -1,0 +1,138 @@
+"""What the greedy algorithms promise alike, and what tells them apart (thesis §2.2.2, §2.2.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reduced_motions import BOUNDARIES, field_at_nodes, problem
+
+from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
+
+NAMES = ("greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky")
+#: These choose exactly as the full greedy algorithm does.
+EXACT = ("incremental-lu", "recurrence-cholesky")
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-3])
+def test_the_tolerance_is_met_and_the_error_is_the_fields(name: str, boundary: str, tolerance: float) -> None:
+    of = problem(boundary, tolerance=tolerance)
+    reduced = REDUCTIONS[name](of)
+    left = of.displacement - field_at_nodes(reduced, of)
+    np.testing.assert_allclose(reduced.error, left, atol=1e-11 * of.largest)
+    assert np.linalg.norm(left, axis=1).max() <= tolerance * of.largest * (1 + 1e-9)
+    assert reduced.max_error > 0.05 * tolerance * of.largest  # no more points than needed, by far
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+@pytest.mark.parametrize("name", NAMES)
+def test_with_tolerance_zero_it_is_the_full_interpolation(name: str, boundary: str) -> None:
+    of = problem(boundary, tolerance=0.0)
+    of = ReductionProblem(of.points[::3], of.displacement[::3], support_radius=of.support_radius, tolerance=0.0)
+    reduced = REDUCTIONS[name](of)
+    assert sorted(reduced.selected) == list(range(of.n_points))
+    full = factorize(of.points, support_radius=of.support_radius).solve(of.displacement).weights
+    np.testing.assert_allclose(reduced.levels[0].weights, full[reduced.selected], atol=1e-8 * np.abs(full).max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_selection_is_monotone_without_duplicates_and_starts_at_the_largest_displacement(name: str) -> None:
+    """A prefix of the choice is what a smaller bound gives."""
+    reduced, less = (REDUCTIONS[name](problem("wing", tolerance=0.0, max_points=m)) for m in (80, 40))
+    of = problem("wing")
+    assert len(np.unique(reduced.selected)) == len(reduced.selected) == 80
+    np.testing.assert_array_equal(reduced.selected[:40], less.selected)
+    assert np.linalg.norm(of.displacement[reduced.selected[0]]) == pytest.approx(of.largest, rel=1e-15)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_history_grows_and_ends_with_the_error(name: str) -> None:
+    reduced = REDUCTIONS[name](problem("wing", tolerance=1e-2))
+    for values in ("points", "solve_operations", "error_operations"):
+        series = [getattr(iterate, values) for iterate in reduced.history]
+        assert series == sorted(series)
+    last = reduced.history[-1]
+    assert last.points == len(reduced.selected)
+    assert last.max_error == pytest.approx(reduced.max_error, rel=1e-9)
+    assert last.rms_error == pytest.approx(np.sqrt(np.mean(np.sum(reduced.error**2, axis=1))), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_second_run_is_bitwise_the_same(name: str) -> None:
+    first, second = (REDUCTIONS[name](problem("wing", tolerance=1e-2)) for _ in range(2))
+    np.testing.assert_array_equal(first.selected, second.selected)
+    np.testing.assert_array_equal(first.error, second.error)
+    assert first.history == second.history
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_translation_is_recovered_at_every_node(name: str) -> None:
+    """Constants are not in the span of a compact basis, so only at the nodes, and from fewer than all."""
+    of = problem("wing")
+    moved = ReductionProblem(of.points, np.tile([0.1, -0.2, 0.3], (of.n_points, 1)), support_radius=5.0, tolerance=1e-3)
+    reduced = REDUCTIONS[name](moved)
+    assert len(reduced.selected) < 0.5 * of.n_points
+    np.testing.assert_allclose(field_at_nodes(reduced, moved), moved.displacement, atol=1e-3 * moved.largest)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_motion_of_nothing_needs_one_node(name: str) -> None:
+    of = problem("slab")
+    still = ReductionProblem(of.points, np.zeros_like(of.displacement), support_radius=of.support_radius)
+    reduced = REDUCTIONS[name](still)
+    assert (len(reduced.selected), reduced.max_error) == (1, 0.0)
+    assert not reduced.levels[0].weights.any()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_single_node(name: str) -> None:
+    of = ReductionProblem(np.zeros((1, 2)), np.array([[0.3, 0.1]]), support_radius=1.0, tolerance=0.0)
+    np.testing.assert_allclose(REDUCTIONS[name](of).error, 0.0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_components_may_be_few_and_nodes_may_be_few(name: str) -> None:
+    of = ReductionProblem(
+        np.array([[0.0], [1.0], [1.5]]), np.array([[0.1], [0.0], [-0.2]]), support_radius=2.0, tolerance=1e-12
+    )
+    assert REDUCTIONS[name](of).max_error <= 1e-13
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_other_bases_reduce_too(name: str) -> None:
+    of = problem("slab", basis="imqb", support_radius=0.1, tolerance=1e-3)
+    assert REDUCTIONS[name](of).max_error <= of.allowed_error
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+@pytest.mark.parametrize("name", EXACT)
+def test_growing_factors_choose_as_full_solutions_do(name: str, boundary: str) -> None:
+    of = problem(boundary, tolerance=1e-3)
+    full, growing = REDUCTIONS["greedy"](of), REDUCTIONS[name](of)
+    np.testing.assert_array_equal(growing.selected, full.selected)
+    largest = np.abs(full.levels[0].weights).max()
+    np.testing.assert_allclose(growing.levels[0].weights, full.levels[0].weights, atol=1e-9 * largest)
+    errors = [[iterate.max_error for iterate in reduced.history] for reduced in (growing, full)]
+    np.testing.assert_allclose(*errors, rtol=1e-7)
+
+
+def test_approximate_choices_cost_points() -> None:
+    """The order of thesis Fig 2.6: the full algorithm needs the fewest points, one-point corrections alone the most."""
+    full, combined, one = (
+        len(REDUCTIONS[name](problem("wing", tolerance=5e-3)).selected)
+        for name in ("greedy", "greedy-combined", "one-point")
+    )
+    assert full < combined < one
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_energy_of_the_interpolant_grows_with_its_points(name: str) -> None:
+    """dᵀ φ⁻¹ d of nested sets, although the largest error may rise for a while."""
+    energies = []
+    for bound in (5, 10, 20, 40, 80):
+        of = problem("wing", tolerance=0.0, max_points=bound)
+        reduced = REDUCTIONS[name](of)
+        energies.append(float(np.sum(reduced.levels[0].weights * of.displacement[reduced.selected])))
+    assert (np.diff(energies) > 0.0).all()

@@ -1,0 +1,97 @@
+"""Factors that grow with the points equal fresh ones; what is lost in rounding or too large is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reduced_motions import problem
+
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem, incremental_lu, recurrence_cholesky
+from mesh_motion_server.numerics.reduction.growing_columns import GrowingColumns
+from mesh_motion_server.numerics.reduction.incremental_lu import GrowingLU
+from mesh_motion_server.numerics.reduction.substitution import back_substitute, forward_substitute
+
+
+def matrix(nodes: np.ndarray) -> np.ndarray:
+    return problem("wing").columns(nodes, rows=nodes)
+
+
+def grown(a: np.ndarray, values: np.ndarray) -> GrowingLU:
+    growing = GrowingLU(values.shape[1])
+    for n in range(len(a)):
+        growing.border(a[: n + 1, n], values[n])
+    return growing
+
+
+def test_bordered_factors_are_those_of_the_matrix_at_every_order() -> None:
+    nodes = np.random.default_rng(2).permutation(1100)[:150]  # past the first allocation, twice
+    a, values = matrix(nodes), problem("wing").displacement[nodes]
+    growing = GrowingLU(3)
+    for n in range(len(a)):
+        growing.border(a[: n + 1, n], values[n])
+        if n in {0, 1, 63, 64, 128, 149}:
+            lower, upper = growing.factors()
+            np.testing.assert_allclose(lower @ upper, a[: n + 1, : n + 1], atol=1e-14)
+            np.testing.assert_array_equal(np.diag(lower), 1.0)
+            np.testing.assert_array_equal(lower, np.tril(lower))
+            np.testing.assert_array_equal(upper, np.triu(upper))
+            np.testing.assert_allclose(a[: n + 1, : n + 1] @ growing.weights(), values[: n + 1], atol=1e-11)
+
+
+def test_a_wrong_row_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test above would see rows that are wrong by a millionth."""
+    nodes = np.random.default_rng(2).permutation(1100)[:20]
+    monkeypatch.setattr(
+        incremental_lu, "forward_substitute", lambda lower, right: (1 + 1e-6) * forward_substitute(lower, right)
+    )
+    lower, upper = grown(matrix(nodes), np.zeros((20, 1))).factors()
+    assert np.abs(lower @ upper - matrix(nodes)).max() > 1e-9
+
+
+@pytest.mark.parametrize("name", ["greedy", "incremental-lu", "recurrence-cholesky"])
+def test_nodes_that_cannot_be_told_apart_are_refused(name: str) -> None:
+    points = np.array([[0.0, 0.0], [1e-9, 0.0], [1.0, 0.0]])
+    of = ReductionProblem(points, np.array([[1.0], [2.0], [0.0]]), support_radius=2.0, tolerance=0.0)
+    with pytest.raises(NumericalError, match="singular to working precision"):
+        REDUCTIONS[name](of)
+
+
+def test_substitutions() -> None:
+    rng = np.random.default_rng(0)
+    lower = np.tril(rng.random((40, 40))) + 40 * np.eye(40)
+    right = rng.random((30, 2))
+    np.testing.assert_allclose(lower[:30, :30] @ forward_substitute(lower, right[:, 0]), right[:, 0], atol=1e-14)
+    np.testing.assert_allclose(lower[:30, :30].T @ back_substitute(lower, right), right, atol=1e-14)
+
+
+def test_columns_grow_past_a_block() -> None:
+    dense = np.random.default_rng(1).random((50, 300))
+    growing = GrowingColumns(50)
+    for column in dense.T:
+        growing.append(column)
+    nodes = np.array([3, 40, 7])
+    np.testing.assert_array_equal(growing.rows(nodes), dense[nodes])
+    out = np.asfortranarray(np.ones((50, 3)))
+    growing.subtract_products(growing.rows(nodes), out)
+    np.testing.assert_allclose(out, 1.0 - dense @ dense[nodes].T, atol=1e-13)
+
+
+def test_nothing_foreseen_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Looking ahead saves time only: one point at a time, or on a single node, the choice is the same."""
+    of = problem("wing", tolerance=1e-2)
+    expected = recurrence_cholesky.reduce(of)
+    monkeypatch.setattr(recurrence_cholesky, "_AHEAD", 1)
+    alone = recurrence_cholesky.reduce(of)
+    monkeypatch.setattr(recurrence_cholesky, "_AHEAD", 16)
+    monkeypatch.setattr(recurrence_cholesky, "_SHARE", 0.0)
+    blind = recurrence_cholesky.reduce(of)
+    for other in (alone, blind):
+        np.testing.assert_array_equal(other.selected, expected.selected)
+
+
+def test_columns_that_would_not_fit_into_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recurrence_cholesky, "_MEMORY", 8 * 1100 * 40)
+    with pytest.raises(InvalidInput, match=r"more than 0 GiB from 40 points on.*bound max_control_points"):
+        REDUCTIONS["recurrence-cholesky"](problem("wing", tolerance=1e-4))
+    assert len(REDUCTIONS["recurrence-cholesky"](problem("wing", max_points=20)).selected) == 20
