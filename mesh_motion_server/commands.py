@@ -163,6 +163,7 @@ def _check_values(report: CheckReport) -> dict[str, Any]:
         "cells": {name: len(nodes) for name, nodes in mesh.cells.items()},
         "patches": {n: {"role": report.roles.get(n, ""), "nodes": len(ids)} for n, ids in mesh.patches.items()},
         "counts": report.counts,
+        "pairs": report.pairs,
         "quality": report.quality,
         "support_radius": report.support_radius,
         "suggested_support_radius": report.suggested_radius,
@@ -189,6 +190,8 @@ def _print_check(report: CheckReport) -> None:
         table.add_row("patch", f"{name}: {len(nodes)} nodes, {report.roles.get(name, 'no role here')}")
     if report.counts:
         table.add_row("nodes", ", ".join(f"{count} {kind}" for kind, count in report.counts.items()))
+    for pair in report.pairs:
+        table.add_row("periodic", pair)
     table.add_row("quality", ", ".join(f"{name} {value:.3f}" for name, value in report.quality.items()))
     chosen = f"{report.support_radius:g} in the case, " if report.support_radius is not None else ""
     table.add_row("support radius", f"{chosen}{report.suggested_radius:g} suggested")

@@ -23,6 +23,7 @@ from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 
 __all__ = ["CheckReport", "Costs", "check"]
@@ -37,6 +38,7 @@ _DENSE_ORDER, _SPARSE_ORDER, _SPARSE_ENTRIES = 10_000, 1_500, 150.0
 #: Bytes a mesh takes in the server for each node and each cell, all copies together; and the process itself.
 _NODE_BYTES, _CELL_BYTES, _BASE_BYTES = 400, 300, 250 << 20
 _SAMPLE = 500
+_KINDS = ("moving", "fixed", "sliding", "periodic")
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,9 @@ class CheckReport:
     roles : dict of str to str
         Role of each patch; empty for a mesh without a case.
     counts : dict of str to int
-        Moving, fixed and sliding nodes.
+        Moving, fixed and sliding nodes, and those that are periodic only.
+    pairs : list of str
+        Each pair of periodic patches, in words.
     quality : dict of str to float
         Minimum and mean skew of the mesh as it is.
     support_radius : float or None
@@ -83,6 +87,7 @@ class CheckReport:
     mesh: MeshFile
     roles: dict[str, str]
     counts: dict[str, int]
+    pairs: list[str]
     quality: dict[str, float]
     support_radius: float | None
     suggested_radius: float
@@ -118,9 +123,10 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         patches = {"boundary": Patch("moving", boundary_nodes(cells))}
     try:
         warnings += check_mesh(mesh.points, cells, patches)
+        split = BoundaryRoles.from_patches(patches)
+        periodic = PeriodicNodes.build(mesh.points, cells, patches, split)
     except InvalidInput as error:
         raise InvalidInput(f"{mesh.path}: {error.message}", code=error.code, hint=error.hint) from None
-    split = BoundaryRoles.from_patches(patches)
     if case is not None:
         check_method(case.content.method.to_method(), mesh.points, split)
     quality = cell_quality(mesh.points, cells, reference_sizes(mesh.points, cells))
@@ -131,7 +137,8 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         path=path,
         mesh=mesh,
         roles={name: str(role) for name, role in roles.items()},
-        counts={name: len(getattr(split, name)) for name in ("moving", "fixed", "sliding")} if roles else {},
+        counts={name: len(getattr(split, name)) for name in _KINDS} if roles else {},
+        pairs=[] if periodic is None else [pair.describe() for pair in periodic.pairs],
         quality={"minimum skew": float(quality.skew.min()), "mean skew": float(quality.skew.mean())},
         support_radius=radius,
         suggested_radius=suggested,

@@ -140,7 +140,8 @@ def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> Flo
     """(2, 2) lower and upper corner of the part of the picture where something moves, or of all of it."""
     dimension = before.points.shape[1]
     drawn = [axis for axis in range(dimension) if plane is None or axis != plane.axis]
-    low, high = before.points[:, drawn].min(axis=0), before.points[:, drawn].max(axis=0)
+    both = np.concatenate([before.points, after.points])[:, drawn]
+    low, high = both.min(axis=0), both.max(axis=0)
     if dimension == 1:
         return np.array([[low[0], 0.0], [high[0], 1.0]])
     moving = np.concatenate([before.points[before.moving], after.points[after.moving]])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.correction import check_placement
 from mesh_motion_server.numerics.interpolant import chosen_polynomial
-from mesh_motion_server.numerics.kernels import basis_named, checked_radius
+from mesh_motion_server.numerics.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import BoundaryRoles
 
@@ -24,7 +24,16 @@ __all__ = ["check_method"]
 _GRADIENT_PREDICTORS = ("edge-midpoint-gradient", "centre-gradient")
 
 
-def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> None:
+#: What an interpolation with periodic images offers, by key.
+_PERIODIC_CHOICES = {
+    "solver": ("auto", "dense", "sparse"),
+    "polynomial": ("auto", "none"),
+    "reduction": ("none",),
+    "volume_reduction": ("none",),
+}
+
+
+def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRoles, *, periodic: bool = False) -> None:
     """Refuse a method that cannot move this mesh.
 
     Parameters
@@ -33,13 +42,16 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         As chosen, radii not filled in.
     points : (n, d) array, mesh length unit
     roles : BoundaryRoles
+    periodic : bool
+        Whether the mesh has periodic patches.
 
     Raises
     ------
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a polynomial that the basis or the control points
         do not admit, a reduction beside a polynomial, a placement of the enrichment points that the correction has not,
-        or a correction that cannot be smooth in time.
+        or a correction that cannot be smooth in time; with periodic patches on a basis without compact support, a
+        polynomial, a reduction, or the solver "iterative".
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1
@@ -63,6 +75,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     check_placement(method.correction, method.enrichment_placement, points.shape[1])
     if method.correction_in_time == "smooth":
         _check_smooth(method)
+    if periodic:
+        _check_periodic(method, basis)
 
 
 def _check_smooth(method: Method) -> None:
@@ -78,3 +92,18 @@ def _check_smooth(method: Method) -> None:
             "depends on the way and not on the boundary alone",
             hint="set displacement = 'absolute', or 'reanchored' for large rotations",
         )
+
+
+def _check_periodic(method: Method, basis: Basis) -> None:
+    """Refuse what an interpolation that repeats with the domain has not."""
+    if not basis.compact:
+        raise InvalidInput(
+            f"the basis {basis.name!r} has no compact support: infinitely many periodic images would count",
+            hint="use one of the Wendland functions, for example basis = 'wendland-c2'",
+        )
+    for key, offered in _PERIODIC_CHOICES.items():
+        if getattr(method, key) not in offered:
+            raise InvalidInput(
+                f"{key} = {getattr(method, key)!r} is not offered with periodic patches",
+                hint=f"use {key} = {' or '.join(map(repr, offered))}",
+            )

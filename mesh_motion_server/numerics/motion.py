@@ -29,8 +29,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
 from mesh_motion_server.numerics.prediction import predict
-from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
-from mesh_motion_server.numerics.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
@@ -133,7 +132,8 @@ class MotionModel:
         """
         warnings = check_mesh(points, cells, patches)
         roles = BoundaryRoles.from_patches(patches)
-        check_method(method, points, roles)
+        periodic = any(patch.role == "periodic" for patch in patches.values())
+        check_method(method, points, roles, periodic=periodic)
         method = _with_radii(method, points, roles)
         evaluator = evaluator or LocalEvaluator()
         held = np.zeros(len(points), dtype=bool)
@@ -152,7 +152,7 @@ class MotionModel:
             sizes,
             held,
             standard_motion,
-            _constraint(points, cells, patches, standard_motion.sliding),
+            BoundaryConstraint.build(points, cells, patches, standard_motion.sliding, standard_motion.periodic),
             tuple(warnings),
             evaluator,
             smooth,
@@ -324,16 +324,6 @@ class MotionModel:
             except NumericalError:
                 high = middle
         return low
-
-
-def _constraint(
-    points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch], sliding: SlidingSurfaces | None
-) -> BoundaryConstraint | None:
-    """What a correction may do with the boundary of a mesh with nodes at points (n, d)."""
-    if sliding is None:
-        return None
-    surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
-    return BoundaryConstraint.build(points, cells, surfaces, sliding)
 
 
 def _with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:

@@ -1,6 +1,7 @@
 """Patches and their roles: which nodes are told where to go, which stay, which slide.
 
-A node on several patches gets one role: moving wins over fixed, fixed wins over slip and symmetry.
+A node on several patches gets one role: moving wins over fixed, fixed wins over slip and symmetry. A node on a periodic
+patch moves like its image whatever else it does; it is free to go anywhere where it has no other role.
 """
 
 from __future__ import annotations
@@ -47,11 +48,14 @@ class BoundaryRoles:
         Nodes whose positions are prescribed by the driver, or stay where the reference mesh has them.
     sliding : (s,) int64 array
         Nodes of slip and symmetry patches that are neither moving nor fixed.
+    periodic : (p,) int64 array
+        Nodes of periodic patches that are none of these.
     """
 
     moving: NDArray[np.int64]
     fixed: NDArray[np.int64]
     sliding: NDArray[np.int64]
+    periodic: NDArray[np.int64]
 
     @classmethod
     def from_patches(cls, patches: Mapping[str, Patch]) -> BoundaryRoles:
@@ -60,24 +64,20 @@ class BoundaryRoles:
         Raises
         ------
         InvalidInput
-            On an unknown role, on ``periodic`` (not offered by this version), or without any moving node.
+            On an unknown role, or without any moving node.
         """
         for name, patch in patches.items():
             if patch.role not in ROLES:
                 raise InvalidInput(f"patch {name!r}: unknown role {patch.role!r}; known are {', '.join(ROLES)}")
-            if patch.role == "periodic":
-                raise InvalidInput(
-                    f"patch {name!r}: the role 'periodic' is not offered by this version",
-                    hint="use 'slip' for planar periodic sides, or 'fixed'",
-                )
         moving = _nodes(patches, ("moving",))
         fixed = np.setdiff1d(_nodes(patches, ("fixed",)), moving)
         sliding = np.setdiff1d(_nodes(patches, SLIDING_ROLES), np.union1d(moving, fixed))
+        periodic = np.setdiff1d(_nodes(patches, ("periodic",)), np.concatenate([moving, fixed, sliding]))
         if not len(moving):
             raise InvalidInput(
                 "no patch with role 'moving' has a node", hint="give the role 'moving' to the patch that is displaced"
             )
-        return cls(moving, fixed, sliding)
+        return cls(moving, fixed, sliding, periodic)
 
     @property
     def prescribed(self) -> NDArray[np.int64]:
@@ -86,7 +86,7 @@ class BoundaryRoles:
 
     @property
     def all(self) -> NDArray[np.int64]:
-        """(k + f + s,) every node with a role, ascending."""
+        """(k + f + s,) every node that is told where to go or slides, ascending: the control points."""
         return np.union1d(self.prescribed, self.sliding)
 
 

@@ -12,7 +12,7 @@ to the reference mesh: nothing drifts however often positions are projected.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.rigid_transforms import Transform
 from mesh_motion_server.numerics.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_server.numerics.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
 
@@ -53,7 +54,13 @@ class SlidingSurfaces:
 
     @classmethod
     def build(
-        cls, points: Array, cells: CellTable, patches: Mapping[str, Integers], nodes: Integers
+        cls,
+        points: Array,
+        cells: CellTable,
+        patches: Mapping[str, Integers],
+        nodes: Integers,
+        *,
+        images: Sequence[Transform] = (),
     ) -> SlidingSurfaces:
         """Find the surfaces of the sliding nodes.
 
@@ -66,6 +73,8 @@ class SlidingSurfaces:
             Node indices of each slip or symmetry patch, with those that another role takes precedence on.
         nodes : (s,) int64 array
             The nodes that slide.
+        images : sequence of Transform
+            Of a periodic domain: a curved surface goes on behind its periodic sides.
 
         Raises
         ------
@@ -80,7 +89,7 @@ class SlidingSurfaces:
         for row, key in enumerate(keys):
             rows.setdefault(key, []).append(row)
         groups = tuple(
-            (np.array(members, dtype=np.int64), _constraint(points, [pieces[i] for i in key]))
+            (np.array(members, dtype=np.int64), _constraint(points, [pieces[i] for i in key], images))
             for key, members in rows.items()
         )
         return cls(nodes, points[nodes], groups, tuple(pieces))
@@ -163,15 +172,16 @@ def _refuse_stray(keys: list[tuple[int, ...]], patches: Mapping[str, Integers], 
         )
 
 
-def _constraint(points: Array, pieces: list[Piece]) -> SurfaceConstraint:
+def _constraint(points: Array, pieces: list[Piece], images: Sequence[Transform]) -> SurfaceConstraint:
     """Where a node on these pieces may go."""
     planes = OnPlanes.from_normals([piece.normal for piece in pieces if piece.normal is not None])
     if len(planes.normals) == len(pieces):
         return planes
     if len(pieces) == 1:
-        return OnFacets.from_simplices(points, pieces[0].simplices)
+        return OnFacets.from_simplices(points, pieces[0].simplices, images=images)
     curve = _common_sides(pieces) if len(pieces) == 2 else np.empty((0, 2), dtype=np.int64)
-    return OnFacets.from_simplices(points, curve) if len(curve) and curve.shape[1] == 2 else Held()
+    along = len(curve) and curve.shape[1] == 2
+    return OnFacets.from_simplices(points, curve, images=images) if along else Held()
 
 
 def _common_sides(pieces: list[Piece]) -> Integers:

@@ -33,6 +33,8 @@ from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion_field import MotionField, Stage
 from mesh_motion_server.numerics.paths import fit_rigid_motion, substeps
+from mesh_motion_server.numerics.periodic_interpolant import periodic_factorization_of
+from mesh_motion_server.numerics.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.reduced_motion import interpolate_reduced
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
@@ -64,7 +66,8 @@ class StandardTrial:
     field : MotionField
         The displacement from ``start``, anywhere.
     factorization : Factorization
-        Of all nodes with a role at ``start``; with a reduction made only when it is first used.
+        Of all nodes with a role at ``start``, with a reduction made only when it is first used; of periodic nodes only
+        if an enrichment follows.
     reused : bool
         Whether every factorization came from the cache.
     control_points : (nc,) int64 array
@@ -96,6 +99,8 @@ class StandardMotion:
         With the support radius filled in.
     sliding : SlidingSurfaces or None
         Surfaces on which ``roles.sliding`` stay; None without such nodes.
+    periodic : PeriodicNodes or None
+        Nodes that move alike; None without periodic patches.
     spacing : float, mesh length unit
         Of the moving nodes in the reference mesh; 0 where no reduction asks for it.
     evaluator : Evaluator
@@ -105,6 +110,7 @@ class StandardMotion:
     roles: BoundaryRoles
     method: Method
     sliding: SlidingSurfaces | None
+    periodic: PeriodicNodes | None
     spacing: float
     evaluator: Evaluator
 
@@ -114,12 +120,14 @@ class StandardMotion:
     ) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
         roles = BoundaryRoles.from_patches(patches)
+        periodic = PeriodicNodes.build(points, cells, patches, roles)
         sliding = None
         if len(roles.sliding):
             surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
-            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding)
+            images = () if periodic is None else periodic.generators
+            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        return cls(points, roles, method, sliding, spacing, evaluator)
+        return cls(points, roles, method, sliding, periodic, spacing, evaluator)
 
     def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
         """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
@@ -133,6 +141,8 @@ class StandardMotion:
         watch : Stopwatch
             Gains the seconds of ``solve`` and ``displace``.
         """
+        if self.periodic is not None:
+            self.periodic.check_targets(self.roles.moving, targets)
         start = committed if self.method.displacement == "relative" else self.reference
         points = start
         solved: list[_Solved] = []
@@ -143,7 +153,7 @@ class StandardMotion:
             start,
             points,
             MotionField(tuple(s.stage for s in solved), self.evaluator),
-            solved[0].factorization,
+            self._boundary_factorization(start, solved[0].factorization, factors),
             all(s.reused for s in solved),
             solved[-1].control_points,
             max(s.reduction_error for s in solved),
@@ -174,11 +184,13 @@ class StandardMotion:
             with watch.phase("displace"):
                 free = following.stage.positions(points[roles.sliding], self.evaluator)
                 told[roles.sliding] = self.sliding.project(free)
+                told = self._tied(told)
             reused = following.reused
         solved = self._solve(points, roles.all, told, factors, watch)
         with watch.phase("displace"):
             moved = solved.stage.positions(points, self.evaluator)
             moved[roles.all] = told[roles.all]
+            moved = self._tied(moved)
         return moved, replace(solved, reused=solved.reused and reused)
 
     def _solve(
@@ -186,18 +198,26 @@ class StandardMotion:
     ) -> _Solved:
         """The stage that takes the control nodes from ``points`` (n, d) to ``told`` (n, d)."""
         with watch.phase("solve"):
+            if self.periodic is not None:  # one of each orbit: it stands for its images
+                controls = np.unique(self.periodic.root_of(controls))
             origin, goal = points[controls], told[controls]
             rigid = None
             if self.sliding is None and not len(self.roles.fixed):
-                rigid = fit_rigid_motion(origin, goal)
+                rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
             carried = origin if rigid is None else rigid.apply(origin)
-            solved = self._levels(origin, goal - carried, controls, factors)
+            solved = self._levels(points, goal - carried, controls, factors)
             stage = replace(solved.stage, rigid=rigid)
             volume = self._reduced_volume(points, controls, goal - carried, stage, factors)
             return replace(solved, stage=replace(stage, volume=volume))
 
-    def _levels(self, origin: Floats, displacement: Floats, controls: Indices, factors: FactorSource) -> _Solved:
-        """The interpolation of the ``displacement`` (c, d) of control nodes at ``origin`` (c, d)."""
+    def _levels(self, points: Floats, displacement: Floats, controls: Indices, factors: FactorSource) -> _Solved:
+        """The interpolation of the ``displacement`` (c, d) of control nodes (c,) of the mesh ``points`` (n, d)."""
+        origin = points[controls]
+        if self.periodic is not None:
+            box = np.stack([points.min(axis=0), points.max(axis=0)])
+            generators = self.periodic.generators
+            factorization, reused = periodic_factorization_of(origin, generators, box, self.method, factors)
+            return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
         if self.method.reduction == "none":
             factorization, reused = factorization_of(origin, self.method, factors)
             return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
@@ -231,6 +251,17 @@ class StandardMotion:
             length=self.method.volume_reduction_length,
         )
         return volume_reduction_named(self.method.volume_reduction)(problem)
+
+    def _tied(self, positions: Floats) -> Floats:
+        """Positions (n, d) with periodic images where their roots put them, except those that are told where to be."""
+        return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
+
+    def _boundary_factorization(self, start: Floats, own: Factorization, factors: FactorSource) -> Factorization:
+        """The motion's own factorization, or where an enrichment has to vanish on periodic sides too, one with them."""
+        if self.periodic is None or self.method.correction in ("none", "optimised"):
+            return own
+        nodes = np.union1d(self.roles.all, self.roles.periodic)
+        return factorization_of(start[nodes], self.method, factors)[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.closest_point import FacetSet
+from mesh_motion_server.numerics.rigid_transforms import Transform
 
 __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
 
@@ -99,8 +100,12 @@ class OnFacets:
     tensors: Array
 
     @classmethod
-    def from_simplices(cls, points: Array, simplices: Integers) -> OnFacets:
-        """From points (n, d) and the nodes (f, 2 or 3) of segments or triangles."""
+    def from_simplices(cls, points: Array, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
+        """From points (n, d) and the nodes (f, 2 or 3) of segments or triangles, and their nearest periodic images."""
+        for image in images:
+            count, forth = len(points), image(points)
+            points = np.concatenate([points, forth, image.inverse()(points)])
+            simplices = np.concatenate([simplices, simplices + count, simplices + 2 * count])
         corners = points[simplices]
         edges = corners[:, 1:] - corners[:, :1]
         direction = edges[:, 0] if simplices.shape[1] == 2 else np.cross(edges[:, 0], edges[:, 1])

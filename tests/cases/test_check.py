@@ -15,7 +15,9 @@ def test_a_good_case_is_described(make_case) -> None:
     report = check(make_case())
     mesh = report.mesh
     assert report.roles == {"block": "moving", "outer": "fixed"}
-    assert report.counts == {"moving": len(mesh.patches["block"]), "fixed": len(mesh.patches["outer"]), "sliding": 0}
+    counts = {"moving": len(mesh.patches["block"]), "fixed": len(mesh.patches["outer"]), "sliding": 0, "periodic": 0}
+    assert report.counts == counts
+    assert report.pairs == []
     assert report.support_radius == 0.6
     assert report.suggested_radius > 0
     assert report.warnings == []

@@ -89,7 +89,7 @@ def test_a_mesh_whose_sliding_nodes_are_all_corners_has_no_constraint() -> None:
     surfaces = model_of(duct("quad", 10)).standard_motion.sliding
     assert surfaces is not None
     held = surfaces.of(np.isin(surfaces.nodes, corners))
-    assert BoundaryConstraint.build(points, cells, {}, held) is None
+    assert BoundaryConstraint.build(points, cells, patches, held, None) is None
 
 
 def test_a_node_cannot_pass_its_neighbour() -> None:

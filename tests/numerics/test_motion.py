@@ -161,8 +161,8 @@ def test_placements_that_a_correction_has_not_are_refused() -> None:
             model_of(correction=correction, enrichment_placement=placement)
 
 
-def test_periodic_patches_are_refused_by_name() -> None:
+def test_a_periodic_patch_without_a_partner_is_refused_by_name() -> None:
     points, cells, patches = square_frame()
     patches = {**patches, "outer": replace(patches["outer"], role="periodic")}
-    with pytest.raises(InvalidInput, match=r"'outer'.*periodic"):
+    with pytest.raises(InvalidInput, match=r"'outer' has no partner"):
         MotionModel.build(points, cells, patches, Method())

@@ -12,7 +12,7 @@ NONE = np.empty(0, dtype=np.int64)
 
 
 def roles(n: int) -> BoundaryRoles:
-    return BoundaryRoles(np.arange(n), NONE, NONE)
+    return BoundaryRoles(np.arange(n), NONE, NONE, NONE)
 
 
 def circle(n: int, radius: float) -> np.ndarray:

@@ -1,0 +1,119 @@
+"""Translations and rotations that map a periodic side onto its partner, and the group that they generate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+
+__all__ = ["Transform", "generated_group"]
+
+Array = NDArray[np.float64]
+
+#: Elements that are composed differently but differ by less (a rotation's entries, a shift against the scale) are one.
+_SAME = 1e-6
+_MOST_ELEMENTS = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Transform:
+    """``x → R x + s``.
+
+    Attributes
+    ----------
+    rotation : (d, d) array
+        R.
+    shift : (d,) array, mesh length unit
+        s.
+    """
+
+    rotation: Array
+    shift: Array
+
+    @classmethod
+    def identity(cls, dimension: int) -> Transform:
+        return cls(np.eye(dimension), np.zeros(dimension))
+
+    @classmethod
+    def translation(cls, shift: Array) -> Transform:
+        return cls(np.eye(len(shift)), shift)
+
+    @classmethod
+    def about(cls, centre: Array, angle: float, axis: Array | None = None) -> Transform:
+        """Rotation by an angle about a point of the plane, or about an axis (3,) through a point of space."""
+        if axis is None:
+            c, s = math.cos(angle), math.sin(angle)
+            rotation = np.array([[c, -s], [s, c]])
+        else:
+            cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+            rotation = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross  # Rodrigues
+        return cls(rotation, centre - rotation @ centre)
+
+    @property
+    def turns(self) -> bool:
+        """Whether it rotates."""
+        return not np.array_equal(self.rotation, np.eye(len(self.shift)))
+
+    def __call__(self, points: Array) -> Array:
+        """Images (n, d) of points (n, d)."""
+        return np.asarray(points @ self.rotation.T + self.shift) if self.turns else points + self.shift
+
+    def after(self, first: Transform) -> Transform:
+        """The transform that does ``first`` and then this one."""
+        rotation = self.rotation @ first.rotation if self.turns else first.rotation
+        return Transform(rotation, self.rotation @ first.shift + self.shift)
+
+    def inverse(self) -> Transform:
+        """The way back."""
+        return Transform(self.rotation.T, -(self.rotation.T @ self.shift) if self.turns else -self.shift)
+
+
+def generated_group(
+    generators: Sequence[Transform], dimension: int, scale: float, wanted: Callable[[Transform], bool]
+) -> list[Transform]:
+    """The wanted elements that the generators and their inverses give, the identity first.
+
+    Elements are reached through wanted ones only: ``wanted`` says whether the images of something bounded come near.
+
+    Parameters
+    ----------
+    generators : sequence of Transform
+    dimension : int
+    scale : float, mesh length unit
+        Of the shifts, to tell two elements apart.
+    wanted : callable
+
+    Raises
+    ------
+    InvalidInput
+        If there are more than 20 000.
+    """
+    steps = [step for generator in generators for step in (generator, generator.inverse())]
+    found = [Transform.identity(dimension)]
+    known = {_key(found[0], scale)}
+    for element in found:  # grows while it is walked
+        for step in steps:
+            further = step.after(element)
+            key = _key(further, scale)
+            if key in known:
+                continue
+            known.add(key)
+            if wanted(further):
+                found.append(further)
+        if len(found) > _MOST_ELEMENTS:
+            raise InvalidInput(
+                f"the support radius reaches across more than {_MOST_ELEMENTS} periodic images",
+                hint="take a smaller support_radius: a few periods are enough",
+            )
+    return found
+
+
+def _key(element: Transform, scale: float) -> bytes:
+    """The same for elements that are the same but for rounding."""
+    numbers = np.concatenate([element.rotation.ravel(), element.shift / scale])
+    return np.asarray(np.round(numbers / _SAME) + 0.0).tobytes()

@@ -1,0 +1,196 @@
+"""Motions of periodic meshes end to end: as a ring's sector, as a translation, in pairs, across the side as inside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from periodic_meshes import Mesh, periodic_box, sector, turn
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.roles import Patch
+
+
+def model_of(mesh: Mesh, **choices) -> MotionModel:
+    standard = {"quality_threshold": 0.9, "support_radius": 0.8, "displacement": "absolute"}
+    return MotionModel.build(*mesh, Method(**{**standard, **choices}))
+
+
+def moved(model: MotionModel, *shift: float) -> Motion:
+    return model.move(model.points, model.points[model.roles.moving] + shift)
+
+
+def pair_error(model: MotionModel, points: np.ndarray) -> float:
+    """Largest distance of a node from where its pair's transform puts it, reference offsets apart."""
+    periodic = model.standard_motion.periodic
+    assert periodic is not None
+    step = (points - model.points)[periodic.roots]
+    turned = np.einsum("pij,pj->pi", periodic.rotations, step)
+    return float(np.abs((points - model.points)[periodic.members] - turned).max())
+
+
+def ring_of(mesh: Mesh, sectors: int) -> tuple[Mesh, np.ndarray]:
+    """All sectors of a mesh, merged; and the number (sectors, n) of each sector's nodes in it."""
+    points, cells, patches = mesh
+    d = points.shape[1]
+    copies = np.concatenate([points @ turn(sectors, d, k).T for k in range(sectors)])
+    _, first, number = np.unique(np.round(copies, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
+    number = number.reshape(sectors, len(points))
+    table = {b.type.name: np.concatenate([number[k][b.nodes] for k in range(sectors)]) for b in cells}
+    whole = {n: Patch(p.role, np.unique(number[:, p.nodes])) for n, p in patches.items() if p.role != "periodic"}
+    return (copies[first], CellTable.from_arrays(table), whole), number
+
+
+@pytest.mark.parametrize(("kind", "n", "ends"), [("quad", 10, "fixed"), ("quad", 10, "slip"), ("wedge", 5, "slip")])
+@pytest.mark.parametrize("solver", ["dense", "sparse"])
+def test_a_sector_moves_as_in_the_whole_ring(kind: str, n: int, ends: str, solver: str) -> None:
+    """The interpolant of one sector with its images is the whole ring's: an ordinary one with all control points."""
+    sectors = 5
+    mesh = sector(kind, n, sectors=sectors, ends=ends)
+    ring, number = ring_of(mesh, sectors)
+    one = model_of(mesh, correction="none", solver=solver, allow_invalid=True)
+    whole = model_of(ring, correction="none", allow_invalid=True)
+    shift = np.array([0.1, 0.15, 0.1])[: mesh[0].shape[1]]
+    targets = ring[0].copy()
+    for k in range(sectors):
+        targets[number[k][mesh[2]["body"].nodes]] += turn(sectors, len(shift), k) @ shift
+    expected = whole.move(whole.points, targets[whole.roles.moving]).points[number[0]]
+    found = moved(one, *shift).points
+    # a curved slip wall is projected onto whichever of two facets: the same place to rounding
+    np.testing.assert_allclose(found, expected, atol=2e-10)
+
+
+@pytest.mark.parametrize("axes", ["y", "xy"])
+def test_all_of_a_periodic_row_carried_along_is_not_deformed(axes: str) -> None:
+    mesh = periodic_box("quad", 10, axes=axes, ends="periodic")
+    patches = {name: p for name, p in mesh[2].items() if p.role != "periodic" or name[0] in axes}
+    if axes == "y":  # the ends move as well
+        patches |= {name: Patch("moving", mesh[2][name].nodes) for name in ("x0", "x1")}
+    model = model_of((mesh[0], mesh[1], patches))
+    found = moved(model, 0.31, 0.17)
+    np.testing.assert_allclose(found.points, mesh[0] + [0.31, 0.17], atol=1e-15)
+
+
+MESHES = {
+    "a row": (periodic_box("quad", 10, ends="slip"), (0.05, 0.3)),
+    "an oblique row": (periodic_box("quad", 10, ends="slip", shear=0.4), (0.05, 0.3)),
+    "a lattice": (periodic_box("quad", 10, axes="xy"), (0.3, 0.3)),
+    "a cube in a lattice": (periodic_box("hexahedron", 5, axes="xyz"), (0.2, 0.25, 0.1)),
+    "tetrahedra between walls": (periodic_box("tetra", 5, axes="yz", ends="slip"), (0.1, 0.25, 0.1)),
+    "a sector": (sector("quad", 10, ends="slip"), (0.2, 0.1)),
+    "a sector in space": (sector("wedge", 5, ends="slip"), (0.2, 0.1, 0.1)),
+}
+
+
+@pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
+@pytest.mark.parametrize("name", MESHES)
+def test_pairs_stay_pairs_and_come_back(name: str, displacement: str) -> None:
+    mesh, shift = MESHES[name]
+    model = model_of(mesh, displacement=displacement, correction_target="maximum")
+    points = mesh[0]
+    for fraction in (0.6, 1.0):
+        targets = mesh[0][model.roles.moving] + fraction * np.array(shift)
+        points = model.move(points, targets).points
+        periodic = model.standard_motion.periodic
+        assert periodic is not None
+        assert pair_error(model, points) <= 1e-15
+        assert np.array_equal(periodic.tied(points, model.roles.moving), points)
+    assert np.abs(points - mesh[0])[periodic.members].max() > 0.02
+    model = replace(model, method=replace(model.method, quality_threshold=0.2))  # so good it is at rest
+    if displacement != "relative":
+        assert np.array_equal(model.move(points, mesh[0][model.roles.moving]).points, mesh[0])
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_correction_uses_periodic_and_sliding_nodes(name: str) -> None:
+    mesh, shift = MESHES[name]
+    model = model_of(mesh, correction_target="maximum")
+    freed, held = moved(model, *shift), moved(replace(model, constraint=None), *shift)
+    assert freed.corrected.metric.min >= held.corrected.metric.min
+    if len(model.roles.fixed) or len(model.roles.sliding):
+        assert freed.correction.freed_nodes > held.correction.freed_nodes
+    else:  # a lattice is carried along as a whole
+        assert freed.correction.method == "none"
+    surfaces = model.standard_motion.sliding
+    if surfaces is not None and not model.standard_motion.periodic.turns:
+        places = freed.points[surfaces.nodes]
+        assert np.abs(surfaces.project(places) - places).max() == 0.0
+
+
+def recut(mesh: Mesh, height: float) -> tuple[Mesh, np.ndarray]:
+    """The same row of cells, cut at another height; and the node (n',) of the given mesh that each node is."""
+    points, cells, patches = mesh
+    (block,) = cells
+    up = (points[block.nodes, 1].mean(axis=1) < height).astype(float)
+    corners = points[block.nodes].copy()
+    corners[..., 1] += up[:, None]
+    places, first, number = np.unique(
+        np.round(corners.reshape(-1, 2), 9), axis=0, return_index=True, return_inverse=True
+    )
+    table = CellTable.from_arrays({block.type.name: number.reshape(block.nodes.shape)})
+    origin = block.nodes.ravel()[first]
+    sides = {name: Patch(patches[name].role, np.flatnonzero(np.isin(origin, patches[name].nodes))) for name in patches}
+    for name, y in (("y0", height), ("y1", height + 1.0)):
+        sides[name] = Patch("periodic", np.flatnonzero(np.isclose(places[:, 1], y)))
+    return (places, table, sides), origin
+
+
+@pytest.mark.parametrize(("correction", "tolerance"), [("none", 1e-12), ("optimised", 2e-3)])
+def test_the_motion_does_not_depend_on_where_the_row_is_cut(correction: str, tolerance: float) -> None:
+    """So the mesh is as good across a periodic side as inside; the descent stops where little is gained."""
+    mesh = periodic_box("quad", 10, ends="slip")
+    other, origin = recut(mesh, 0.2)
+    here, there = (
+        moved(model_of(m, correction=correction, correction_target="maximum"), 0.1, 0.3) for m in (mesh, other)
+    )
+    step, expected = there.points - other[0], (here.points - mesh[0])[origin]
+    np.testing.assert_allclose(step, expected, atol=tolerance)
+    assert there.corrected.metric.min == pytest.approx(here.corrected.metric.min, abs=tolerance)
+
+
+@pytest.mark.parametrize("correction", ["explicit", "enrichment"])
+def test_other_corrections_leave_pairs_alone(correction: str) -> None:
+    model = model_of(periodic_box("quad", 10), correction=correction, quality_threshold=0.6)
+    found = moved(model, 0.2, 0.2)
+    assert found.correction.method == correction
+    plain = moved(replace(model, method=replace(model.method, correction="none")), 0.2, 0.2)
+    np.testing.assert_array_equal(found.points[model.held], plain.points[model.held])
+
+
+def test_images_of_a_moving_body_move_alike_or_are_refused() -> None:
+    points, cells, patches = periodic_box("quad", 10)
+    body = np.union1d(patches["body"].nodes, np.flatnonzero(points[:, 0] == 0.0))
+    patches = {"body": Patch("moving", body), **{name: patches[name] for name in ("y0", "y1", "x1")}}
+    model = model_of((points, cells, patches), correction="none")
+    found = moved(model, 0.02, 0.05)
+    assert pair_error(model, found.points) <= 1e-15
+    targets = points[model.roles.moving] + [0.02, 0.05]
+    targets[0, 0] += 0.01
+    with pytest.raises(
+        InvalidInput, match=r"displacements of node \d+ and of node 0, its periodic image, differ by 0.01"
+    ):
+        model.move(points, targets)
+
+
+@pytest.mark.parametrize(
+    ("choice", "said"),
+    [
+        ({"basis": "tps"}, "no compact support"),
+        ({"basis": "gauss"}, "no compact support"),
+        ({"solver": "iterative"}, "solver = 'iterative' is not offered with periodic patches"),
+        ({"polynomial": "linear"}, "polynomial = 'linear' is not offered with periodic patches"),
+    ],
+)
+def test_what_does_not_repeat_is_refused(choice: dict[str, str], said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        model_of(periodic_box("quad", 10), **choice)
+
+
+def test_it_is_bitwise_repeatable() -> None:
+    mesh, shift = MESHES["a sector in space"]
+    first, second = (moved(model_of(mesh, correction_target="maximum"), *shift).points for _ in range(2))
+    assert first.tobytes() == second.tobytes()

@@ -1,0 +1,146 @@
+"""Which periodic patch is the image of which: translations, sectors, orbits, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from periodic_meshes import periodic_box, sector, turn
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.periodic_nodes import PeriodicNodes
+from mesh_motion_server.numerics.periodic_pairs import PeriodicPair, periodic_pairs
+from mesh_motion_server.numerics.rigid_transforms import Transform, generated_group
+from mesh_motion_server.numerics.roles import BoundaryRoles
+
+
+def pairs_of(mesh) -> tuple[PeriodicPair, ...]:
+    points, cells, patches = mesh
+    sides = {name: patch.nodes for name, patch in patches.items() if patch.role == "periodic"}
+    return periodic_pairs(points, boundary_facets(cells), sides)
+
+
+@pytest.mark.parametrize("kind", ["quad", "tetra"])
+def test_opposite_sides_of_a_box_are_a_translation_apart(kind: str) -> None:
+    (pair,) = pairs_of(periodic_box(kind, 5))
+    assert (pair.first, pair.second, pair.error) == ("y0", "y1", 0.0)
+    np.testing.assert_array_equal(pair.transform.shift, np.eye(3)[1][: len(pair.transform.shift)])
+    assert "y0 and y1: " in pair.describe()
+    assert "translation by (0, 1" in pair.describe()
+
+
+def test_a_cube_with_three_pairs_is_not_taken_for_a_sector() -> None:
+    """Neighbouring sides of a cube map onto each other by a quarter turn about their edge."""
+    pairs = pairs_of(periodic_box("hexahedron", 5, axes="xyz"))
+    assert [(pair.first, pair.second) for pair in pairs] == [("x0", "x1"), ("y0", "y1"), ("z0", "z1")]
+    assert not any(pair.transform.turns for pair in pairs)
+
+
+@pytest.mark.parametrize("kind", ["quad", "hexahedron", "tetra"])
+@pytest.mark.parametrize("sectors", [2, 3, 6, 36])
+def test_a_sector_is_a_rotation_by_exactly_its_share(kind: str, sectors: int) -> None:
+    mesh = sector(kind, 5, sectors=sectors)
+    (pair,) = pairs_of(mesh)
+    d = mesh[0].shape[1]
+    found = pair.transform.rotation
+    expected = turn(sectors, d)
+    assert min(np.abs(found - expected).max(), np.abs(found - expected.T).max()) < 1e-14
+    np.testing.assert_allclose(pair.transform.shift, 0.0, atol=1e-14)
+    np.testing.assert_allclose(pair.transform(mesh[0][pair.nodes[:, 0]]), mesh[0][pair.nodes[:, 1]], atol=1e-14)
+    assert pair.describe().endswith(f"nodes each, rotation by 360°/{sectors}")
+
+
+def test_a_sector_anywhere_in_space_is_found() -> None:
+    points, cells, patches = sector("hexahedron", 5)
+    rotation = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    rotation *= np.linalg.det(rotation)
+    (pair,) = pairs_of((points @ rotation.T + [3.0, -2.0, 5.0], cells, patches))
+    assert pair.error < 1e-13
+
+
+def test_nodes_off_by_file_precision_are_still_pairs() -> None:
+    points, cells, patches = sector("quad", 10)
+    (pair,) = pairs_of((points.astype(np.float32).astype(np.float64), cells, patches))
+    assert 0.0 < pair.error < 1e-6
+
+
+@pytest.mark.parametrize("make", [periodic_box, sector])
+def test_a_node_without_an_image_is_named_with_its_distance(make) -> None:
+    points, cells, patches = make("quad", 10)
+    side = patches["y1"].nodes
+    moved = points.copy()
+    moved[side[4]] += 0.01 * (points[side[5]] - points[side[4]])
+    with pytest.raises(
+        InvalidInput, match=r"'y0' \(11 nodes\) and 'y1' \(11 nodes\) do not map onto each other: node \d"
+    ):
+        pairs_of((moved, cells, patches))
+    with pytest.raises(InvalidInput, match=r"\(11 nodes\) and 'y1' \(10 nodes\)") as refusal:
+        pairs_of((points, cells, {**patches, "y1": type(patches["y1"])("periodic", np.delete(side, 3))}))
+    assert refusal.value.details["distance"] > 1e-3
+
+
+def test_a_patch_without_a_partner_is_named() -> None:
+    points, cells, patches = periodic_box("quad", 10)
+    both = type(patches["y0"])("periodic", np.union1d(patches["y0"].nodes, patches["y1"].nodes))
+    with pytest.raises(InvalidInput, match="'sides' has no partner"):
+        pairs_of((points, cells, {"sides": both}))
+
+
+def test_corners_of_a_doubly_periodic_box_are_one_orbit() -> None:
+    mesh = periodic_box("hexahedron", 5, axes="xyz")
+    nodes = PeriodicNodes.of_pairs(mesh[0], pairs_of(mesh))
+    sizes = np.unique(nodes.roots, return_counts=True)[1]
+    assert (np.unique(sizes) == [2, 4, 8]).all()
+    assert (sizes == 8).sum() == 1
+    assert (sizes == 4).sum() == 3 * 4
+    corners = np.flatnonzero(((mesh[0] == 0.0) | (mesh[0] == 1.0)).all(axis=1))
+    assert len(set(nodes.root_of(corners).tolist())) == 1
+    assert nodes.root_of(np.array([len(mesh[0]) // 2]))[0] == len(mesh[0]) // 2
+
+
+def test_a_node_on_the_axis_moves_along_it_only() -> None:
+    points = np.array([[0.0, 0.0, 0.3], [1.0, 0.0, 0.3], [0.0, 1.0, 0.3]])
+    transform = Transform.about(np.zeros(3), np.pi / 2, np.array([0.0, 0.0, 1.0]))
+    pair = PeriodicPair("a", "b", transform, np.array([[0, 0], [1, 2]]), 0.0)
+    nodes = PeriodicNodes.of_pairs(points, [pair])
+    tied = nodes.tied(points + np.array([0.1, 0.2, 0.3]), np.empty(0, dtype=np.int64))
+    np.testing.assert_allclose(tied - points, [[0, 0, 0.3], [0.1, 0.2, 0.3], [-0.2, 0.1, 0.3]], atol=1e-15)
+    np.testing.assert_array_equal(nodes.on_axis, [True, False, False])
+
+
+def test_images_share_coordinates_bitwise() -> None:
+    points, cells, patches = periodic_box("quad", 10)
+    nodes = PeriodicNodes.of_pairs(points, pairs_of((points, cells, patches)))
+    moved = points + np.random.default_rng(0).normal(size=points.shape)
+    tied = nodes.tied(moved, np.empty(0, dtype=np.int64))
+    assert (tied[nodes.members, 0] == tied[nodes.roots, 0]).all()
+    assert np.array_equal(nodes.tied(points, patches["body"].nodes), points)
+
+
+def test_a_pair_of_two_roles_is_refused() -> None:
+    points, cells, patches = periodic_box("quad", 10)
+    patches["x0"] = type(patches["x0"])("fixed", patches["x0"].nodes[1:])
+    with pytest.raises(InvalidInput, match=r"node 10 is fixed but node 0, its periodic image, is periodic"):
+        PeriodicNodes.build(points, cells, patches, BoundaryRoles.from_patches(patches))
+
+
+def test_a_group_closes_or_is_bounded() -> None:
+    quarter = Transform.about(np.array([0.5, 0.5]), np.pi / 2)
+    assert len(generated_group([quarter], 2, 1.0, lambda _: True)) == 4
+    lattice = [Transform.translation(np.array(s)) for s in ([1.0, 0.0], [0.3, 1.0])]
+    near = generated_group(lattice, 2, 1.0, lambda t: float(np.abs(t.shift).max()) < 2.5)
+    assert len(near) == len({tuple(np.round(t.shift, 6)) for t in near}) > 20
+    with pytest.raises(InvalidInput, match="smaller support_radius"):
+        generated_group([Transform.translation(np.array([1e-6]))], 1, 1e-3, lambda _: True)
+
+
+def test_transforms_compose_and_invert() -> None:
+    a = Transform.about(np.array([1.0, 2.0, 0.0]), 0.7, np.array([0.0, 0.6, 0.8]))
+    b = Transform.translation(np.array([0.1, 0.2, 0.3]))
+    x = np.random.default_rng(0).normal(size=(5, 3))
+    np.testing.assert_allclose(b.after(a)(x), b(a(x)), atol=1e-15)
+    np.testing.assert_allclose(a.inverse()(a(x)), x, atol=1e-15)
+    np.testing.assert_array_equal(
+        b.inverse()(b(box_mesh("tetra", 5).points)).round(15), box_mesh("tetra", 5).points.round(15)
+    )
