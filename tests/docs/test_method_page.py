@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from docs.studies.page import DOCS
 
+from docs.studies.page import DOCS
 from mesh_motion_server.numerics.method import CHOICES
 from mesh_motion_server.settings import MethodSettings
 
