@@ -97,8 +97,8 @@ def _words(table: Table) -> str:
     return (
         f"On the wing the combined algorithm ends at {ratio[COMBINED]:.2g} times the full one's error, for {work:.1%} "
         f"of the multiply-adds; one-point corrections alone at {ratio[ONE]:.0f} times. A full solution on the points "
-        f"that those chose still leaves {rows[ONE][anew] / rows[FULL][anew]:.0f} times the full algorithm's error: poor "
-        "coefficients mislead the choice itself, and there solving at the end does not mend it."
+        f"that those chose still leaves {rows[ONE][anew] / rows[FULL][anew]:.0f} times the full algorithm's error: "
+        "poor coefficients mislead the choice itself, and there solving at the end does not mend it."
     )
 
 
