@@ -93,12 +93,13 @@ def _words(table: Table) -> str:
     rows = {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
     last, anew = table.columns[3], table.columns[4]
     ratio = {name: rows[name][last] / rows[FULL][last] for name in rows}
+    choice = rows[ONE][anew] / rows[FULL][anew]
     work = rows[COMBINED]["multiply-adds for weights"] / rows[FULL]["multiply-adds for weights"]
     return (
         f"On the wing the combined algorithm ends at {ratio[COMBINED]:.2g} times the full one's error, for {work:.1%} "
         f"of the multiply-adds; one-point corrections alone at {ratio[ONE]:.0f} times. A full solution on the points "
-        f"that those chose still leaves {rows[ONE][anew] / rows[FULL][anew]:.0f} times the full algorithm's error: "
-        "poor coefficients mislead the choice itself, and there solving at the end does not mend it."
+        f"that those chose still leaves {choice:.0f} times the full algorithm's error: poor "
+        "coefficients mislead the choice itself, and there solving at the end does not mend it."
     )
 
 

@@ -25,8 +25,8 @@ the same, 1e-3                       0.292    0.294      0.293      0.292       
 
 References
 ----------
-T. C. S. Rendall, C. B. Allen, J. Comput. Phys. 228 (2009) 6231–6249, and L. Kedward, C. B. Allen, T. C. S. Rendall,
-J. Comput. Phys. 345 (2017) 732–751 (thesis [28]) correct what a reduced interpolation leaves near the surface.
+L. Kedward, C. B. Allen, T. C. S. Rendall, J. Comput. Phys. 345 (2017) 732–751 (thesis [28]), too make all boundary
+nodes exact by functions of small support.
 """
 
 from __future__ import annotations

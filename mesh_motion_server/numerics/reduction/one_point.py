@@ -35,8 +35,9 @@ __all__ = ["corrected_reduction", "reduce"]
 
 Floats = NDArray[np.float64]
 
-#: Corrections of nodes that are selected already, between two new ones. On a wing of 1500 nodes the error falls no
-#: faster with more of them, and without a bound a tolerance near rounding would never be given up.
+#: Corrections of nodes that are selected already, between two new ones. 400 points on the tapered wing leave 0.0107,
+#: 0.0085, 0.0054, 0.0050, 0.0049 of the displacement with at most 1, 3, 10, 30, 100 of them, for 1, 1.6, 2.8, 4.1, 4.9
+#: times the values of φ; without a bound a tolerance near rounding would never be given up.
 _REVISITS = 10
 #: Points at the first full solution; a power of two.
 _FIRST_CHECK = 16
