@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from correction_cases import CASES, RADIUS, case, stored
+from scipy.sparse import bsr_matrix
 
+from mesh_motion_server.numerics.curvature import corner_blocks
+from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.enrichment import coefficients as module
 from mesh_motion_server.numerics.enrichment.coefficients import (
     RADIUS_CYCLE,
@@ -86,5 +89,34 @@ def test_a_singular_system_is_solved_with_the_smallest_ridge_that_helps() -> Non
     rng = np.random.default_rng(3)
     half = rng.normal(size=(6, 3))
     matrix, right = half @ half.T, rng.normal(size=6)  # of rank 3
-    step = module._solve_scaled(matrix, matrix @ right)
-    np.testing.assert_allclose(matrix @ step, matrix @ right, rtol=1e-6)
+    step = module._solve_scaled(matrix.copy(), matrix @ right)
+    np.testing.assert_allclose(matrix @ step, matrix @ right, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["-0.2, -0.2, +60°", "3D box 0.25 + bend"])
+def test_a_step_is_the_minimiser_of_the_model_within_the_space(name: str) -> None:
+    """Against the dense normal equations in double precision, and the gradient against differences."""
+    problem, mesh = case(name), stored(CASES[name][0]).trial
+    region = mesh.free(~mesh.held)
+    d, norm = problem.start.shape[1], PNorm(8, 2)
+    psi = space_of(name, 5).values(problem.start[region.free])
+    points = problem.start[region.nodes]
+    _, weights = mean_distortion(points, region.simplices, norm)
+    gradient = region.adjacency.gather(distortion_gradient(points, region.simplices, weights, norm))
+    blocks = np.zeros((len(region.simplices), d * d, d * d), dtype=np.float32)
+    corner_blocks(points, region.simplices, weights, norm, blocks)
+    hessian = region.adjacency.assemble(blocks, d)
+    step = module._SpaceSteps(psi)(region.adjacency, hessian, -gradient)
+
+    full = bsr_matrix((hessian, region.adjacency.columns, region.adjacency.row_starts)).toarray()
+    basis = np.kron(np.linalg.qr(psi)[0], np.eye(d))
+    exact = basis @ np.linalg.solve(basis.T @ full @ basis, -basis.T @ gradient.ravel())
+    np.testing.assert_allclose(step.ravel(), exact, atol=2e-3 * np.abs(exact).max())
+
+    coefficients = np.random.default_rng(4).normal(size=(psi.shape[1], d))
+    direction = np.zeros_like(points)
+    direction[: region.n_free] = psi @ coefficients
+    direction /= np.abs(direction).max()
+    h = 1e-6
+    ahead, behind = (mean_distortion(points + sign * h * direction, region.simplices, norm)[0] for sign in (1, -1))
+    assert np.vdot(gradient, direction[: region.n_free]) == pytest.approx((ahead - behind) / (2 * h), rel=1e-6)
