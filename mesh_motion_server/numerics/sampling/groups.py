@@ -1,0 +1,72 @@
+"""Groups of neighbours: runs of equal length along the Morton curve, each inside a ball."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.morton import morton_codes
+
+__all__ = ["Groups", "group_balls", "group_cells"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Every item in one group.
+
+    Attributes
+    ----------
+    order : (m,) int64 array
+        Items sorted by group.
+    starts : (g + 1,) int64 array
+        Group k holds ``order[starts[k]:starts[k + 1]]``.
+    centres : (g, d) array, mesh length unit
+    radii : (g,) array, mesh length unit
+        A ball of this radius about the centre holds all of the group's items.
+    """
+
+    order: Ints
+    starts: Ints
+    centres: Floats
+    radii: Floats
+
+    def __len__(self) -> int:
+        return len(self.radii)
+
+    @property
+    def group_of(self) -> Ints:
+        """(m,) group number of each item."""
+        out = np.empty(len(self.order), dtype=np.int64)
+        out[self.order] = np.repeat(np.arange(len(self)), np.diff(self.starts))
+        return out
+
+
+def group_balls(centres: Floats, radii: Floats, size: int) -> Groups:
+    """Groups of ``size`` (the last may be smaller) of items that fill balls (m, d), (m,)."""
+    order = np.argsort(morton_codes(centres), kind="stable")
+    starts = np.append(np.arange(0, len(order), size), len(order)).astype(np.int64)
+    places = centres[order]
+    middles = 0.5 * (np.minimum.reduceat(places, starts[:-1]) + np.maximum.reduceat(places, starts[:-1]))
+    group = np.repeat(np.arange(len(middles)), np.diff(starts))
+    reach = np.sqrt(np.sum((places - middles[group]) ** 2, axis=1)) + radii[order]
+    return Groups(order, starts, middles, np.maximum.reduceat(reach, starts[:-1]))
+
+
+def group_cells(points: Floats, blocks: list[Ints], size: int) -> Groups:
+    """Groups of cells, given as blocks of node numbers (m_b, n_b) with nodes at points (n, d); whole cells in a ball."""
+    centres = np.concatenate([points[nodes].mean(axis=1) for nodes in blocks])
+    reach = np.empty(len(centres))
+    first = 0
+    for nodes in blocks:
+        rows = slice(first, first + len(nodes))
+        away = np.zeros(len(nodes))
+        for column in nodes.T:
+            away = np.maximum(away, np.sum((points[column] - centres[rows]) ** 2, axis=1))
+        reach[rows] = np.sqrt(away)
+        first += len(nodes)
+    return group_balls(centres, reach, size)
