@@ -66,7 +66,7 @@ def _methods(dimension: int) -> Iterator[Method]:
     for correction in corrections if dimension > 1 else (*corrections, "imposed-gradient"):
         yield Method(support_radius=1.0, correction=correction, quality_threshold=0.6)
     yield Method(support_radius=1.0, correction="none", displacement="reanchored")
-    for predictor in ("centre-gradient", "edge-midpoint-gradient"):
+    for predictor in ("centre-gradient", "edge-midpoint-gradient", "sampled"):
         yield Method(support_radius=1.0, correction="none", predictor=predictor)
     for solver in ("sparse", "iterative"):
         yield Method(support_radius=1.0, correction="none", solver=solver)

@@ -21,7 +21,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "explicit_decomposition": ("eigen", "polar", "svd", "qr"),
     "correction_in_time": ("independent", "smooth"),
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
-    "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient"),
+    "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient", "sampled"),
     "solver": ("auto", "dense", "sparse", "iterative"),
     "reduction": ("none", *REDUCTIONS),
     "volume_reduction": ("none", "enclosing-box", "wall-function", "background-grid"),
@@ -81,7 +81,7 @@ class Method:
     allow_invalid : bool
         Keep a motion that inverts cells instead of refusing it; for studies of the plain method.
     predictor : str
-        How the quality of the standard motion is predicted.
+        How the quality of the standard motion is predicted; "sampled" is exact below the threshold and bounded above.
     solver : str
         How the interpolation system is factorized.
     """

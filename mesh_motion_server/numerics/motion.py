@@ -30,6 +30,7 @@ from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
 from mesh_motion_server.numerics.prediction import predict
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.sampling import ExpandableField, predict_sampled
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
@@ -254,8 +255,26 @@ class MotionModel:
         """Quality of the standard motion by the method's predictor."""
         if self.method.predictor == "trial-nodes":
             return self.summary(trial.points)
+        if self.method.predictor == "sampled":
+            return self._predict_sampled(trial)
         quality = predict(self.method.predictor, trial.start, self.cells, self.reference_sizes, trial.field)
         return summarize(quality, trial.points, self.cells, metric=self.method.quality_metric)
+
+    def _predict_sampled(self, trial: StandardTrial) -> QualitySummary:
+        """Exact below the threshold and at the minimum, bounded elsewhere; in full where a reduction snaps nodes."""
+        reduced = self.method.reduction != "none" or self.method.volume_reduction != "none"
+        single = None if reduced else trial.field.single
+        found = predict_sampled(
+            trial.start,
+            self.cells,
+            self.reference_sizes,
+            None if single is None else ExpandableField(*single),
+            lambda nodes: trial.points[nodes] - trial.start[nodes],
+            metric=self.method.quality_metric,
+            threshold=self.method.quality_threshold,
+            settle="minimum",
+        )
+        return summarize(found.quality, trial.points, self.cells, metric=self.method.quality_metric)
 
     def _correction_settings(self) -> CorrectionSettings:
         method = self.method

@@ -83,6 +83,13 @@ class MotionField:
     stages: tuple[Stage, ...]
     evaluator: Evaluator
 
+    @property
+    def single(self) -> tuple[Interpolant, RigidMotion | None] | None:
+        """The interpolant and the rigid motion of a field that consists of nothing else; None for any other."""
+        stage = self.stages[0]
+        more = len(self.stages) > 1 or stage.further or stage.volume is not None
+        return None if more or type(stage.interpolant) is not Interpolant else (stage.interpolant, stage.rigid)
+
     def displacement(self, points: Floats) -> Floats:
         """(n, d) total displacement of points (n, d), mesh length unit."""
         moved = points

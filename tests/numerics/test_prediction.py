@@ -210,7 +210,7 @@ def test_a_mesh_larger_than_one_batch(monkeypatch):
 
 
 def test_a_method_offers_every_predictor():
-    assert set(CHOICES["predictor"]) == set(PREDICTORS)
+    assert set(CHOICES["predictor"]) == {*PREDICTORS, "sampled"}
 
 
 def test_an_unknown_predictor_is_refused():

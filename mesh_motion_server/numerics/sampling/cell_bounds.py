@@ -7,9 +7,9 @@ Jacobian with columns J_i is off by columns of length δ_i = ε |e_i| at most, a
     |J W⁻¹|_F off by at most √(Σ δ_i²) |W⁻¹|                           (mean ratio)
     Π of the column lengths at most Π (|J_i| + δ_i)                     (angles)
 
-With the least determinants the largest f_k of :mod:`~mesh_motion_server.numerics.corner_kernels` follow, hence the least
-skew n / Σ f_k; with the least and the largest Σ α_k the least size. A cell with a corner that might be inverted has no
-bound (-inf).
+With the least determinants the largest f_k of :mod:`~mesh_motion_server.numerics.corner_kernels` follow, hence the
+least skew n / Σ f_k; with the least and the largest Σ α_k the least size. A cell with a corner that might be inverted
+has no bound (-inf).
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def _determinant(j):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _shape_term(shape, ideal, inverse_norm, j, longer, slack, det):  # type: ignore[no-untyped-def]
-    """f_k of a corner with determinant det; ``slack`` √(Σ δ²) and ``longer`` column lengths |J_i| + δ_i, or 0 and |J_i|."""
+    """f_k of a corner with determinant det: √(Σ δ²) and |J_i| + δ_i for its bound, 0 and |J_i| for its value."""
     d = j.shape[0]
     if shape == MEAN_RATIO:
         square = 0.0
@@ -149,7 +149,19 @@ def _shape_term(shape, ideal, inverse_norm, j, longer, slack, det):  # type: ign
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def _bound(  # type: ignore[no-untyped-def]
-    points, nodes, corners, shape, ideal, inverse_norm, reference, group, middles, coefficients, remainder, modelled, least
+    points,
+    nodes,
+    corners,
+    shape,
+    ideal,
+    inverse_norm,
+    reference,
+    group,
+    middles,
+    coefficients,
+    remainder,
+    modelled,
+    least,
 ):
     """Fill modelled and least (2, m); cells of a group without a remainder (inf) get NaN and -inf."""
     m, n_nodes = nodes.shape

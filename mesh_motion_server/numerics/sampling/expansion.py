@@ -104,6 +104,8 @@ def _psi_tile(x, y, z, cx, cy, cz, inverse_radius, derivatives, tile):  # type: 
     """ψ_1/R², ψ_2/R⁴, ψ_3/R⁶ and y of every centre of a tile; fills ``tile`` (6, TILE)."""
     inverse2 = inverse_radius * inverse_radius
     degree = derivatives.shape[1] - 1
+    one, two, three, along_x, along_y, along_z = tile[0], tile[1], tile[2], tile[3], tile[4], tile[5]
+    inverse4 = inverse2 * inverse2
     for j in range(cx.size):
         dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
         s = (dx * dx + dy * dy + dz * dz) * inverse2
@@ -114,52 +116,74 @@ def _psi_tile(x, y, z, cx, cy, cz, inverse_radius, derivatives, tile):  # type: 
             second = second * xi + derivatives[1, n]
             third = third * xi + derivatives[2, n]
         inside = 1.0 if xi < 1.0 else 0.0
-        per = inside / max(s, _AT_CENTRE * _AT_CENTRE)
-        away = 1.0 if xi > _AT_CENTRE else 0.0
-        tile[0, j] = (first * per if xi > _AT_CENTRE else derivatives[0, 2]) * inverse2
-        tile[1, j] = second * per * per * inverse2 * inverse2 * away
-        tile[2, j] = third * per * per * per * inverse2 * inverse2 * inverse2 * away
-        tile[3, j] = dx
-        tile[4, j] = dy
-        tile[5, j] = dz
+        away = inside if xi > _AT_CENTRE else 0.0
+        per = 1.0 / max(s, _AT_CENTRE * _AT_CENTRE)
+        one[j] = (first * per * inside if xi > _AT_CENTRE else derivatives[0, 2]) * inverse2
+        two[j] = second * per * per * inverse4 * away
+        three[j] = third * per * per * per * inverse4 * inverse2 * away
+        along_x[j], along_y[j], along_z[j] = dx, dy, dz
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _add_tile(tile, weights, d, out):  # type: ignore[no-untyped-def]
-    """Add the derivatives of a tile's centres, times a component's weights, to out (c,)."""
-    count = weights.size
+def _dot2(p, a):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for j in range(p.size):
+        total += p[j] * a[j]
+    return total
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _dot3(p, a, b):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for j in range(p.size):
+        total += p[j] * a[j] * b[j]
+    return total
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _dot4(p, a, b, c):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for j in range(p.size):
+        total += p[j] * a[j] * b[j] * c[j]
+    return total
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _times(p, w, out):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for j in range(p.size):
+        out[j] = p[j] * w[j]
+        total += out[j]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _add_tile(tile, count, weights, scratch, d, out):  # type: ignore[no-untyped-def]
+    """Add the derivatives of a tile's centres, times a component's weights (count,), to out (c,)."""
+    first, second, third = scratch[0, :count], scratch[1, :count], scratch[2, :count]
+    isotropic = _times(tile[0, :count], weights, first)
+    _times(tile[1, :count], weights, second)
+    _times(tile[2, :count], weights, third)
+    along = np.empty(d)
     place = 0
     for a in range(d):
-        total = 0.0
-        for j in range(count):
-            total += weights[j] * tile[0, j] * tile[3 + a, j]
-        out[place] += total
+        along[a] = _dot2(second, tile[3 + a, :count])
+        out[place] += _dot2(first, tile[3 + a, :count])
         place += 1
     for a in range(d):
         for b in range(a, d):
-            total = 0.0
-            for j in range(count):
-                total += weights[j] * tile[1, j] * tile[3 + a, j] * tile[3 + b, j]
-            if a == b:
-                for j in range(count):
-                    total += weights[j] * tile[0, j]
-            out[place] += total
+            out[place] += _dot3(second, tile[3 + a, :count], tile[3 + b, :count]) + (isotropic if a == b else 0.0)
             place += 1
     for a in range(d):
         for b in range(a, d):
             for c in range(b, d):
-                total = 0.0
-                for j in range(count):
-                    total += weights[j] * tile[2, j] * tile[3 + a, j] * tile[3 + b, j] * tile[3 + c, j]
+                total = _dot4(third, tile[3 + a, :count], tile[3 + b, :count], tile[3 + c, :count])
                 if a == b:
-                    for j in range(count):
-                        total += weights[j] * tile[1, j] * tile[3 + c, j]
+                    total += along[c]
                 if b == c:
-                    for j in range(count):
-                        total += weights[j] * tile[1, j] * tile[3 + a, j]
+                    total += along[a]
                 if a == c:
-                    for j in range(count):
-                        total += weights[j] * tile[1, j] * tile[3 + b, j]
+                    total += along[b]
                 out[place] += total
                 place += 1
 
@@ -172,14 +196,12 @@ def _expand(  # type: ignore[no-untyped-def]
     n, k, terms = out.shape
     d = 1 if terms == 3 else (2 if terms == 9 else 3)
     for i in prange(n):
-        tile = np.empty((6, TILE))
+        tile, scratch = np.empty((6, TILE)), np.empty((3, TILE))
         runs = np.empty((MAX_RUNS, 2), dtype=np.int64)
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         for run in range(centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)):
             for a in range(runs[run, 0], runs[run, 1], TILE):
                 b = min(a + TILE, runs[run, 1])
-                _psi_tile(
-                    x, y, z, centres[0, a:b], centres[1, a:b], centres[2, a:b], inverse_radius, derivatives, tile
-                )
+                _psi_tile(x, y, z, centres[0, a:b], centres[1, a:b], centres[2, a:b], inverse_radius, derivatives, tile)
                 for component in range(k):
-                    _add_tile(tile[:, : b - a], weights[component, a:b], d, out[i, component])
+                    _add_tile(tile, b - a, weights[component, a:b], scratch, d, out[i, component])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.morton import morton_codes
 
-__all__ = ["Groups", "group_balls", "group_cells"]
+__all__ = ["Groups", "group_cells", "group_points"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -46,27 +46,24 @@ class Groups:
         return out
 
 
-def group_balls(centres: Floats, radii: Floats, size: int) -> Groups:
-    """Groups of ``size`` (the last may be smaller) of items that fill balls (m, d), (m,)."""
-    order = np.argsort(morton_codes(centres), kind="stable")
-    starts = np.append(np.arange(0, len(order), size), len(order)).astype(np.int64)
-    places = centres[order]
-    middles = 0.5 * (np.minimum.reduceat(places, starts[:-1]) + np.maximum.reduceat(places, starts[:-1]))
-    group = np.repeat(np.arange(len(middles)), np.diff(starts))
-    reach = np.sqrt(np.sum((places - middles[group]) ** 2, axis=1)) + radii[order]
-    return Groups(order, starts, middles, np.maximum.reduceat(reach, starts[:-1]))
+def group_points(points: Floats, size: int) -> Groups:
+    """Groups of ``size`` (the last may be smaller) of points (m, d)."""
+    return group_cells(points, [np.arange(len(points))[:, None]], size)
 
 
 def group_cells(points: Floats, blocks: list[Ints], size: int) -> Groups:
-    """Groups of cells, given as blocks of node numbers (m_b, n_b) with nodes at points (n, d); whole cells in a ball."""
-    centres = np.concatenate([points[nodes].mean(axis=1) for nodes in blocks])
-    reach = np.empty(len(centres))
-    first = 0
+    """Groups of cells, given as blocks of node numbers (m_b, n_b) with nodes at points (n, d), whole in their balls."""
+    order = np.argsort(morton_codes(np.concatenate([points[nodes].mean(axis=1) for nodes in blocks])), kind="stable")
+    starts = np.append(np.arange(0, len(order), size), len(order)).astype(np.int64)
+    low = np.concatenate([points[nodes].min(axis=1) for nodes in blocks])[order]
+    high = np.concatenate([points[nodes].max(axis=1) for nodes in blocks])[order]
+    middles = 0.5 * (np.minimum.reduceat(low, starts[:-1]) + np.maximum.reduceat(high, starts[:-1]))
+    group = np.empty(len(order), dtype=np.int64)
+    group[order] = np.repeat(np.arange(len(middles)), np.diff(starts))
+    furthest, first = np.empty(len(order)), 0
     for nodes in blocks:
         rows = slice(first, first + len(nodes))
-        away = np.zeros(len(nodes))
-        for column in nodes.T:
-            away = np.maximum(away, np.sum((points[column] - centres[rows]) ** 2, axis=1))
-        reach[rows] = np.sqrt(away)
+        away = points[nodes] - middles[group[rows], None]
+        furthest[rows] = np.sqrt(np.sum(away**2, axis=2).max(axis=1))
         first += len(nodes)
-    return group_balls(centres, reach, size)
+    return Groups(order, starts, middles, np.maximum.reduceat(furthest[order], starts[:-1]))

@@ -3,14 +3,14 @@
 1. Neighbouring cells form groups of a given size, each in a ball about its centre.
 2. ∇S, ∇²S and ∇³S at the centre give every cell of the group a quality, and the remainder the least it can be.
 3. Cells whose least quality is below the threshold are evaluated in full: exactly, from the displacements of their
-   nodes. So are those that might be worse than the worst found.
+   nodes. Where the minimum is asked for, so are those that might be worse than the worst found.
 
-With the *certain* bound no cell below the threshold is missed and the minimum is that of the exact prediction, for any
-group size: the size decides the cost only. With the *estimated* one it is cheaper, and not certain.
+With the *certain* bound no cell below the threshold is missed, for any group size: the size decides the cost only.
+With the *estimated* one it is cheaper, and not certain.
 
-What it saves against the thesis' way, one gradient for every cell, is a factor; against the exact prediction, one
-displacement for every *node*, little in 2D and nothing in 3D: a mesh of tetrahedra has five to six times fewer nodes than
-cells, and a step that is taken needs their displacements anyway. It pays where a step is only to be judged.
+Against the exact prediction, one displacement for every *node*, it does not pay on the meshes measured (study "Sampled
+prediction" in docs/thesis.md): a mesh has fewer nodes than cells, a step that is taken needs their displacements
+anyway, and a certain bound has to assume that no weights cancel. It is here to answer the thesis' question.
 """
 
 from __future__ import annotations
@@ -35,14 +35,16 @@ from mesh_motion_server.numerics.sampling.remainder import remainders
 __all__ = ["BOUNDS", "DEFAULT_GROUP_SIZE", "ExpandableField", "SampledQuality", "predict_sampled"]
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Cheapest with the certain bound on the meshes of the study "Sampled prediction" (docs/thesis.md).
-DEFAULT_GROUP_SIZE = 16
+#: About the cheapest with either bound in the study "Sampled prediction" (docs/thesis.md).
+DEFAULT_GROUP_SIZE = 256
 #: A group whose ∇S is known to less than this decides nothing: its cells are evaluated in full at once.
 _HOPELESS = 0.5
 #: Control points nearer than so many radii are bounded even where the rest is estimated.
 _NEAR = 2.0
+_SETTLED = ("threshold", "minimum")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +135,13 @@ def predict_sampled(
     cells: CellTable,
     reference_sizes: Floats,
     field: ExpandableField | None,
-    displacement: Callable[[Floats], Floats],
+    displacement: Callable[[Ints], Floats],
     *,
     metric: str = "size-skew",
     threshold: float = 0.2,
-    group_size: int = DEFAULT_GROUP_SIZE,
+    groups: Groups | int = DEFAULT_GROUP_SIZE,
     bound: str = "certain",
+    settle: str = "threshold",
 ) -> SampledQuality:
     """Quality of every cell after a displacement: exact below the threshold, bounded from below elsewhere.
 
@@ -157,37 +160,45 @@ def predict_sampled(
         What the threshold is about.
     threshold : float
         Every cell that is not known to be at or above it is evaluated in full.
-    group_size : int
-        Cells a group.
+    groups : Groups or int
+        From :func:`~mesh_motion_server.numerics.sampling.groups.group_cells`, to make them once for several
+        predictions from the same positions; or how many cells a group shall have.
     bound : {"certain", "estimated"}
+    settle : {"threshold", "minimum"}
+        Which cells are below the threshold; or also which is the worst of a mesh without such cells, for which more
+        cells are evaluated in full.
 
     Raises
     ------
     InvalidInput
-        On an unknown bound or metric, or a group size below 1.
+        On an unknown bound, metric or thing to settle, or a group size below 1.
     """
     if bound not in BOUNDS:
         raise InvalidInput(f"unknown bound {bound!r}; known are {', '.join(BOUNDS)}")
-    if group_size < 1:
-        raise InvalidInput(f"expected a group size of 1 or more, got {group_size}")
+    if settle not in _SETTLED:
+        raise InvalidInput(f"unknown thing to settle {settle!r}; known are {', '.join(_SETTLED)}")
+    if isinstance(groups, int) and groups < 1:
+        raise InvalidInput(f"expected a group size of 1 or more, got {groups}")
     positions = as_positions(points, cells.dimension)
     if field is None or not field.can_be_expanded:
         return _all_in_full(positions, cells, reference_sizes, displacement, metric)
-    groups = group_cells(positions, [block.nodes for block in cells], group_size)
+    if isinstance(groups, int):
+        groups = group_cells(positions, [block.nodes for block in cells], groups)
     remainder, coefficients = BOUNDS[bound](field, groups)
     quality, least = _by_groups(positions, cells, reference_sizes, groups, coefficients, remainder, metric)
     full = _FullEvaluation(positions, cells, reference_sizes, displacement, metric, quality, least)
     full.evaluate(~(least >= max(threshold, np.finfo(float).tiny)))
-    if not full.done.any():
-        full.evaluate(least == least.min())
-    full.evaluate(~full.done & (least < least[full.done].min()))
+    if settle == "minimum":
+        if not full.done.any():
+            full.evaluate(least == least.min())
+        full.evaluate(~full.done & (least < least[full.done].min()))
     return SampledQuality(
         quality, full.done, least, len(groups), int(np.isfinite(remainder).sum()), int(full.moved.sum())
     )
 
 
 def _all_in_full(
-    points: Floats, cells: CellTable, reference_sizes: Floats, displacement: Callable[[Floats], Floats], metric: str
+    points: Floats, cells: CellTable, reference_sizes: Floats, displacement: Callable[[Ints], Floats], metric: str
 ) -> SampledQuality:
     """The exact prediction in the form of a sampled one."""
     quality = cell_quality(points + displacement(np.arange(len(points))), cells, reference_sizes)
@@ -211,7 +222,7 @@ def _by_groups(
             points, block.type, block.nodes, reference_sizes[rows], group[rows], groups, coefficients, remainder
         )
         size[rows], skew[rows] = modelled
-        least[rows] = CellQuality(*low, inverted=np.zeros(len(block), dtype=bool)).metric(metric)
+        least[rows] = CellQuality(low[0], low[1], np.zeros(len(block), dtype=bool)).metric(metric)
     return CellQuality(size, skew, np.zeros(len(cells), dtype=bool)), least
 
 
@@ -222,7 +233,7 @@ class _FullEvaluation:
     points: Floats
     cells: CellTable
     reference_sizes: Floats
-    displacement: Callable[[Floats], Floats]
+    displacement: Callable[[Ints], Floats]
     metric: str
     quality: CellQuality
     least: Floats

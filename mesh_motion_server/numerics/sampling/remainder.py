@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.sampling.expansion import radial_derivatives
-from mesh_motion_server.numerics.sampling.groups import Groups, group_balls
+from mesh_motion_server.numerics.sampling.groups import Groups, group_points
 from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["remainders"]
@@ -39,7 +39,7 @@ __all__ = ["remainders"]
 Floats = NDArray[np.float64]
 
 #: Control points taken together, at the distance of the nearest of them: the bound costs so much less.
-_CENTRES_TOGETHER = 8
+_CENTRES_TOGETHER = 2
 _STEPS, _COSINES = 4096, 257
 #: E_k is tabulated: the maximum over the cosine is found on a grid, hence to 1/257² of itself.
 _TABLE_SLACK = 1.001
@@ -63,7 +63,7 @@ def remainders(interpolant: Interpolant, groups: Groups, *, near: float) -> Floa
         Operator norm, dimensionless.
     """
     weights = np.sqrt(np.sum(interpolant.weights**2, axis=1))
-    clusters = group_balls(interpolant.control_points, np.zeros(len(weights)), _CENTRES_TOGETHER)
+    clusters = group_points(interpolant.control_points, _CENTRES_TOGETHER)
     totals = np.add.reduceat(weights[clusters.order], clusters.starts[:-1])
     out = np.empty(len(groups))
     with threads_for(float(len(groups)) * len(clusters)):
