@@ -81,7 +81,8 @@ class Method:
     allow_invalid : bool
         Keep a motion that inverts cells instead of refusing it; for studies of the plain method.
     predictor : str
-        How the quality of the standard motion is predicted; "sampled" is exact below the threshold and bounded above.
+        How the quality of the standard motion is predicted; "sampled" is exact below the threshold and at the
+        minimum, and by expansion elsewhere.
     solver : str
         How the interpolation system is factorized.
     """

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 from box_meshes import box_mesh
@@ -148,6 +149,20 @@ def test_a_motion_reports_the_exact_minimum(choices):
     exact = model.move(points, targets).standard
     found = replace(model, method=replace(method, predictor="sampled")).move(points, targets).standard
     assert (found.metric.min, found.inverted, found.worst[0]) == (exact.metric.min, exact.inverted, exact.worst[0])
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_the_same_bits_every_time_and_for_any_number_of_threads(bound):
+    points, cells, interpolant = moved_box("tetra", size=0.05, n=8)
+    before, found = numba.get_num_threads(), []
+    for threads in (1, before, before):
+        numba.set_num_threads(threads)
+        found.append(sampled(points, cells, interpolant, groups=8, bound=bound)[0])
+    numba.set_num_threads(before)
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0].least, other.least)
+        np.testing.assert_array_equal(found[0].quality.size, other.quality.size)
+        np.testing.assert_array_equal(found[0].quality.skew, other.quality.skew)
 
 
 def test_a_mesh_that_is_carried_along_is_as_good_as_it_was():
