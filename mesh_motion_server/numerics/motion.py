@@ -40,6 +40,7 @@ __all__ = ["Motion", "MotionModel"]
 
 #: Halvings of the search for the largest valid fraction of a refused displacement: known to 1/2⁵ ≈ 3 %.
 _FRACTION_HALVINGS = 5
+_JUST_VALID = 0.01  # a threshold: a mesh that is barely valid is no help for the step that follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,19 +331,46 @@ class MotionModel:
     def _acceptable_fraction(
         self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource
     ) -> float:
-        """Largest tested fraction of the displacement since ``committed`` that is accepted, by bisection."""
-        quick = replace(self.method, correction_target="threshold", correction_in_time="independent")
-        model = replace(self, method=quick, smooth=None)
-        origin = committed[self.roles.moving]
+        """Largest tested fraction of the displacement since ``committed`` that is accepted, by bisection.
+
+        A trial of the bisection goes no further than what makes it acceptable: where a mesh below the threshold is
+        accepted, any valid one, which frees the nodes of inverted cells only. What it ends at is tried as a motion of
+        the method itself, and taken back until that accepts it.
+        """
+        threshold = self.method.quality_threshold if self.method.refuse_below_threshold else _JUST_VALID
+        quick = replace(
+            self.method,
+            correction_target="threshold",
+            correction_in_time="independent",
+            quality_threshold=min(threshold, self.method.quality_threshold),
+        )
+        trial = replace(self, method=quick, smooth=None)
         low, high = 0.0, 1.0
         for _ in range(_FRACTION_HALVINGS):
             middle = 0.5 * (low + high)
-            try:
-                model._attempt(committed, origin + middle * (targets - origin), factors)
+            if trial._accepts(middle, committed, targets, factors):
                 low = middle
-            except NumericalError:
+            else:
                 high = middle
+        back = high - low
+        while low > 0.0 and not self._accepts(low, committed, targets, factors):
+            low, back = max(low - back, 0.0), 2.0 * back
         return low
+
+    def _accepts(
+        self,
+        fraction: float,
+        committed: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        factors: FactorSource,
+    ) -> bool:
+        """Whether a fraction of the displacement since ``committed`` would be accepted."""
+        origin = committed[self.roles.moving]
+        try:
+            self._attempt(committed, origin + fraction * (targets - origin), factors)
+        except NumericalError:
+            return False
+        return True
 
 
 def _with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:

@@ -32,6 +32,7 @@ __all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
+_UNTANGLING_DIRECT = 1500  # nor always a half turn, which a larger factorization still does
 _ROWS = 512
 _BLOCKS_PER_THREAD = 50_000  # of the Hessian: a product with fewer is over before another thread has started
 
@@ -51,7 +52,7 @@ class Accuracy:
     floor : float
         Least weight of a corner in the Hessian, of the mean weight; without it a light node has no stiffness.
     direct_unknowns : int
-        Largest system that is factorized; above it conjugate gradients are faster.
+        Largest system that is factorized; above it conjugate gradients are faster, in 2D by twice at 1300 unknowns.
     cg_reduction, cg_iterations : float, int
         Of the conjugate gradients: reduction of the residual, most iterations.
     """
@@ -61,7 +62,7 @@ class Accuracy:
     least_gain: float = 1e-7
     refresh: float = 0.003
     floor: float = FLOOR
-    direct_unknowns: int = 1500
+    direct_unknowns: int = 900
     cg_reduction: float = 0.2
     cg_iterations: int = 60
 
@@ -215,7 +216,7 @@ def _solve(
     untangling: bool,
 ) -> NDArray[np.float64]:
     """The step (f, d) of H (b, d, d) dx = right (f, d)."""
-    if right.size <= accuracy.direct_unknowns:
+    if right.size <= (_UNTANGLING_DIRECT if untangling else accuracy.direct_unknowns):
         matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
         try:
             factor = splu(

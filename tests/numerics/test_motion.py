@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from correction_cases import rigid, stored
 from frame_meshes import rotation, square_frame
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.metrics import cell_quality
 from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import Patch
 
 
 def model_of(mesh=None, **choices) -> MotionModel:
@@ -65,6 +67,27 @@ def test_a_motion_through_the_wall_is_refused_with_the_largest_acceptable_fracti
     rest = model.points[model.roles.moving]
     accepted = model.move(model.points, rest + error.fraction * (targets - rest))
     assert accepted.corrected.inverted == 0
+
+
+# of the last one the bisection's own trial is valid, but not the motion itself, which frees all nodes
+REFUSED = [((0.6, 0.04), -22.0), ((-0.49, 0.34), -65.0), ((0.57, 0.18), 49.0)]
+
+
+@pytest.mark.parametrize(("shift", "degrees"), REFUSED)
+@pytest.mark.parametrize("refuse_below_threshold", [False, True])
+def test_the_fraction_of_a_refusal_is_accepted(
+    shift: tuple[float, float], degrees: float, refuse_below_threshold: bool
+) -> None:
+    mesh = stored("correction_slab")
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    model = model_of((mesh.points, mesh.cells, patches), refuse_below_threshold=refuse_below_threshold)
+    rest = mesh.points[model.roles.moving]
+    targets = rest + rigid(mesh, shift, degrees)[model.roles.moving]
+    with pytest.raises(NumericalError) as refusal:
+        model.move(mesh.points, targets)
+    assert 0.5 < refusal.value.fraction < 1.0
+    accepted = model.move(mesh.points, rest + refusal.value.fraction * (targets - rest))
+    assert accepted.corrected.metric.min >= (0.2 if refuse_below_threshold else 0.0)
 
 
 def test_plain_motion_that_inverts_cells_is_refused_unless_asked_for() -> None:

@@ -9,7 +9,7 @@ from correction_cases import case, moved, rigid, stored
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.free_region import nodes_of_cells
 from mesh_motion_server.numerics.metrics import QUALITY_METRICS, reference_sizes
-from mesh_motion_server.numerics.trial_nodes import SIZE_WEIGHTS, TrialMesh, polish, reach
+from mesh_motion_server.numerics.trial_nodes import LAST_LEVEL, LEVELS, SIZE_WEIGHTS, TrialMesh, polish, reach
 
 # smallest size-skew that all nodes freed reached when this was written, less a twentieth
 BOX_CASES = {
@@ -76,6 +76,28 @@ def test_a_region_without_room_grows() -> None:
     assert sizes == sorted(sizes)
     assert len(set(sizes)) > 1
     assert found.freed < np.count_nonzero(~trial.held)
+
+
+@pytest.mark.parametrize("degrees", [165.0, 180.0, 195.0])
+@pytest.mark.parametrize("name", ["thesis_block", "correction_slab"])
+def test_half_turns_are_untangled(name: str, degrees: float) -> None:
+    """Systems of 1300 unknowns, whose untangling rough steps by conjugate gradients do not always finish."""
+    mesh = stored(name)
+    problem = moved(mesh, rigid(mesh, (-0.1, 0.05), degrees))
+    assert polish(problem.standard, mesh.trial, mesh.trial.free(~mesh.held), target=0.05).minimum >= 0.05
+
+
+def test_the_last_level_is_for_the_maximum_of_regions_that_are_not_dear(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, trial = case("-0.2, -0.2, +60°"), stored("correction_slab").trial
+    region = trial.free(~trial.held)
+    exacting = polish(problem.standard, trial, region)
+    threshold = polish(problem.standard, trial, region, target=0.9)
+    monkeypatch.setitem(polish.__globals__, "_EXACTING_UNKNOWNS", 1000)
+    plain = polish(problem.standard, trial, region)
+    last = [found.history[-1].norm.p for found in (exacting, threshold, plain)]
+    assert last == [LAST_LEVEL.p, LEVELS[-1].p, LEVELS[-1].p]
+    assert exacting.minimum > 1.002 * plain.minimum
+    assert np.array_equal(threshold.points, plain.points)
 
 
 def test_what_is_out_of_reach_gives_the_best_there_is() -> None:
