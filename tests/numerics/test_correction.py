@@ -189,7 +189,7 @@ def test_one_dimension_the_thesis_and_the_optimum() -> None:
     best = correct(problem, settings(**choices))
     assert best.minimum == pytest.approx(0.5)
     enriched = correct(problem, settings("enrichment", target="maximum", **choices))
-    assert enriched.minimum == pytest.approx(0.5, abs=1e-4)  # the size alone counts; what is nearly dependent is left out
+    assert enriched.minimum == pytest.approx(0.5, abs=1e-4)  # nearly dependent functions are left out
     for found in (thesis, best, enriched):
         assert np.array_equal(found.points[problem.held], problem.standard[problem.held])
 
