@@ -49,6 +49,7 @@ class MethodSettings(_Strict):
 
     basis: str = "wendland-c2"
     support_radius: _Length | None = None
+    support_radius_choice: str = "mesh"
     polynomial: str = "auto"
     displacement: str = "relative"
     correction: str = "optimised"

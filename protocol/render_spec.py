@@ -147,7 +147,8 @@ def _states() -> str:
 
 _SETTINGS = {
     "basis": ("str", "the radial basis function, by name"),
-    "support_radius": ("float > 0 or nil", "R, mesh length unit; nil: chosen from the mesh"),
+    "support_radius": ("float > 0 or nil", "R, mesh length unit; nil: chosen"),
+    "support_radius_choice": ("str", "what a radius that is nil is chosen from: the mesh, once, or each motion"),
     "polynomial": ("str", "the linear polynomial beside the basis functions; `auto`: where the basis demands it"),
     "displacement": (
         "str",
@@ -160,7 +161,7 @@ _SETTINGS = {
         "each motion is corrected on its own, or smoothly: no node jumps between steps; needs `optimised` and a "
         "displacement from the reference",
     ),
-    "enrichment_radius": ("float > 0 or nil", "R_l, mesh length unit; nil: the support radius"),
+    "enrichment_radius": ("float > 0 or nil", "R_l, mesh length unit; nil: chosen from the mesh"),
     "quality_metric": ("str", "what the threshold is compared with"),
     "quality_threshold": ("float −1 … 1", "a motion predicted below it is corrected"),
     "max_enrichment_points": ("int 0 … 100000", "bound of the enrichment"),

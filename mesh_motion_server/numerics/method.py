@@ -12,6 +12,7 @@ __all__ = ["CHOICES", "Method"]
 
 #: The named choices and what may be chosen; ``basis`` is checked against the table of basis functions.
 CHOICES: dict[str, tuple[str, ...]] = {
+    "support_radius_choice": ("mesh", "motion"),
     "polynomial": ("auto", "none", "linear"),
     "displacement": ("relative", "absolute", "reanchored"),
     "correction": ("none", "imposed-gradient", "explicit", "enrichment", "optimised"),
@@ -37,7 +38,10 @@ class Method:
     basis : str
         Name of the radial basis function (thesis Tables 2.1, 2.2).
     support_radius : float or None
-        R, mesh length unit; None: chosen from the mesh when the session is built.
+        R, mesh length unit; None: chosen.
+    support_radius_choice : {"mesh", "motion"}
+        What a radius that is not given is chosen from: the mesh, when the session is built; or each motion, which is
+        predicted with four radii and takes the best.
     polynomial : {"auto", "none", "linear"}
         The p of thesis (2.1); "auto": where the basis demands it.
     displacement : {"relative", "absolute", "reanchored"}
@@ -51,7 +55,7 @@ class Method:
         function of the boundary, always active and without either. "smooth" needs the correction "optimised" and a
         displacement from the reference mesh.
     enrichment_radius : float or None
-        R_l, mesh length unit; None: the support radius.
+        R_l, mesh length unit; None: the diameter of the largest ball between the boundaries, at most R.
     quality_metric : str
     quality_threshold : float
         A motion predicted below it is corrected.
@@ -89,6 +93,7 @@ class Method:
 
     basis: str = "wendland-c2"
     support_radius: float | None = None
+    support_radius_choice: str = "mesh"
     polynomial: str = "auto"
     displacement: str = "relative"
     correction: str = "optimised"

@@ -48,10 +48,10 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     Raises
     ------
     InvalidInput
-        On an unknown or unusable basis, a missing shape parameter, a polynomial that the basis or the control points
-        do not admit, a reduction beside a polynomial, a placement of the enrichment points that the correction has not,
-        or a correction that cannot be smooth in time; with periodic patches on a basis without compact support, a
-        polynomial, a reduction, or the solver "iterative".
+        On an unknown or unusable basis, a missing shape parameter, a radius that is both given and to be chosen, a
+        polynomial that the basis or the control points do not admit, a reduction beside a polynomial, a placement of
+        the enrichment points that the correction has not, or a correction that cannot be smooth in time; with periodic
+        patches on a basis without compact support, a polynomial, a reduction, or the solver "iterative".
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1
@@ -65,6 +65,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         )
     if basis.radius_meaning == "shape":
         checked_radius(method.support_radius, basis)
+    if method.support_radius_choice == "motion":
+        _check_choice_from_motion(method, basis)
     linear = chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
     if method.reduction != "none" and linear is not None:
         raise InvalidInput(
@@ -79,12 +81,32 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         _check_periodic(method, basis)
 
 
+def _check_choice_from_motion(method: Method, basis: Basis) -> None:
+    """Refuse a choice of the support radius from the motion where there is none to choose."""
+    if method.support_radius is not None:
+        raise InvalidInput(
+            f"support_radius_choice = 'motion': expected no support_radius, got {method.support_radius!r}",
+            hint="leave support_radius out, or support_radius_choice",
+        )
+    if basis.radius_meaning != "support":
+        raise InvalidInput(
+            f"support_radius_choice = 'motion': the basis {basis.name!r} has no support radius",
+            hint="leave support_radius_choice out, or use basis = 'wendland-c2'",
+        )
+
+
 def _check_smooth(method: Method) -> None:
     """Refuse what a correction that is a function of the boundary alone cannot be combined with."""
     if method.correction != "optimised":
         raise InvalidInput(
             f"correction_in_time = 'smooth': expected correction 'optimised', got {method.correction!r}",
             hint="set correction = 'optimised', or correction_in_time = 'independent'",
+        )
+    if method.support_radius_choice == "motion":
+        raise InvalidInput(
+            "correction_in_time = 'smooth': expected support_radius_choice 'mesh', got 'motion', with which nodes jump "
+            "where another radius becomes the best",
+            hint="leave support_radius_choice out",
         )
     if method.displacement == "relative":
         raise InvalidInput(

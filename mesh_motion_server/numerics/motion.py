@@ -24,16 +24,18 @@ from mesh_motion_server.numerics.correction import (
 )
 from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
-from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
+from mesh_motion_server.numerics.mesh_check import check_mesh
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
 from mesh_motion_server.numerics.prediction import predict
+from mesh_motion_server.numerics.radius_choice import PredictedMotion, best_predicted, with_other_radii
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.sampling import ExpandableField, predict_sampled
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.numerics.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["Motion", "MotionModel"]
@@ -63,6 +65,8 @@ class Motion:
         ``{"factorization": "reused" | "made"}``.
     control_points : (nc,) int64 array
         Nodes that the standard motion was interpolated from.
+    support_radius : float
+        R of the standard motion, mesh length unit.
     warnings : list of str
     """
 
@@ -74,6 +78,7 @@ class Motion:
     seconds: dict[str, float]
     caches: dict[str, str]
     control_points: NDArray[np.int64]
+    support_radius: float
     warnings: list[str]
 
 
@@ -94,6 +99,8 @@ class MotionModel:
     held : (n,) bool array
         Nodes on the boundary or on a patch, which no correction may move.
     standard_motion : StandardMotion
+    other_radii : tuple of StandardMotion
+        The same with other support radii, where the radius is chosen from each motion.
     constraint : BoundaryConstraint or None
         Which of the held nodes the optimised correction may move nevertheless, and how.
     warnings : tuple of str
@@ -114,6 +121,7 @@ class MotionModel:
     warnings: tuple[str, ...]
     evaluator: Evaluator
     smooth: SmoothInTime | None = None
+    other_radii: tuple[StandardMotion, ...] = ()
 
     @classmethod
     def build(
@@ -136,7 +144,7 @@ class MotionModel:
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
-        method = _with_radii(method, points, roles)
+        given, method = method, _with_radii(method, points, roles)
         evaluator = evaluator or LocalEvaluator()
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
@@ -158,6 +166,9 @@ class MotionModel:
             tuple(warnings),
             evaluator,
             smooth,
+            with_other_radii(standard_motion, given.enrichment_radius)
+            if method.support_radius_choice == "motion"
+            else (),
         )
 
     def summary(self, points: NDArray[np.float64]) -> QualitySummary:
@@ -206,9 +217,14 @@ class MotionModel:
     def _attempt(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource) -> Motion:
         """One motion, accepted or refused."""
         watch = Stopwatch()
-        standard = self.standard_motion.trial(committed, targets, factors, watch)
-        with watch.phase("predict"):
-            predicted = self._predict(standard)
+
+        def predicted_with(motion: StandardMotion) -> PredictedMotion:
+            trial = motion.trial(committed, targets, factors, watch)
+            with watch.phase("predict"):
+                return PredictedMotion(motion, trial, self._predict(trial))
+
+        chosen = best_predicted([predicted_with(motion) for motion in (self.standard_motion, *self.other_radii)])
+        standard = chosen.trial
         near = self._near(standard, committed, factors, watch)
         with watch.phase("correct"):
             correction = correct(
@@ -225,7 +241,7 @@ class MotionModel:
                     smooth=self.smooth,
                     near=near,
                 ),
-                self._correction_settings(),
+                self._correction_settings(float(chosen.motion.method.enrichment_radius or 0.0)),
             )
         with watch.phase("predict"):
             corrected = self.summary(correction.points)
@@ -233,13 +249,14 @@ class MotionModel:
         self._refuse_unacceptable(corrected, reached)
         return Motion(
             points=correction.points,
-            standard=predicted,
+            standard=chosen.quality,
             corrected=corrected,
             correction=correction,
             reached=reached,
             seconds=watch.seconds(),
             caches={"factorization": "reused" if standard.reused else "made"},
             control_points=standard.control_points,
+            support_radius=float(chosen.motion.method.support_radius or 0.0),
             warnings=[*self._reduction_warnings(standard), *self._warnings(corrected, reached)],
         )
 
@@ -277,14 +294,14 @@ class MotionModel:
         )
         return summarize(found.quality, trial.points, self.cells, metric=self.method.quality_metric)
 
-    def _correction_settings(self) -> CorrectionSettings:
+    def _correction_settings(self, enrichment_radius: float) -> CorrectionSettings:
         method = self.method
         return CorrectionSettings(
             correction=method.correction,
             quality_metric=method.quality_metric,
             quality_threshold=method.quality_threshold,
             target=method.correction_target,
-            enrichment_radius=float(method.enrichment_radius or 0.0),
+            enrichment_radius=enrichment_radius,
             max_enrichment_points=method.max_enrichment_points,
             enrichment_function=method.enrichment_function,
             enrichment_placement=method.enrichment_placement,
@@ -378,5 +395,7 @@ def _with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRole
     radius = method.support_radius
     if radius is None:
         radius = suggest_support_radius(points, roles)
-    enrichment_radius = method.enrichment_radius if method.enrichment_radius is not None else radius
+    enrichment_radius = method.enrichment_radius
+    if enrichment_radius is None:
+        enrichment_radius = suggest_enrichment_radius(points, roles, radius)
     return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)

@@ -61,6 +61,7 @@ def correction_report(motion: Any) -> dict[str, Any]:
         "iterations": int(correction.iterations),
         "reached": bool(motion.reached),
         "control_points": len(motion.control_points),
+        "support_radius": float(motion.support_radius),
     }
 
 

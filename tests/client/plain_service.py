@@ -64,6 +64,7 @@ class PlainModel:
             seconds={"total": 0.0},
             caches={"factorization": "made"},
             control_points=np.arange(len(committed)),
+            support_radius=1.0,
             warnings=["a warning"],
         )
 

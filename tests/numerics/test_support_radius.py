@@ -6,7 +6,7 @@ import pytest
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import factorize
 from mesh_motion_server.numerics.roles import BoundaryRoles
-from mesh_motion_server.numerics.support_radius import suggest_support_radius
+from mesh_motion_server.numerics.support_radius import suggest_enrichment_radius, suggest_support_radius
 
 NONE = np.empty(0, dtype=np.int64)
 
@@ -41,3 +41,21 @@ def test_a_far_field_hundreds_of_bodies_away_leaves_a_matrix_that_can_be_solved(
     interpolant = factorize(points, support_radius=radius).solve(displacement)
     found = LocalEvaluator().displacement(interpolant, points)
     assert found == pytest.approx(displacement, abs=1e-9)
+
+
+def test_the_enrichment_radius_is_the_diameter_of_the_largest_ball_between_the_boundaries():
+    axis = np.linspace(0.0, 1.0, 41)
+    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    boundary = np.flatnonzero((np.abs(points - 0.5).max(axis=1) > 0.499) | (np.abs(points - 0.5).max(axis=1) < 0.1))
+    held = BoundaryRoles(boundary, NONE, NONE, NONE)
+    expected = 2 * np.linalg.norm(points[:, None] - points[boundary], axis=2).min(axis=1).max()
+    assert suggest_enrichment_radius(points, held, 2.5) == pytest.approx(expected, rel=0.05)
+    assert suggest_enrichment_radius(1e-3 * points, held, 2.5) == pytest.approx(1e-3 * expected, rel=0.05)
+
+
+def test_the_enrichment_radius_is_no_larger_than_the_support_radius_and_never_zero():
+    line = np.linspace(0, 1, 11)[:, None]
+    ends = BoundaryRoles(np.array([0, 10]), NONE, NONE, NONE)
+    assert suggest_enrichment_radius(line, ends, 2.5) == 1.0
+    assert suggest_enrichment_radius(line, ends, 0.3) == 0.3
+    assert suggest_enrichment_radius(line, roles(11), 2.5) == 2.5

@@ -96,6 +96,7 @@ class StandIn:
             seconds={"total": 0.0},
             caches={"factorization": "reused" if reused else "made"},
             control_points=np.arange(len(committed)),
+            support_radius=1.0,
             warnings=[],
         )
 
