@@ -55,6 +55,7 @@ class MethodSettings(_Strict):
     correction: str = "optimised"
     correction_target: str = "auto"
     correction_in_time: str = "independent"
+    sub_steps: str = "auto"
     enrichment_radius: _Length | None = None
     quality_metric: str = "size-skew"
     quality_threshold: Annotated[float, Field(ge=-1, le=1)] = 0.2

@@ -161,6 +161,10 @@ _SETTINGS = {
         "each motion is corrected on its own, or smoothly: no node jumps between steps; needs `optimised` and a "
         "displacement from the reference",
     ),
+    "sub_steps": (
+        "str",
+        "lead the mesh to its targets in several corrected legs: where the motion would be refused, never, or always",
+    ),
     "enrichment_radius": ("float > 0 or nil", "R_l, mesh length unit; nil: chosen from the mesh"),
     "quality_metric": ("str", "what the threshold is compared with"),
     "quality_threshold": ("float −1 … 1", "a motion predicted below it is corrected"),

@@ -47,6 +47,8 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("correction", "", "one of none, imposed-gradient, explicit, enrichment, optimised"),
         ("correction_target", "best", "one of auto, threshold, maximum"),
         ("correction_in_time", "always", "one of independent, smooth"),
+        ("sub_steps", 4, "a valid string"),
+        ("sub_steps", "on", "one of auto, never, always"),
         ("quality_metric", "aspect", "one of size-skew"),
         ("predictor", "none", "one of trial-nodes"),
         ("enrichment_function", "H4", "one of auto, H1, H2, H3"),

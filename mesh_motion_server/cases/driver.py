@@ -35,6 +35,8 @@ class Reply:
     enrichment_points, freed_nodes : int
     seconds : dict of str to float
     warnings : list of str
+    sub_steps : int
+        Legs in which the mesh was led there.
     """
 
     displacement: FloatArray
@@ -44,6 +46,7 @@ class Reply:
     freed_nodes: int
     seconds: Mapping[str, float]
     warnings: list[str]
+    sub_steps: int = 1
 
 
 class Driver(Protocol):
@@ -115,6 +118,7 @@ class _Session:
             freed_nodes=int(moved.correction.get("freed_nodes", 0)),
             seconds=moved.seconds,
             warnings=list(moved.warnings),
+            sub_steps=int(moved.correction.get("sub_steps", 1)),
         )
 
     def commit(self) -> None:

@@ -184,6 +184,7 @@ class _Run:
             seconds_predict=seconds["predict"],
             seconds_correct=seconds["correct"],
             seconds_displace=seconds["displace"],
+            sub_steps=moved.sub_steps,
         )
 
     def _move(self, step: int, displacement: FloatArray) -> Reply:

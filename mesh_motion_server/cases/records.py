@@ -43,6 +43,8 @@ class StepRecord:
         Wall time of the step as the driver sees it: all iterations, the wire and the commit.
     seconds_solve, seconds_predict, seconds_correct, seconds_displace : float
         The server's phases, all iterations together.
+    sub_steps : int
+        Legs in which the server led the mesh there in the last iteration; 1 for a single step.
     """
 
     step: int
@@ -62,6 +64,7 @@ class StepRecord:
     seconds_predict: float
     seconds_correct: float
     seconds_displace: float
+    sub_steps: int = 1
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:

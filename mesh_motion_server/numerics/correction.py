@@ -109,6 +109,9 @@ class CorrectionProblem:
         The prepared correction of this mesh, for ``in_time`` "smooth"; made anew by default.
     near : (n, d) array, mesh length unit, optional
         Positions near the corrected ones, from which ``in_time`` "smooth" begins: only the time depends on them.
+    valid : (n, d) array, mesh length unit, optional
+        A valid mesh with the held nodes where ``standard`` has them, where one was found already: ``optimised`` begins
+        from it instead of untangling ``standard``, and the other corrections leave it as it is.
     """
 
     start: Floats
@@ -122,6 +125,12 @@ class CorrectionProblem:
     constraint: NodeConstraint | None = None
     smooth: SmoothInTime | None = None
     near: Floats | None = None
+    valid: Floats | None = None
+
+    @property
+    def begin(self) -> Floats:
+        """Where a correction that is not smooth in time begins (n, d)."""
+        return self.standard if self.valid is None else self.valid
 
 
 @dataclass(frozen=True)
@@ -257,14 +266,16 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
     if settings.in_time == "smooth":
         return _smooth_in_time(problem, settings, mesh)
-    quality = mesh.quality(p.standard)
-    if settings.correction == "none" or quality.min() >= _goal(settings):
-        return _judged(problem, settings, _Found(p.standard), "none", quality)
-    with one_blas_thread():
-        found = CORRECTIONS[settings.correction](problem, settings, mesh)
+    quality = mesh.quality(p.begin)
+    if settings.correction == "none" or (p.valid is None and quality.min() >= _goal(settings)):
+        return _judged(problem, settings, _Found(p.begin), "none", quality)
+    found = _Found(p.begin)
+    if p.valid is None or settings.correction == "optimised":
+        with one_blas_thread():
+            found = CORRECTIONS[settings.correction](problem, settings, mesh)
     corrected = mesh.quality(found.points)
     if corrected.min() < quality.min():  # a method may fail; the mesh never gets worse by it
-        found, corrected = _Found(p.standard), quality
+        found, corrected = _Found(p.begin), quality
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
     return _judged(problem, settings, found, settings.correction, corrected)
@@ -277,7 +288,7 @@ def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, me
     with one_blas_thread():
         smooth = problem.smooth or SmoothInTime.build(mesh)
         travelled = travel(mesh.reference, problem.standard, mesh.held)
-        found = smooth.correct(problem.standard, travelled, problem.near)
+        found = smooth.correct(problem.standard, travelled, problem.near, problem.valid)
     corrected = mesh.quality(found.points)
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
@@ -337,16 +348,16 @@ def _goal(settings: CorrectionSettings) -> float:
 def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
     """Free trial nodes: all for the maximum, a growing region for the threshold."""
     if problem.start.shape[1] == 1:
-        return _Found(equal_stretch(problem.standard, mesh), freed_nodes=int(np.count_nonzero(~mesh.held)))
+        return _Found(equal_stretch(problem.begin, mesh), freed_nodes=int(np.count_nonzero(~mesh.held)))
     mesh = mesh.released(problem.constraint)
-    if mesh.held.all() or not _could_be_valid(problem.standard, mesh):
-        return _Found(problem.standard)
+    if mesh.held.all() or not _could_be_valid(problem.begin, mesh):
+        return _Found(problem.begin)
     target = _target(problem, settings)
     found: Polished
     if np.isfinite(target):
-        found = reach(problem.standard, mesh, target)
+        found = reach(problem.begin, mesh, target)
     else:
-        found = polish(problem.standard, mesh, mesh.free(~mesh.held))
+        found = polish(problem.begin, mesh, mesh.free(~mesh.held))
     return _Found(found.points, None, found.freed, found.iterations, found.history)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.reduction import REDUCTIONS
+from mesh_motion_server.numerics.sub_steps import SUB_STEPS
 
 __all__ = ["CHOICES", "Method"]
 
@@ -21,6 +22,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "enrichment_placement": ("auto", "spread", "minima", "boundary", "middle"),
     "explicit_decomposition": ("eigen", "polar", "svd", "qr"),
     "correction_in_time": ("independent", "smooth"),
+    "sub_steps": SUB_STEPS,
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient", "sampled"),
     "solver": ("auto", "dense", "sparse", "iterative"),
@@ -54,6 +56,9 @@ class Method:
         Each motion is corrected on its own, as far as the threshold and the target ask, or the correction is a smooth
         function of the boundary, always active and without either. "smooth" needs the correction "optimised" and a
         displacement from the reference mesh.
+    sub_steps : {"auto", "never", "always"}
+        Lead the mesh to its targets in legs, each corrected (:mod:`~mesh_motion_server.numerics.sub_steps`): where the
+        corrected motion would be refused, never, or always. A motion without correction is never cut.
     enrichment_radius : float or None
         R_l, mesh length unit; None: the diameter of the largest ball between the boundaries, at most R.
     quality_metric : str
@@ -99,6 +104,7 @@ class Method:
     correction: str = "optimised"
     correction_target: str = "auto"
     correction_in_time: str = "independent"
+    sub_steps: str = "auto"
     enrichment_radius: float | None = None
     quality_metric: str = "size-skew"
     quality_threshold: float = 0.2

@@ -50,8 +50,9 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a radius that is both given and to be chosen, a
         polynomial that the basis or the control points do not admit, a reduction beside a polynomial, a placement of
-        the enrichment points that the correction has not, or a correction that cannot be smooth in time; with periodic
-        patches on a basis without compact support, a polynomial, a reduction, or the solver "iterative".
+        the enrichment points that the correction has not, a correction that cannot be smooth in time, or sub-steps
+        without a correction; with periodic patches on a basis without compact support, a polynomial, a reduction, or
+        the solver "iterative".
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1
@@ -77,6 +78,11 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     check_placement(method.correction, method.enrichment_placement, points.shape[1])
     if method.correction_in_time == "smooth":
         _check_smooth(method)
+    if method.sub_steps == "always" and method.correction == "none":
+        raise InvalidInput(
+            "sub_steps = 'always' corrects every sub-step, got correction 'none'",
+            hint="set another correction, or sub_steps = 'auto'",
+        )
     if periodic:
         _check_periodic(method, basis)
 

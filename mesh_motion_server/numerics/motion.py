@@ -6,13 +6,14 @@ moves before a motion is accepted: an unacceptable one raises with the best that
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
@@ -35,6 +36,7 @@ from mesh_motion_server.numerics.sampling import ExpandableField, predict_sample
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.numerics.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_server.numerics.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
@@ -68,6 +70,8 @@ class Motion:
     support_radius : float
         R of the standard motion, mesh length unit.
     warnings : list of str
+    sub_steps : int
+        Legs in which the mesh was led there; 1 for a direct motion.
     """
 
     points: NDArray[np.float64]
@@ -80,6 +84,7 @@ class Motion:
     control_points: NDArray[np.int64]
     support_radius: float
     warnings: list[str]
+    sub_steps: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +205,7 @@ class MotionModel:
         """
         factors = MakeEachTime() if factors is None else factors  # an empty cache is falsy
         try:
-            return self._attempt(committed, targets, factors)
+            return self._directly_or_in_sub_steps(committed, targets, factors)
         except NumericalError as refusal:
             fraction = self._acceptable_fraction(committed, targets, factors)
             raise NumericalError(
@@ -214,8 +219,82 @@ class MotionModel:
                 details=refusal.details,
             ) from refusal
 
-    def _attempt(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource) -> Motion:
-        """One motion, accepted or refused."""
+    def _directly_or_in_sub_steps(
+        self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource
+    ) -> Motion:
+        """One motion, led through valid meshes where the method says so and one step does not do."""
+        if self.method.sub_steps == "always":
+            return self._in_sub_steps(committed, targets, factors)
+        try:
+            return self._attempt(committed, targets, factors)
+        except NumericalError as refusal:
+            if self.method.sub_steps == "never" or self.method.correction == "none":
+                raise
+            return self._in_sub_steps(committed, targets, factors, refusal)
+
+    def _in_sub_steps(
+        self,
+        committed: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        factors: FactorSource,
+        direct: NumericalError | None = None,
+    ) -> Motion:
+        """Lead the mesh to the targets in legs, then correct it there as the method asks; ``direct`` failed before."""
+        watch = Stopwatch()
+        start = committed if self.method.displacement == "relative" else self.points
+        with watch.phase("correct"):
+            furthest = self._led(start, targets, factors)
+        refusal = direct or furthest.refusal
+        if furthest.fraction < 1.0 and refusal is not None:
+            raise NumericalError(
+                f"{refusal.message}; in {furthest.legs} sub-steps the mesh was kept valid for "
+                f"{furthest.fraction:.3g} of the way",
+                best=refusal.best,
+                cells=refusal.cells,
+                details=refusal.details,
+            )
+        motion = self._attempt(committed, targets, factors, valid=furthest.points)
+        iterations = furthest.iterations + motion.correction.iterations
+        led = watch.seconds()
+        return replace(
+            motion,
+            sub_steps=furthest.legs,
+            correction=replace(motion.correction, iterations=iterations),
+            seconds={**motion.seconds, "correct": led["correct"] + motion.seconds["correct"], "total": led["total"]},
+        )
+
+    def _led(self, start: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource) -> Walk:
+        """The mesh ``start`` (n, d) led along the first way on which it stays valid, or else as far as possible."""
+        method = replace(
+            self.method,
+            displacement="relative",
+            correction_target="threshold",
+            correction_in_time="independent",
+            refuse_below_threshold=False,
+        )
+        motion = replace(self.standard_motion, method=method)
+        model = replace(self, method=method, standard_motion=motion, other_radii=(), smooth=None)
+
+        def move(points: NDArray[np.float64], waypoint: NDArray[np.float64]) -> Leg:
+            found = model._attempt(points, waypoint, factors if points is start else MakeEachTime())
+            return Leg(found.points, found.standard.inverted == 0, found.correction.iterations)
+
+        return furthest_walk(start, (way.at for way in self._ways(start[self.roles.moving], targets)), move)
+
+    def _ways(self, origin: NDArray[np.float64], targets: NDArray[np.float64]) -> Iterator[Way]:
+        """Ways for the moving nodes (k, d); periodic ones have to go alike, which a scaled displacement does."""
+        if self.standard_motion.periodic is not None:
+            return iter([straight_way(origin, targets)])
+        return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
+
+    def _attempt(
+        self,
+        committed: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        factors: FactorSource,
+        valid: NDArray[np.float64] | None = None,
+    ) -> Motion:
+        """One motion, accepted or refused; its correction begins from a ``valid`` mesh (n, d) where one is known."""
         watch = Stopwatch()
 
         def predicted_with(motion: StandardMotion) -> PredictedMotion:
@@ -225,7 +304,7 @@ class MotionModel:
 
         chosen = best_predicted([predicted_with(motion) for motion in (self.standard_motion, *self.other_radii)])
         standard = chosen.trial
-        near = self._near(standard, committed, factors, watch)
+        near = self._near(standard, committed, factors, watch) if valid is None else None
         with watch.phase("correct"):
             correction = correct(
                 CorrectionProblem(
@@ -240,6 +319,7 @@ class MotionModel:
                     constraint=self.constraint,
                     smooth=self.smooth,
                     near=near,
+                    valid=valid,
                 ),
                 self._correction_settings(float(chosen.motion.method.enrichment_radius or 0.0)),
             )

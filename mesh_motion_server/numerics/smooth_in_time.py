@@ -89,7 +89,9 @@ class SmoothInTime:
         jump = active.correct(mesh.reference, math.inf).points - mesh.reference
         return replace(active, onset=_ONSET * float(np.sqrt(np.max(np.sum(jump * jump, axis=1)))))
 
-    def correct(self, standard: Floats, travelled: float, start: Floats | None = None) -> Polished:
+    def correct(
+        self, standard: Floats, travelled: float, start: Floats | None = None, valid: Floats | None = None
+    ) -> Polished:
         """The corrected positions.
 
         Parameters
@@ -100,6 +102,8 @@ class SmoothInTime:
             |u|, see :func:`travel`.
         start : (n, d) array, mesh length unit, optional
             Where to begin; only the time depends on it.
+        valid : (n, d) array, mesh length unit, optional
+            A valid mesh, where one is known: ``standard`` need not be untangled.
 
         Returns
         -------
@@ -111,21 +115,23 @@ class SmoothInTime:
         weight = PENALTY * (1.0 + (self.onset / travelled) ** 2)
         term = QuadraticTerm(standard[self.region.free], weight * self.stiffness)
         with threads_for(len(self.region.simplices) // _CORNERS_PER_THREAD):
-            local, history = self._settle(standard, start, term)
+            local, history = self._settle(standard, start, valid, term)
         moved = standard.copy()
         moved[self.region.free] = local[: self.region.n_free]
         minimum = float(self.mesh.quality(moved).min())
         history = [stage._replace(minimum=minimum) for stage in history]
         return Polished(moved, minimum, self.region.n_free, sum(stage.iterations for stage in history), tuple(history))
 
-    def _settle(self, standard: Floats, start: Floats | None, term: QuadraticTerm) -> tuple[Floats, list[Stage]]:
+    def _settle(
+        self, standard: Floats, start: Floats | None, valid: Floats | None, term: QuadraticTerm
+    ) -> tuple[Floats, list[Stage]]:
         """The minimum's positions (l, d), and what was descended."""
         levels: tuple[PNorm, ...] = (*_OPENING, _LEVEL)
         local = standard[self.region.nodes]
         if start is not None and self._distortion(start[self.region.nodes]) < self._distortion(local):
             local, levels = start[self.region.nodes], (_LEVEL,)
         elif determinants(local, self.region.simplices).min() <= _BARRIER:
-            local = untangle(local, self.region, self.mesh.metric)
+            local = untangle(local if valid is None else valid[self.region.nodes], self.region, self.mesh.metric)
         history = []
         for level in levels:
             norm, iterations, accuracy = self._level(level)

@@ -62,6 +62,7 @@ def correction_report(motion: Any) -> dict[str, Any]:
         "reached": bool(motion.reached),
         "control_points": len(motion.control_points),
         "support_radius": float(motion.support_radius),
+        "sub_steps": int(motion.sub_steps),
     }
 
 

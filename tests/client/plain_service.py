@@ -65,6 +65,7 @@ class PlainModel:
             caches={"factorization": "made"},
             control_points=np.arange(len(committed)),
             support_radius=1.0,
+            sub_steps=1,
             warnings=["a warning"],
         )
 

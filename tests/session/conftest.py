@@ -97,6 +97,7 @@ class StandIn:
             caches={"factorization": "reused" if reused else "made"},
             control_points=np.arange(len(committed)),
             support_radius=1.0,
+            sub_steps=1,
             warnings=[],
         )
 

@@ -1,0 +1,108 @@
+"""Sub-steps: a large motion in legs, each corrected before the next begins, so that the mesh is valid all the way.
+
+One step takes most motions, far rotations included. Where it ends in a mesh that cannot be untangled, the mesh is led
+there: every leg starts from the valid mesh of the one before and moves the boundary a little further along its way
+(:mod:`.body_paths`). The length of a leg follows what happens: a leg that fails is halved, after one whose plain
+interpolation inverts no cell it is doubled. No choice depends on the time it takes or on earlier motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput, NumericalError
+
+__all__ = ["SUB_STEPS", "Leg", "Walk", "furthest_walk", "walk"]
+
+Floats = NDArray[np.float64]
+
+SUB_STEPS = ("auto", "never", "always")
+
+_FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 64
+_MOST_TRIES = 48
+
+
+class Leg(NamedTuple):
+    """A leg that ended in a valid mesh (n, d): was it easy, and the iterations of its correction."""
+
+    points: Floats
+    easy: bool
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """How far the mesh was led.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+        The last valid mesh.
+    fraction : float
+        Of the way; 1 at its end.
+    legs, tries : int
+        Legs that ended in a valid mesh; all, with those that failed.
+    iterations : int
+        Of the corrections of the legs.
+    refusal : NumericalError or None
+        Of the last leg that failed.
+    """
+
+    points: Floats
+    fraction: float
+    legs: int
+    tries: int
+    iterations: int
+    refusal: NumericalError | None
+
+
+def furthest_walk(
+    start: Floats, ways: Iterable[Callable[[float], Floats]], move: Callable[[Floats, Floats], Leg]
+) -> Walk:
+    """The walk along the first way that leads to its end, or of all the one that leads furthest; see :func:`walk`."""
+    furthest: Walk | None = None
+    for way in ways:
+        found = walk(start, way, move)
+        if furthest is None or found.fraction > furthest.fraction:
+            furthest = found
+        if furthest.fraction == 1.0:
+            break
+    if furthest is None:
+        raise InvalidInput("expected at least one way, got none")
+    return furthest
+
+
+def walk(start: Floats, way: Callable[[float], Floats], move: Callable[[Floats, Floats], Leg]) -> Walk:
+    """Lead a mesh along a way, as far as valid meshes are found.
+
+    Parameters
+    ----------
+    start : (n, d) array, mesh length unit
+        A valid mesh, at fraction 0.
+    way : callable
+        Fraction → (k, d) positions of the moving nodes.
+    move : callable
+        (mesh (n, d), positions (k, d)) → :class:`Leg`; raises NumericalError where no valid mesh is found.
+    """
+    points, fraction, length = start, 0.0, _FIRST
+    legs = tries = iterations = 0
+    refusal = None
+    while fraction < 1.0 and length >= _SHORTEST and tries < _MOST_TRIES:
+        tries += 1
+        further = min(fraction + length, 1.0)  # sums of powers of two: exact
+        try:
+            leg = move(points, way(further))
+        except NumericalError as error:
+            refusal = error
+            length /= 2.0
+            continue
+        points, fraction = leg.points, further
+        legs, iterations = legs + 1, iterations + leg.iterations
+        if leg.easy:
+            length = min(2.0 * length, _LONGEST)
+    return Walk(points, fraction, legs, tries, iterations, refusal)

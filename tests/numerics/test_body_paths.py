@@ -1,0 +1,111 @@
+"""The ways of the moving boundary: every body turns on its own, seams stay together, the ends are exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from correction_cases import squeezed, stored
+from frame_meshes import rotation, square_frame
+
+from mesh_motion_server.numerics.body_paths import moving_bodies, straight_way, ways
+from mesh_motion_server.numerics.cells import CellTable
+
+
+def distances(points: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(points[:, None] - points, axis=2)
+
+
+def test_two_blocks_are_two_bodies() -> None:
+    mesh = stored("correction_two_blocks")
+    bodies = moving_bodies(mesh.cells, mesh.body)
+    assert len(bodies) == 2
+    assert np.array_equal(np.sort(np.concatenate([body.rows for body in bodies])), np.arange(len(mesh.body)))
+    for body in bodies:
+        x = mesh.points[mesh.body[body.rows], 0]
+        assert (x < 0.5).all() or (x > 0.5).all()
+        assert len(body.seam) == 0
+
+
+@pytest.mark.parametrize("kind", ["quad", "hexahedron", "tetra", "hexahedron + wedge"])
+def test_a_body_in_a_box_is_one(kind: str) -> None:
+    mesh = box_mesh(kind, 5)
+    (body,) = moving_bodies(mesh.cells, mesh.body)
+    assert np.array_equal(body.rows, np.arange(len(mesh.body)))
+
+
+def test_nodes_inside_the_mesh_belong_together() -> None:
+    points, cells, _ = square_frame(10)
+    inside = np.flatnonzero(np.all((points > 0.05) & (points < 0.35), axis=1))
+    (body,) = moving_bodies(cells, inside)
+    assert np.array_equal(body.rows, np.arange(len(inside)))
+
+
+def test_nodes_of_a_line_go_straight() -> None:
+    lines = CellTable.from_arrays({"line": np.column_stack([np.arange(6), np.arange(1, 7)])})
+    bodies = moving_bodies(lines, np.array([0, 6]))
+    assert [body.rows.tolist() for body in bodies] == [[0], [1]]
+    origin, targets = np.array([[0.0], [6.0]]), np.array([[1.0], [5.0]])
+    (way,) = ways(origin, targets, bodies)
+    assert way.at(0.25).tolist() == [[0.25], [5.75]]
+
+
+def test_every_body_turns_as_a_rigid_one_and_the_ends_are_bitwise() -> None:
+    mesh = stored("correction_two_blocks")
+    origin = mesh.points[mesh.body]
+    bodies = moving_bodies(mesh.cells, mesh.body)
+    targets = origin.copy()
+    for body, degrees in zip(bodies, (170.0, -60.0), strict=True):
+        centre = origin[body.rows].mean(axis=0)
+        targets[body.rows] = (origin[body.rows] - centre) @ rotation(degrees).T + centre + (0.05, 0.0)
+    found = list(ways(origin, targets, bodies))
+    assert len(found) == 3
+    for way in found:
+        assert way.at(0.0).tobytes() == origin.tobytes()
+        assert way.at(1.0).tobytes() == targets.tobytes()
+        np.testing.assert_allclose(way.at(1.0 - 1e-12), targets, atol=1e-10)
+    for way, turned in ((found[0], (85.0, -30.0)), (found[1], (-95.0, -30.0))):
+        half = way.at(0.5)
+        for body, degrees in zip(bodies, turned, strict=True):
+            before, after = origin[body.rows], half[body.rows]
+            np.testing.assert_allclose(distances(after), distances(before), atol=1e-12)
+            edge = (before[1] - before[0]) @ rotation(degrees).T
+            np.testing.assert_allclose(after[1] - after[0], edge, atol=1e-12)
+    np.testing.assert_allclose(found[2].at(0.5), 0.5 * (origin + targets))
+
+
+def test_without_a_rotation_there_is_only_the_straight_way() -> None:
+    mesh = stored("correction_two_blocks")
+    origin = mesh.points[mesh.body]
+    targets = origin + squeezed(mesh, 0.1)[mesh.body]
+    (way,) = ways(origin, targets, moving_bodies(mesh.cells, mesh.body))
+    assert np.array_equal(way.at(0.5), straight_way(origin, targets).at(0.5))
+
+
+def flap() -> tuple[np.ndarray, CellTable, np.ndarray]:
+    """Squares [0, 8] × [0, 8] around a flap of one square's thickness that stands on the floor; its nodes move."""
+    n, axis = 8, np.arange(9.0)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    keep = ~((i == 4) & (j < 4))
+    corner = (i * (n + 1) + j)[keep]
+    quads = np.column_stack([corner, corner + n + 1, corner + n + 2, corner + 1])
+    used, numbers = np.unique(quads, return_inverse=True)
+    points = points[used]
+    moving = np.flatnonzero((points[:, 0] >= 4) & (points[:, 0] <= 5) & (points[:, 1] <= 4))
+    return points, CellTable.from_arrays({"quad": numbers.reshape(-1, 4)}), moving
+
+
+def test_a_body_that_hangs_on_the_wall_turns_about_its_seam() -> None:
+    points, cells, moving = flap()
+    (body,) = moving_bodies(cells, moving)
+    origin = points[moving]
+    assert origin[body.seam].tolist() == [[4.0, 0.0], [5.0, 0.0]]
+    x, y = origin.T
+    angle = np.deg2rad(40.0) * y / 4.0  # bent, the more the higher, about the middle of the seam
+    targets = np.column_stack([4.5 + (x - 4.5) * np.cos(angle) + y * np.sin(angle), y * np.cos(angle)])
+    targets[:, 1] -= (x - 4.5) * np.sin(angle)
+    way = next(iter(ways(origin, targets, (body,))))
+    for fraction in (0.25, 0.5, 0.75):
+        drift = np.linalg.norm(way.at(fraction)[body.seam] - origin[body.seam], axis=1)
+        assert drift.max() < 0.03

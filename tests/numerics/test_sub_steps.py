@@ -1,0 +1,239 @@
+"""Sub-steps: legs adapt, far motions become valid, what cannot be is refused, and easy motions are not touched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from correction_cases import REFERENCES, stored
+from frame_meshes import rotation
+
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.sub_steps import Leg, furthest_walk, walk
+
+
+def box_model(kind: str = "quad", **choices) -> MotionModel:
+    mesh = box_mesh(kind, 5 if kind == "tetra" else 10)
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    return MotionModel.build(mesh.points, mesh.cells, patches, Method(**{"support_radius": 0.5, **choices}))
+
+
+def turned(model: MotionModel, degrees: float, shift: float = 0.0) -> np.ndarray:
+    """The body rotated about the centre (in 3D about the z axis), then shifted along x."""
+    x = model.points[model.roles.moving] - 0.5
+    x[:, :2] = x[:, :2] @ rotation(degrees).T
+    x[:, 0] += shift
+    return x + 0.5
+
+
+@cache
+def passing(bodies: str) -> dict[str, np.ndarray]:
+    with np.load(REFERENCES / f"passing_{bodies}.npz") as data:
+        return dict(data)
+
+
+def passed(bodies: str, shift: float, **choices) -> tuple[MotionModel, np.ndarray]:
+    """Two bodies, and where they are when each has moved past the other by ``shift``."""
+    data = passing(bodies)
+    names = {"outer": "fixed", "upper": "moving", "lower": "moving"}
+    patches = {name: Patch(role, data[f"patch_{name}"]) for name, role in names.items()}
+    cells = CellTable.from_arrays({"triangle": data["cells_triangle"]})
+    model = MotionModel.build(data["points"], cells, patches, Method(**choices))
+    points = model.points.copy()
+    points[data["patch_upper"], 0] += shift
+    points[data["patch_lower"], 0] -= shift
+    return model, points[model.roles.moving]
+
+
+class Line:
+    """A mesh of one number; a move fails when it is longer than allowed at the place."""
+
+    def __init__(self, longest: float, blocked: float = 2.0, easy: bool = True) -> None:
+        self.longest, self.blocked, self.easy, self.tried = longest, blocked, easy, []
+
+    def move(self, points: np.ndarray, target: np.ndarray) -> Leg:
+        self.tried.append((float(points[0, 0]), float(target[0, 0])))
+        if target[0, 0] - points[0, 0] > self.longest or target[0, 0] > self.blocked:
+            raise NumericalError("too far")
+        return Leg(target, self.easy, 3)
+
+    def walk(self):
+        return walk(np.zeros((1, 1)), lambda fraction: np.full((1, 1), fraction), self.move)
+
+
+class TestWalk:
+    def test_easy_legs_grow(self) -> None:
+        line = Line(1.0)
+        found = line.walk()
+        assert line.tried == [(0.0, 0.25), (0.25, 0.75), (0.75, 1.0)]
+        assert (found.fraction, found.legs, found.tries, found.iterations) == (1.0, 3, 3, 9)
+
+    def test_hard_legs_do_not(self) -> None:
+        assert Line(1.0, easy=False).walk().legs == 4
+
+    def test_a_leg_that_fails_is_halved(self) -> None:
+        line = Line(0.1, easy=False)
+        found = line.walk()
+        assert line.tried[:3] == [(0.0, 0.25), (0.0, 0.125), (0.0, 0.0625)]
+        assert (found.fraction, found.legs, found.tries) == (1.0, 16, 18)
+        assert found.points[0, 0] == 1.0
+
+    def test_it_gets_as_close_to_an_obstacle_as_the_shortest_leg(self) -> None:
+        found = Line(1.0, blocked=0.7).walk()
+        assert 0.7 - 1 / 64 < found.fraction <= 0.7
+        assert found.tries < 20
+
+    def test_the_tries_are_bounded(self) -> None:
+        found = Line(1 / 64).walk()
+        assert found.tries == 48
+        assert found.fraction < 1.0
+
+    def test_where_no_leg_succeeds_the_start_is_left(self) -> None:
+        found = Line(0.001).walk()
+        assert (found.fraction, found.legs, found.tries) == (0.0, 0, 5)
+        assert found.points[0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "degrees", "at_least"),
+    [("quad", 180.0, 0.45), ("quad + triangle", 180.0, 0.17), ("hexahedron", 180.0, 0.6)],
+)
+def test_half_a_turn_in_one_move(kind: str, degrees: float, at_least: float) -> None:
+    model = box_model(kind)
+    targets = turned(model, degrees)
+    with pytest.raises(NumericalError, match="no valid mesh found"):
+        box_model(kind, sub_steps="never").move(model.points, targets)
+    motion = model.move(model.points, targets)
+    assert motion.sub_steps > 1
+    assert motion.corrected.metric.min > at_least
+    quality = cell_quality(motion.points, model.cells, model.reference_sizes)
+    assert not quality.inverted.any()
+    assert quality.metric("size-skew").min() == motion.corrected.metric.min
+    assert motion.standard.inverted > 0  # what one plain step would have done
+    assert np.array_equal(motion.points[model.roles.moving], targets)
+    assert np.array_equal(motion.points[model.roles.fixed], model.points[model.roles.fixed])
+
+
+@pytest.mark.parametrize(
+    ("bodies", "shift", "at_least"), [("blocks", 0.5, 0.03), ("blocks", 0.7, 0.06), ("ellipses", 1.0, 0.13)]
+)
+def test_bodies_pass_each_other(bodies: str, shift: float, at_least: float) -> None:
+    model, targets = passed(bodies, shift)
+    motion = model.move(model.points, targets)
+    assert motion.corrected.metric.min > at_least
+    always, _ = passed(bodies, shift, sub_steps="always")
+    assert always.move(model.points, targets).corrected.metric.min > at_least
+
+
+def test_a_squeeze_to_a_tenth_of_the_gap_is_valid_directly_and_in_sub_steps() -> None:
+    mesh = stored("thesis_block")
+    for sub_steps in ("never", "always"):
+        patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+        method = Method(support_radius=0.5, sub_steps=sub_steps)
+        model = MotionModel.build(mesh.points, mesh.cells, patches, method)
+        gap = model.points[model.roles.moving, 0].min()
+        motion = model.move(model.points, turned(model, 0.0, -0.9 * gap))
+        assert motion.corrected.metric.min > 0.06
+
+
+def test_a_mesh_that_is_only_carried_stays_as_it_is() -> None:
+    mesh = stored("correction_slab")
+    patches = {"all": Patch("moving", np.flatnonzero(mesh.held))}
+    model = MotionModel.build(mesh.points, mesh.cells, patches, Method(support_radius=0.5, sub_steps="always"))
+    motion = model.move(model.points, turned(model, 180.0))
+    assert motion.sub_steps == 3
+    assert motion.correction.iterations > 0  # asked for the maximum, the mesh at rest is bettered too
+    plain = replace(model, method=replace(model.method, correction_target="threshold"))
+    carried = plain.move(model.points, turned(model, 180.0)).points
+    np.testing.assert_allclose(carried, 1.0 - model.points, atol=1e-13)
+
+
+def test_an_easy_motion_is_the_same_with_and_without() -> None:
+    auto, never = box_model(), box_model(sub_steps="never")
+    for degrees in (10.0, 100.0):
+        targets = turned(auto, degrees)
+        first, second = auto.move(auto.points, targets), never.move(auto.points, targets)
+        assert np.array_equal(first.points, second.points)
+        assert first.sub_steps == second.sub_steps == 1
+
+
+def test_the_same_question_gets_the_same_answer_bitwise() -> None:
+    model = box_model()
+    targets = turned(model, 180.0)
+    first, second = (model.move(model.points, targets).points for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+@pytest.mark.parametrize("in_time", ["independent", "smooth"])
+def test_from_the_reference_mesh_the_way_does_not_matter(in_time: str) -> None:
+    model = box_model(displacement="absolute", correction_in_time=in_time)
+    targets = turned(model, 180.0)
+    straight = model.move(model.points, targets)
+    assert straight.sub_steps > 1
+    assert straight.corrected.metric.min > 0.15
+    elsewhere = model.move(model.points, turned(model, 30.0, 0.1)).points
+    assert np.array_equal(model.move(elsewhere, targets).points, straight.points)
+
+
+@pytest.mark.parametrize(("correction", "at_least"), [("explicit", 1e-3), ("enrichment", 0.15)])
+def test_every_correction_goes_in_sub_steps(correction: str, at_least: float) -> None:
+    mesh = stored("thesis_block")
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    method = Method(correction=correction, sub_steps="always")
+    model = MotionModel.build(mesh.points, mesh.cells, patches, method)
+    motion = model.move(model.points, turned(model, 180.0))
+    assert motion.sub_steps >= 3
+    assert motion.corrected.metric.min > at_least
+
+
+def test_through_the_wall_is_refused_with_how_far_it_went() -> None:
+    model = box_model()
+    with pytest.raises(NumericalError) as refusal:
+        model.move(model.points, turned(model, 0.0, 0.7))
+    error = refusal.value
+    assert "sub-steps the mesh was kept valid for 0.562 of the way" in error.message
+    assert 0.5 < error.fraction < 0.4 / 0.7
+    assert error.cells
+    assert error.best <= 0.0
+
+
+def test_an_asked_for_threshold_is_refused_after_sub_steps_too() -> None:
+    model, targets = passed("blocks", 0.5, refuse_below_threshold=True)
+    with pytest.raises(NumericalError, match=r"minimum size-skew 0\.0\d+ stays below the threshold"):
+        model.move(model.points, targets)
+
+
+def test_sub_steps_without_a_correction_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="sub_steps = 'always' corrects every sub-step"):
+        box_model(correction="none", sub_steps="always")
+    model = box_model(correction="none")
+    with pytest.raises(NumericalError) as refusal:
+        model.move(model.points, turned(model, 180.0))
+    assert "sub-steps" not in refusal.value.message
+
+
+def test_the_first_way_that_leads_to_its_end_is_taken() -> None:
+    lines = [Line(1.0, blocked=b) for b in (0.5, 0.3, 2.0, 2.0)]
+
+    def move(points: np.ndarray, target: np.ndarray) -> Leg:
+        return lines[round(float(target[0, 1]))].move(points, target)
+
+    def places(number: int):
+        return lambda fraction: np.array([[fraction, float(number)]])
+
+    start = np.zeros((1, 2))
+    assert furthest_walk(start, [places(i) for i in range(4)], move).points.tolist() == [[1.0, 2.0]]
+    assert lines[3].tried == []
+    blocked = furthest_walk(start, [places(0), places(1)], move)
+    assert blocked.fraction == 0.5
+    assert blocked.refusal is not None
+    with pytest.raises(InvalidInput, match="at least one way"):
+        furthest_walk(start, [], move)
