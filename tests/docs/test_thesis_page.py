@@ -1,0 +1,207 @@
+"""docs/thesis.md is true of the repository: names resolve, links lead somewhere, no equation and no study is missing.
+
+Each check returns what is wrong with a text, so that it can be held against a text with a seeded error too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from docs.studies.catalogue import names
+from docs.studies.page import DOCS
+
+PAGE = (DOCS / "thesis.md").read_text(encoding="utf-8")
+ROOT = DOCS.parent
+
+#: The last number of each chapter of the thesis.
+EQUATIONS = [f"{c}.{n}" for c, last in {2: 15, 3: 30, 4: 11, 5: 17, 6: 1}.items() for n in range(1, last + 1)]
+FIGURES = {1: 3, 2: 10, 3: 15, 4: 20, 5: 18}
+TABLES = {1: 1, 2: 4, 4: 1, 5: 7}
+
+_LINK = re.compile(r"\[(?P<label>[^\[\]]+)\]\((?P<target>[^()\s]+)\)")
+_DOTTED = re.compile(r"`((?:numerics|docs|mesh_motion_server)(?:\.\w+)+)`")
+
+
+def resolved(dotted: str) -> tuple[ModuleType, Any]:
+    """The module and the object of a dotted name; "numerics" is that of the server.
+
+    Raises
+    ------
+    AttributeError
+        If a module has no such thing.
+    """
+    parts = (f"mesh_motion_server.{dotted}" if dotted.startswith("numerics.") else dotted).split(".")
+    module, rest = import_module(parts[0]), parts[1:]
+    while rest:
+        try:
+            module = import_module(f"{module.__name__}.{rest[0]}")
+        except ModuleNotFoundError:
+            break
+        rest = rest[1:]
+    found: Any = module
+    for part in rest:
+        found = getattr(found, part)
+    return module, found
+
+
+def section(text: str, heading: str) -> str:
+    """From a heading of the second level to the next one."""
+    return text.split(f"\n## {heading}\n")[1].split("\n## ", maxsplit=1)[0]
+
+
+def rows(text: str) -> Iterator[list[str]]:
+    """Cells of each line of the Markdown tables, headings too."""
+    for line in text.splitlines():
+        if line.startswith("| ") and not line.startswith("| ---"):
+            yield [cell.strip() for cell in line.strip("| ").split(" | ")]
+
+
+def expanded(cell: str) -> set[str]:
+    """The numbers of "2.4–2.8", "(3.10)–(3.12)", "4.1, 4.2", "A.1"."""
+    plain = cell.replace("(", "").replace(")", "")
+    out = set(re.findall(r"\b[A1-6]\.\d+", plain))
+    for chapter, first, last in re.findall(r"(\d)\.(\d+)–\1\.(\d+)", plain):
+        out |= {f"{chapter}.{n}" for n in range(int(first), int(last) + 1)}
+    return out
+
+
+def unresolved_names(text: str) -> list[str]:
+    wrong = []
+    for dotted in sorted(set(_DOTTED.findall(text))):
+        try:
+            resolved(dotted)
+        except AttributeError:
+            wrong.append(dotted)
+    return wrong
+
+
+def misplaced_names(text: str) -> list[str]:
+    """Names whose link leads to another file than the one they stand in."""
+    linked = [(m["label"].strip("`"), m["target"]) for m in _LINK.finditer(text) if _DOTTED.fullmatch(m["label"])]
+    return [name for name, target in linked if (DOCS / target).resolve() != Path(str(resolved(name)[0].__file__))]
+
+
+def dead_links(text: str) -> list[str]:
+    """Files and headings that do not exist."""
+    wrong = []
+    for target in {m["target"] for m in _LINK.finditer(text) if "://" not in m["target"]}:
+        file, _, anchor = target.partition("#")
+        path = DOCS / file if file else DOCS / "thesis.md"
+        if not path.exists() or (anchor and anchor not in anchors(path.read_text(encoding="utf-8"))):
+            wrong.append(target)
+    return sorted(wrong)
+
+
+def anchors(text: str) -> set[str]:
+    """As GitHub makes them of headings."""
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def unknown_tests(text: str) -> list[str]:
+    """Tests that are not in the file that they link to."""
+    linked = [(m["label"], DOCS / m["target"]) for m in _LINK.finditer(text) if m["label"].startswith("test_")]
+    return [name for name, file in linked if f"\ndef {name}(" not in file.read_text(encoding="utf-8")]
+
+
+def missing_equations(text: str) -> list[str]:
+    """Equations that are not in the index once, with a function and a study."""
+    index = section(text, "Where each equation is")
+    told = [row[0].strip("()") for row in rows(index) if len(row) == 4 and "`" in row[2] and "](" in row[3]]
+    return [number for number in EQUATIONS if told.count(number) != 1]
+
+
+def unnumbered_docstrings(text: str) -> list[str]:
+    """Equations whose number, as "(3.9)" or in a range of such, is in no file of their functions."""
+    wrong = []
+    for number, _, functions, *_ in rows(section(text, "Where each equation is")):
+        if not re.fullmatch(r"\(\d\.\d+\)", number):
+            continue
+        files = {str(resolved(name)[0].__file__) for name in _DOTTED.findall(functions)}
+        source = " ".join(Path(file).read_text(encoding="utf-8") for file in files)
+        said = set().union(*map(expanded, re.findall(r"\(\d\.\d+\)(?:–\(\d\.\d+\))?", source)))
+        if number.strip("()") not in said:
+            wrong.append(number)
+    return wrong
+
+
+def missing_figures(text: str) -> list[str]:
+    """Figures, tables and algorithms that the index says nothing of."""
+    index = section(text, "Where each equation is")
+    words = " ".join(row[0] for row in rows(index)) + index.rstrip().splitlines()[-1]
+    told = {
+        kind: set().union(*map(expanded, re.findall(rf"{kind}s? ((?:[A1-6]\.\d+(?:–|, | and )?)+)", words)))
+        for kind in ("Fig", "Table")
+    }
+    figures = [f"{c}.{n}" for c, last in FIGURES.items() for n in range(1, last + 1)] + ["A.1", "A.2"]
+    tables = [f"{c}.{n}" for c, last in TABLES.items() for n in range(1, last + 1)]
+    wrong = [f"Fig {n}" for n in figures if n not in told["Fig"]]
+    wrong += [f"Table {n}" for n in tables if n not in told["Table"]]
+    return wrong + ([] if "Algorithm 1" in words else ["Algorithm 1"])
+
+
+def missing_studies(text: str) -> list[str]:
+    """Studies of the thesis that neither the eight rows nor the index name, or whose block is missing."""
+    told = section(text, "The eight rows") + section(text, "Where each equation is")
+    return [
+        name
+        for name in names("thesis")
+        if f"[{name}](studies/thesis/{name}.py)" not in told or f"<!-- study: {name} -->" not in text
+    ]
+
+
+def incomplete_rows(text: str) -> list[str]:
+    """Of the eight rows and the errors: without a function, a study or a test."""
+    eight = list(rows(section(text, "The eight rows")))[1:]
+    wrong = [row[0] for row in eight if len(row) != 5 or not ("`" in row[2] and "](" in row[3] and "test_" in row[4])]
+    wrong += [] if [row[0] for row in eight] == list("12345678") else ["the rows' numbers"]
+    errors = [row for row in rows(section(text, "Errors of the print")) if row[0] != "where"]
+    return wrong + [row[0] for row in errors if len(row) != 4 or "](" not in row[3]]
+
+
+CHECKS: tuple[Callable[[str], list[str]], ...] = (
+    unresolved_names,
+    misplaced_names,
+    dead_links,
+    unknown_tests,
+    missing_equations,
+    unnumbered_docstrings,
+    missing_figures,
+    missing_studies,
+    incomplete_rows,
+)
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_the_page_is_true(check: Callable[[str], list[str]]) -> None:
+    assert check(PAGE) == []
+
+
+@pytest.mark.parametrize(
+    ("check", "right", "wrong", "found"),
+    [
+        (unresolved_names, "`numerics.decomposition.qr`", "`numerics.decomposition.rq`", "numerics.decomposition.rq"),
+        (misplaced_names, "/numerics/decomposition.py", "/numerics/metrics.py", "numerics.decomposition.eigen"),
+        (dead_links, "studies/thesis/volume_reduction.py", "studies/volume.py", "studies/volume.py"),
+        (dead_links, "beyond.md)", "beyond.md#nowhere)", "beyond.md#nowhere"),
+        (unknown_tests, "[test_known_skews]", "[test_unknown_skews]", "test_unknown_skews"),
+        (missing_equations, "| (3.16) |", "| (3.61) |", "3.16"),
+        (missing_equations, "| (4.8) |", "| (4.7) |", "4.7"),
+        (unnumbered_docstrings, "| (2.9) |", "| (3.9) |", "(3.9)"),
+        (missing_figures, "Figs 4.14–4.19", "Figs 4.14–4.18", "Fig 4.19"),
+        (missing_figures, "Table 5.6, Fig 5.13", "Fig 5.13", "Table 5.6"),
+        (missing_studies, "[volume_reduction](", "[volume](", "volume_reduction"),
+        (missing_studies, "<!-- study: fig_2_7_error_peaks -->", "", "fig_2_7_error_peaks"),
+        (incomplete_rows, "| 4 | Volume", "| 5 | Volume", "the rows' numbers"),
+    ],
+)
+def test_a_seeded_error_is_found(check: Callable[[str], list[str]], right: str, wrong: str, found: str) -> None:
+    assert right in PAGE
+    assert found in check(PAGE.replace(right, wrong))
