@@ -2,7 +2,8 @@
 
 Every quality metric and predictor works on *corner simplices*: a corner k of a cell with the nodes (k, a, b[, c]) has
 the Jacobian ``A_k`` whose columns are the edges ``x_a - x_k, x_b - x_k[, x_c - x_k]``; ``det A_k > 0`` in a valid
-cell. A simplex needs one corner, since all of its corners have the same determinant.
+cell. A simplex needs one corner, since all of its corners have the same determinant. In the thesis it is (3.5), of a
+triangle (3.15)–(3.17), a quad (3.23), a tetrahedron (3.25), a hexahedron (3.29), for which Table 2.4 is right.
 
 Node order is VTK's, except that a wedge's corners are listed so that the *volume* is positive for the order of Gmsh,
 SU2 and CGNS (first triangle seen anticlockwise from the second one).

@@ -1,6 +1,6 @@
 """What the deformation B = I + J of a cell says about it: eigen, polar, singular value and QR decomposition.
 
-J = ∇S is the gradient of the displacement at the cell, so ``A_new = B A`` for its corner Jacobians (thesis 5.7, §5.2).
+J = ∇S is the gradient of the displacement at the cell, so ``A_new = B A`` for its corner Jacobians: thesis (5.7), §5.2.
 
 =========  ==================  ==================================================================================
 function   B =                 what it says
@@ -99,7 +99,7 @@ class QR(NamedTuple):
 
 
 def deformation(gradient: Floats) -> Floats:
-    """B = I + J of displacement gradients (…, d, d)."""
+    """B = I + J of displacement gradients (…, d, d), thesis (5.7)."""
     return np.asarray(gradient + np.eye(gradient.shape[-1]))
 
 
@@ -122,7 +122,7 @@ def svd(B: Floats) -> SVD:
 
 
 def polar(B: Floats) -> Polar:
-    """Rotation and stretch of B (m, d, d), thesis (5.10)."""
+    """The nearest rotation, as (5.11) has it, and the stretch of B (m, d, d), thesis (5.10)."""
     left, stretches, right = svd(B)
     right_t = np.swapaxes(right, -1, -2)
     return Polar(left @ right_t, (right * stretches[:, None, :]) @ right_t)

@@ -52,7 +52,7 @@ class LocalEvaluator:
         self._threads = checked_threads(threads)
 
     def displacement(self, interpolant: Interpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, k) values at (n, d) points.
+        """(n, k) values at (n, d) points, thesis (2.5).
 
         Raises
         ------

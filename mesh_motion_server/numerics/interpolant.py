@@ -1,7 +1,8 @@
 """Interpolation of boundary displacements by radial basis functions (thesis §2.1), set-up apart from solve.
 
 :func:`factorize` prepares the matrix of thesis (2.4) for one set of control points; its :class:`Factorization` gives an
-:class:`Interpolant` for each set of values. Coupling iterations of one time step share the factorization.
+:class:`Interpolant` for each set of values, which it meets (2.2). Coupling iterations of one time step share the
+factorization.
 
 References
 ----------

@@ -45,7 +45,7 @@ class Basis:
     formula, derivative : str
         φ(ξ) and φ'(ξ); for compact functions on 0 ≤ ξ ≤ 1, zero beyond.
     compact : bool
-        Zero for r > R.
+        Zero for r > R, thesis (2.7).
     definiteness : str
         Of the matrix φ(|x_i − x_j|) of distinct points in up to three dimensions; "conditionally" means on the vectors
         orthogonal to polynomials of degree < ``order``.

@@ -1,11 +1,11 @@
-"""The quality after many steps, without moving the mesh in between (thesis 3.8–3.12).
+"""The quality after many steps, without moving the mesh in between (thesis (3.8)–(3.12)).
 
 Each step i has its own displacement field S^i, defined where the mesh is after the steps before it. The ratio of sizes
-over all steps telescopes, so that in one dimension ``f = Π_i (1 + ∇S^i)`` (thesis 3.12). In more dimensions the
+over all steps telescopes, so that in one dimension ``f = Π_i (1 + ∇S^i)`` (thesis (3.12)). In more dimensions the
 factors are matrices, and their order counts: ``B = (I + ∇S^n) … (I + ∇S^1) (I + ∇S^0)``, the latest on the left.
 
 The thesis leaves open where ∇S^i is taken. It must be the *same piece of material* in every step: the cell's centre at
-the start, carried along by the fields (``x^(i+1) = x^i + S^i(x^i)``, thesis 3.2, for one point a cell instead of all
+the start, carried along by the fields (``x^(i+1) = x^i + S^i(x^i)``, thesis (3.2), for one point a cell instead of all
 nodes). By the chain rule B is then exactly the gradient of the motion as a whole, and the prediction over many steps
 has the error of a prediction over one: nothing adds up from step to step.
 
@@ -64,7 +64,7 @@ class AccumulatedGradients:
         return AccumulatedGradients(self.places + field.displacement(self.places), deformation)
 
     def quality(self, points: Floats, cells: CellTable, reference_sizes: Floats) -> CellQuality:
-        """Predicted quality of all cells: A^(n+1) = B A^0 (thesis 3.20 with the B of all steps).
+        """Predicted quality of all cells: A^(n+1) = B A^0 (thesis (3.20) with the B of all steps).
 
         Parameters
         ----------

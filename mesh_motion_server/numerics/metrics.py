@@ -1,9 +1,10 @@
 """Mesh quality: relative size, skew and size-skew of every cell (thesis §2.3).
 
 The size metric compares a cell with itself in the reference mesh, ``τ = Σ_k α_k / Σ_k α_k⁰`` with the corner
-determinants α_k, ``size = sign(τ) · min(|τ|, 1/|τ|)`` (thesis 2.13, which as printed sums the ratios and so gives n
-for an undeformed cell). Skew is absolute: 1 for the ideal cell, 0 for a degenerate one (thesis 2.14, 3.30); the
-formulas of all cell types stand in :mod:`~mesh_motion_server.numerics.corner_kernels`. They are combined to
+determinants α_k (on a line the ratio of lengths (3.6)), ``size = sign(τ) · min(|τ|, 1/|τ|)``: thesis (2.13), which as
+printed sums the ratios and so gives n for an undeformed cell. Skew is absolute: 1 for the ideal cell, 0 for a
+degenerate one. It is made of the entries of λ = AᵀA (3.22), thesis (2.14), (3.30); the formulas of all cell types stand
+in :mod:`~mesh_motion_server.numerics.corner_kernels`. Size and skew are combined to
 
 ======================  =================================  =========================================
 metric                  formula                            source

@@ -1,7 +1,7 @@
 """The standard motion as a field, defined anywhere: a sequence of stages, each a rigid motion plus RBF sums.
 
 Through several stages the deformation gradients multiply, ``B = B_n … B_2 B_1`` with each ``B_i = R_i + ∇S_i`` taken
-where the stages before have moved the point (thesis 3.9–3.12).
+where the stages before have moved the point (thesis (3.9)–(3.12)).
 """
 
 from __future__ import annotations

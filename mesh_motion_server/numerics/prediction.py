@@ -1,7 +1,7 @@
 """The quality a mesh would have after a displacement, before any node moves (thesis chapter 3).
 
-A corner Jacobian A becomes ``A + [S(x_a) - S(x_k), S(x_b) - S(x_k), …]`` with the displacement S. The predictors differ
-in what they know of S:
+A corner Jacobian A becomes ``A + [S(x_a) - S(x_k), S(x_b) - S(x_k), …]`` with the displacement S of the nodes at x_k:
+thesis (3.1)–(3.4). The predictors differ in what they know of S:
 
 ===========================  ==================================================  ===============  ================
 predictor                    new Jacobian                                        triangle, tetra  line, quad,
@@ -137,7 +137,9 @@ def centre_positions(points: Floats, cells: CellTable) -> Floats:
 def transformed_quality(
     points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, gradients: Floats
 ) -> CellQuality:
-    """Quality with every corner Jacobian A of a cell replaced by (I + ∇S) A; thesis (3.20), (3.27).
+    """Quality with every corner Jacobian A of a cell replaced by (I + ∇S) A.
+
+    Thesis (3.3), (3.4) with one ∇S for all edges: (3.7) on a line, (3.18)–(3.20) in 2D, (3.26) and (3.27) in 3D.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Standard RBF motion: the displacement of every node from that of the boundary (thesis §2.1), nothing corrected.
+"""Standard RBF motion: the displacement of every node from that of the boundary (thesis (2.6)), nothing corrected.
 
 Where it starts and how it gets there is the *displacement* of the method:
 

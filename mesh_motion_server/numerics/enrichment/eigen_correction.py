@@ -1,7 +1,7 @@
 """The thesis' Algorithm 1: which change of the displacement gradient makes a bad cell better.
 
 The scaling factors of a cell are the eigenvalues of ``B = I + J``. A factor ≤ 0 becomes +0.1; without one, the smaller
-gains 0.1. The directions V stay: ``B_new = V Λ_new V⁻¹``, ``dJ = B_new - B`` (thesis 5.13, 5.14).
+gains 0.1. The directions V stay: ``B_new = V Λ_new V⁻¹``, ``dJ = B_new - B`` (thesis (5.13), (5.14)).
 
 The printed algorithm sets ``λ ← −0.1`` in a loop that would not end; +0.1 is what its text and comment say. Two cases
 it leaves open are settled here. A complex pair is a rotation: the pair gains 0.1 together, 0.05 along each of its two

@@ -121,7 +121,7 @@ class ExplicitResult:
 
 @dataclass(frozen=True, eq=False)
 class EnrichmentTerm:
-    """``H(x) C − Σ_b γ_b φ``: one enrichment point's displacement, zero at the control points (thesis 5.15, 5.16)."""
+    """``H(x) C − Σ_b γ_b φ``: an enrichment point's displacement, zero at the control points; thesis (5.15), (5.16)."""
 
     centre: Floats
     radius: float

@@ -1,4 +1,4 @@
-"""The enrichment functions H1, H2, H3 about an enrichment point, thesis (4.5)–(4.8) and (5.1)–(5.3).
+"""The enrichment functions H1, H2, H3 about an enrichment point, thesis (4.5)–(4.8), (5.1)–(5.3), (6.1).
 
 With φ Wendland's C2 function of r/R_l and ρ = x − x_c, component m of each is
 

@@ -3,14 +3,14 @@
 As in Algorithm 1 a stretch ≤ 0 becomes +0.1, and without one the smallest gains 0.1; what differs is which numbers are
 called stretches, and what is kept:
 
-==========  ===========  ============================================================================================
-function    B =          what becomes of it
-==========  ===========  ============================================================================================
-``polar``   Q S (5.10)   the rotation Q is kept, the principal stretches of S are clamped
-``svd``     U s Vᵀ(5.8)  as polar, and the largest stretch loses 0.1 where the cell is valid: §5.3.1's words, "reducing
-                         the ratio between the two scaling factors", taken at both ends
-``qr``      Q R (5.9)    the rotation and the shears are kept, the diagonal of R is clamped; depends on the coordinates
-==========  ===========  ============================================================================================
+==========  ============  ===========================================================================================
+function    B =           what becomes of it
+==========  ============  ===========================================================================================
+``polar``   Q S (5.10)    the rotation Q is kept, the principal stretches of S are clamped
+``svd``     U s Vᵀ (5.8)  as polar, and the largest stretch loses 0.1 where the cell is valid: §5.3.1's words, "reducing
+                          the ratio between the two scaling factors", taken at both ends
+``qr``      Q R (5.9)     the rotation and the shears are kept, the diagonal of R is clamped; depends on the coordinates
+==========  ============  ===========================================================================================
 
 Clamping the stretches of the singular value decomposition and nothing more is the polar correction, since
 ``Q = U Vᵀ`` and ``S = V diag(s) Vᵀ``. All rotations are proper, so an inverted cell has one negative stretch. Unlike
