@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from docs.studies.catalogue import names
+from docs.studies.catalogue import PAGES, names
 from docs.studies.page import DOCS
 
 PAGE = (DOCS / "thesis.md").read_text(encoding="utf-8")
@@ -148,13 +148,30 @@ def missing_figures(text: str) -> list[str]:
 
 
 def missing_studies(text: str) -> list[str]:
-    """Studies of the thesis that neither the eight rows nor the index name, or whose block is missing."""
+    """Studies of the thesis that have no block, or to which no row leads, by their name or the heading above them."""
     told = section(text, "The eight rows") + section(text, "Where each equation is")
+    ways = {name: (f"[{name}](", f"](#{heading_of(name, text)})") for name in names("thesis")}
+    return [
+        name for name in ways if f"<!-- study: {name} -->" not in text or not any(way in told for way in ways[name])
+    ]
+
+
+def misplaced_studies(text: str) -> list[str]:
+    """Studies whose link leads neither to their module nor to their heading."""
+    linked = [(m["label"], m["target"]) for m in _LINK.finditer(text)]
+    known = [(name, page) for page in PAGES for name in names(page)]
     return [
         name
-        for name in names("thesis")
-        if f"[{name}](studies/thesis/{name}.py)" not in told or f"<!-- study: {name} -->" not in text
+        for name, page in known
+        for label, target in linked
+        if label == name and target not in {f"studies/{page}/{name}.py", f"#{heading_of(name, text)}"}
     ]
+
+
+def heading_of(study: str, text: str) -> str:
+    """Anchor of the heading under which a study's block stands."""
+    headings = re.findall(r"^#+ .+$", text.partition(f"<!-- study: {study} -->")[0], re.MULTILINE)
+    return next(iter(anchors(headings[-1])))
 
 
 def incomplete_rows(text: str) -> list[str]:
@@ -175,6 +192,7 @@ CHECKS: tuple[Callable[[str], list[str]], ...] = (
     unnumbered_docstrings,
     missing_figures,
     missing_studies,
+    misplaced_studies,
     incomplete_rows,
 )
 
@@ -199,6 +217,12 @@ def test_the_page_is_true(check: Callable[[str], list[str]]) -> None:
         (missing_figures, "Table 5.6, Fig 5.13", "Fig 5.13", "Table 5.6"),
         (missing_studies, "[volume_reduction](", "[volume](", "volume_reduction"),
         (missing_studies, "<!-- study: fig_2_7_error_peaks -->", "", "fig_2_7_error_peaks"),
+        (
+            misplaced_studies,
+            "[fig_3_8_triangles](#triangles)",
+            "[fig_3_8_triangles](#quadrilaterals)",
+            "fig_3_8_triangles",
+        ),
         (incomplete_rows, "| 4 | Volume", "| 5 | Volume", "the rows' numbers"),
     ],
 )
