@@ -54,7 +54,7 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("enrichment_function", "H4", "one of auto, H1, H2, H3"),
         ("enrichment_placement", "wall", "one of auto, spread, minima, boundary, middle"),
         ("explicit_decomposition", "lu", "one of eigen, polar, svd, qr"),
-        ("solver", "lu", "one of auto, dense, sparse, iterative"),
+        ("solver", "lu", "one of auto, dense, sparse, iterative, two-scale"),
         ("reduction", "greddy", "one of none, greedy, one-point"),
         ("reduction_tolerance", -1e-3, "greater than or equal to 0"),
         ("reduction_tolerance", 2.0, "less than or equal to 1"),

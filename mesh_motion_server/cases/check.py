@@ -25,6 +25,7 @@ from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.two_scale.plans import AUTOMATIC_FROM
 
 __all__ = ["CheckReport", "Costs", "check"]
 
@@ -33,8 +34,10 @@ FloatArray = NDArray[np.float64]
 #: Sums of basis functions a second, operations a second of the dense factorization, entries squared a second of the
 #: sparse one.
 _PAIR_RATE, _DENSE_RATE, _SPARSE_RATE = 1e9, 5e10, 1e8
-#: What "auto" chooses: dense up to this order, sparse from this order with at most so many entries a row.
-_DENSE_ORDER, _SPARSE_ORDER, _SPARSE_ENTRIES = 10_000, 1_500, 150.0
+#: Control points and nodes a second in two scales.
+_CONTROL_RATE, _NODE_RATE = 3e5, 1e7
+#: What "auto" chooses: sparse from this order with at most so many entries a row, otherwise dense or in two scales.
+_SPARSE_ORDER, _SPARSE_ENTRIES = 1_500, 150.0
 #: Bytes a mesh takes in the server for each node and each cell, all copies together; and the process itself.
 _NODE_BYTES, _CELL_BYTES, _BASE_BYTES = 400, 300, 250 << 20
 _SAMPLE = 500
@@ -155,10 +158,10 @@ def estimate_costs(points: FloatArray, control: FloatArray, n_cells: int, radius
     memory = _BASE_BYTES + _NODE_BYTES * len(points) + _CELL_BYTES * n_cells
     if order > _SPARSE_ORDER and entries <= _SPARSE_ENTRIES:
         solver, factorize, memory = "sparse", order * entries**2 / _SPARSE_RATE, memory + int(100 * order * entries)
-    elif order <= _DENSE_ORDER:
+    elif order <= AUTOMATIC_FROM:
         solver, factorize, memory = "dense", order**3 / 3 / _DENSE_RATE, memory + 4 * order**2
     else:
-        solver, factorize = "iterative", 30 * order * entries / _PAIR_RATE
+        return Costs("two-scale", order / _CONTROL_RATE, len(points) / _NODE_RATE, memory)
     return Costs(solver, factorize, sums / _PAIR_RATE, memory)
 
 

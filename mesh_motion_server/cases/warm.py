@@ -68,7 +68,7 @@ def _methods(dimension: int) -> Iterator[Method]:
     yield Method(support_radius=1.0, correction="none", displacement="reanchored")
     for predictor in ("centre-gradient", "edge-midpoint-gradient", "sampled"):
         yield Method(support_radius=1.0, correction="none", predictor=predictor)
-    for solver in ("sparse", "iterative"):
+    for solver in ("sparse", "iterative", "two-scale"):
         yield Method(support_radius=1.0, correction="none", solver=solver)
     yield Method(support_radius=1.0, correction="none", volume_reduction="background-grid")
 

@@ -1,5 +1,7 @@
 """Evaluation of an interpolant and its gradient at many points, behind one small interface.
 
+An interpolant in two scales is a spline and sums over few near centres; any other one is a sum over all centres.
+
 :class:`LocalEvaluator` sums over centres on the threads of this machine. Whatever else can give the same two arrays (a
 far-field grid, workers of an engine that hold the points) is an :class:`Evaluator` too.
 """
@@ -7,31 +9,33 @@ far-field grid, workers of an engine that hold the points) is an :class:`Evaluat
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.centres import padded
+from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import require_gradient
 from mesh_motion_server.numerics.summation import sum_gradients, sum_values
-from mesh_motion_server.numerics.threads import checked_threads
-
-if TYPE_CHECKING:
-    from mesh_motion_server.numerics.interpolant import Interpolant
+from mesh_motion_server.numerics.threads import checked_threads, threads_for
+from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 
 __all__ = ["Evaluator", "LocalEvaluator"]
+
+#: A spline's value in evaluations of a basis function.
+_SPLINE_WORK = 64.0
 
 
 class Evaluator(Protocol):
     """Gives an interpolant's values and gradients at points."""
 
-    def displacement(self, interpolant: Interpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def displacement(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k) values at (n, d) points."""
         ...
 
-    def gradient(self, interpolant: Interpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points."""
         ...
 
@@ -51,7 +55,7 @@ class LocalEvaluator:
     def __init__(self, threads: int | None = None) -> None:
         self._threads = checked_threads(threads)
 
-    def displacement(self, interpolant: Interpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def displacement(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k) values at (n, d) points, thesis (2.5).
 
         Raises
@@ -59,13 +63,15 @@ class LocalEvaluator:
         InvalidInput
             If the points' dimension is not the interpolant's.
         """
+        if isinstance(interpolant, TwoScaleInterpolant):
+            return self._in_two_scales(interpolant, points)
         out = np.empty((len(points), interpolant.weights.shape[1]))
         self._sum(sum_values, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial(points)
         return out
 
-    def gradient(self, interpolant: Interpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points.
 
         Raises
@@ -74,10 +80,32 @@ class LocalEvaluator:
             If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
         """
         require_gradient(interpolant.basis)
+        if isinstance(interpolant, TwoScaleInterpolant):
+            return self._gradient_in_two_scales(interpolant, points)
         out = np.empty((len(points), interpolant.weights.shape[1], interpolant.dimension))
         self._sum(sum_gradients, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial.gradient
+        return out
+
+    def _in_two_scales(self, interpolant: TwoScaleInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of the spline and its compact levels."""
+        out = np.empty((len(points), interpolant.weights.shape[1]))
+        with threads_for(_SPLINE_WORK * len(points), self._threads):
+            interpolant.spline.values(padded(points), out)
+        for level in interpolant.levels:
+            out += self.displacement(level, points)
+        return out
+
+    def _gradient_in_two_scales(
+        self, interpolant: TwoScaleInterpolant, points: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Gradients of the spline and its compact levels."""
+        out = np.empty((len(points), interpolant.weights.shape[1], interpolant.dimension))
+        with threads_for(_SPLINE_WORK * len(points), self._threads):
+            interpolant.spline.gradients(padded(points), out)
+        for level in interpolant.levels:
+            out += self.gradient(level, points)
         return out
 
     def _sum(

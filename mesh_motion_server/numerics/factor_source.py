@@ -11,11 +11,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.interpolant import Factorization, Interpolant, factorize
+from mesh_motion_server.numerics.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.two_scale.factorization import TwoScalePlan
+from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
-__all__ = ["DeferredFactorization", "FactorSource", "MakeEachTime", "factorization_of"]
+__all__ = ["DeferredFactorization", "FactorSource", "MakeEachTime", "factorization_of", "two_scale_factorization_of"]
 
 
 class FactorSource(Protocol):
@@ -40,23 +42,32 @@ def factorization_of(
 ) -> tuple[Factorization, bool]:
     """The factorization for these control points (c, d), and whether it was reused.
 
-    The key is a digest of all that determines it, so that a cache can never answer with another one.
+    The key is a digest of all that determines it, so that a cache can never answer with another one. Without a plan for
+    two scales the solver "two-scale" is "auto".
     """
     radius = method.support_radius
-    digest = hashlib.sha256(
-        repr((method.basis, radius, method.polynomial, method.solver, control_points.shape)).encode()
-    )
+    solver = "auto" if method.solver == "two-scale" else method.solver
+    digest = hashlib.sha256(repr((method.basis, radius, method.polynomial, solver, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(control_points).data)
     return factors.get_or_make(
         digest.digest(),
         lambda: factorize(
-            control_points,
-            basis=method.basis,
-            support_radius=radius,
-            solver=method.solver,
-            polynomial=method.polynomial,
+            control_points, basis=method.basis, support_radius=radius, solver=solver, polynomial=method.polynomial
         ),
     )
+
+
+def two_scale_factorization_of(
+    control_points: NDArray[np.float64], box: NDArray[np.float64], plan: TwoScalePlan, factors: FactorSource
+) -> tuple[Factorization, bool]:
+    """The factorization in two scales of control points (c, d) for places in a box (2, d), and whether it was reused.
+
+    A session has one plan for as many control points, but for the radius, so that these and the box determine it.
+    """
+    digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
+    digest.update(np.ascontiguousarray(box).data)
+    digest.update(np.ascontiguousarray(control_points).data)
+    return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +97,7 @@ class DeferredFactorization:
     def nbytes(self) -> int:
         return self._made.nbytes
 
-    def solve(self, values: NDArray[np.float64]) -> Interpolant:
+    def solve(self, values: NDArray[np.float64]) -> AnyInterpolant:
         """Interpolant of (nc, k) values."""
         return self._made.solve(values)
 

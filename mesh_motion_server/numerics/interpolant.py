@@ -12,7 +12,7 @@ A. de Boer, M. S. van der Schoot, H. Bijl, Computers & Structures 85 (2007) 784â
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,10 @@ from mesh_motion_server.numerics.factorizations.conditional import NullSpaceChol
 from mesh_motion_server.numerics.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.polynomial import LinearBasis, Polynomial
 
-__all__ = ["POLYNOMIALS", "Factorization", "Interpolant", "chosen_polynomial", "factorize"]
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
+
+__all__ = ["POLYNOMIALS", "AllCentreFactorization", "Factorization", "Interpolant", "chosen_polynomial", "factorize"]
 
 Array = NDArray[np.float64]
 
@@ -80,7 +83,7 @@ class Factorization(Protocol):
 
     @property
     def solver(self) -> str:
-        """Name of the solver in use: "dense", "sparse" or "iterative"."""
+        """Name of the solver in use: "dense", "sparse", "iterative" or "two-scale"."""
         ...
 
     @property
@@ -88,7 +91,7 @@ class Factorization(Protocol):
         """Memory it holds."""
         ...
 
-    def solve(self, values: Array) -> Interpolant:
+    def solve(self, values: Array) -> AnyInterpolant:
         """Interpolant of (nc, k) values at the control points."""
         ...
 
@@ -100,7 +103,7 @@ def factorize(
     support_radius: float | None,
     solver: str = "auto",
     polynomial: str = "auto",
-) -> Factorization:
+) -> AllCentreFactorization:
     """Prepare the interpolation from control points.
 
     Parameters
@@ -131,7 +134,7 @@ def factorize(
         raise InvalidInput(f"unknown solver {solver!r}", hint=f"known are {', '.join(SOLVERS)}")
     layout = CentreLayout.build(points, row, radius)
     system = _system(solver, points, layout, row, radius, None if linear is None else linear.matrix(points))
-    return _Prepared(points, row, radius, layout, system, linear)
+    return AllCentreFactorization(points, row, radius, layout, system, linear)
 
 
 def _system(
@@ -166,7 +169,7 @@ def chosen_polynomial(choice: str, basis: Basis, points: Array) -> LinearBasis |
 
 
 @dataclass(frozen=True, eq=False)
-class _Prepared:
+class AllCentreFactorization:
     """A system with the points and names it was made from."""
 
     control_points: Array

@@ -25,7 +25,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "sub_steps": SUB_STEPS,
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient", "sampled"),
-    "solver": ("auto", "dense", "sparse", "iterative"),
+    "solver": ("auto", "dense", "sparse", "iterative", "two-scale"),
     "reduction": ("none", *REDUCTIONS),
     "volume_reduction": ("none", "enclosing-box", "wall-function", "background-grid"),
 }

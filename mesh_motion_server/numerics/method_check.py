@@ -52,7 +52,7 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         polynomial that the basis or the control points do not admit, a reduction beside a polynomial, a placement of
         the enrichment points that the correction has not, a correction that cannot be smooth in time, or sub-steps
         without a correction; with periodic patches on a basis without compact support, a polynomial, a reduction, or
-        the solver "iterative".
+        the solvers "iterative" and "two-scale".
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1

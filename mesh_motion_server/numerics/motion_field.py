@@ -15,6 +15,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.paths import RigidMotion
+from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.volume_reduction import VolumeField
 
 __all__ = ["MotionField", "Stage"]
@@ -30,7 +31,7 @@ class Stage:
     ----------
     rigid : RigidMotion or None
         None is the identity.
-    interpolant : Interpolant
+    interpolant : Interpolant or TwoScaleInterpolant
         S, or its first level where few control points stand for the boundary.
     further : tuple of Interpolant
         Its other levels, to be added.
@@ -39,8 +40,8 @@ class Stage:
     """
 
     rigid: RigidMotion | None
-    interpolant: Interpolant
-    further: tuple[Interpolant, ...] = ()
+    interpolant: AnyInterpolant
+    further: tuple[AnyInterpolant, ...] = ()
     volume: VolumeField | None = None
 
     def positions(self, points: Floats, evaluator: Evaluator) -> Floats:

@@ -47,7 +47,7 @@ from mesh_motion_server.numerics.thread_share import threads_for
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.evaluation import Evaluator
-    from mesh_motion_server.numerics.interpolant import Interpolant
+    from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 __all__ = [
     "PREDICTORS",
@@ -90,7 +90,7 @@ class CallableField:
 class InterpolantField:
     """The displacement field of an interpolant, evaluated by an evaluator."""
 
-    interpolant: Interpolant
+    interpolant: AnyInterpolant
     evaluator: Evaluator
 
     def displacement(self, points: Floats) -> Floats:

@@ -49,6 +49,7 @@ def with_other_radii(motion: StandardMotion, enrichment_radius: float | None) ->
         replace(
             motion,
             method=replace(method, support_radius=radius, enrichment_radius=enrichment_radius or min(own, radius)),
+            plans=motion.plans.with_support_radius(radius),
         )
         for radius in candidate_support_radii(motion.reference, motion.roles, float(method.support_radius or 0.0))
     )

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.factor_source import FactorSource, factorization_of
-from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.reduction import ReductionProblem, reduction_named
 from mesh_motion_server.numerics.reduction.near_surface import BASIS, near_surface_radius
+from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 __all__ = ["ReducedInterpolation", "interpolate_reduced"]
 
@@ -41,7 +41,7 @@ class ReducedInterpolation:
         Whether the factorization of the near-surface correction came from the cache.
     """
 
-    levels: tuple[Interpolant, ...]
+    levels: tuple[AnyInterpolant, ...]
     selected: NDArray[np.int64]
     error: float
     reused: bool

@@ -28,7 +28,12 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import Evaluator
-from mesh_motion_server.numerics.factor_source import DeferredFactorization, FactorSource, factorization_of
+from mesh_motion_server.numerics.factor_source import (
+    DeferredFactorization,
+    FactorSource,
+    factorization_of,
+    two_scale_factorization_of,
+)
 from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion_field import MotionField, Stage
@@ -40,6 +45,7 @@ from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
 from mesh_motion_server.numerics.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.numerics.two_scale.plans import TwoScalePlans
 from mesh_motion_server.numerics.volume_reduction import Field, VolumeField, VolumeProblem, volume_reduction_named
 
 __all__ = ["StandardMotion", "StandardTrial"]
@@ -103,6 +109,8 @@ class StandardMotion:
         Nodes that move alike; None without periodic patches.
     spacing : float, mesh length unit
         Of the moving nodes in the reference mesh; 0 where no reduction asks for it.
+    plans : TwoScalePlans
+        For the solver "two-scale".
     evaluator : Evaluator
     """
 
@@ -112,6 +120,7 @@ class StandardMotion:
     sliding: SlidingSurfaces | None
     periodic: PeriodicNodes | None
     spacing: float
+    plans: TwoScalePlans
     evaluator: Evaluator
 
     @classmethod
@@ -127,7 +136,8 @@ class StandardMotion:
             images = () if periodic is None else periodic.generators
             sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        return cls(points, roles, method, sliding, periodic, spacing, evaluator)
+        plans = TwoScalePlans.build(points, roles, method, offered=periodic is None)
+        return cls(points, roles, method, sliding, periodic, spacing, plans, evaluator)
 
     def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
         """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
@@ -219,7 +229,7 @@ class StandardMotion:
             factorization, reused = periodic_factorization_of(origin, generators, box, self.method, factors)
             return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
         if self.method.reduction == "none":
-            factorization, reused = factorization_of(origin, self.method, factors)
+            factorization, reused = self._all_factorized(points, controls, factors)
             return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
         reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
         return _Solved(
@@ -229,6 +239,14 @@ class StandardMotion:
             controls[reduced.selected],
             reduced.error,
         )
+
+    def _all_factorized(self, points: Floats, controls: Indices, factors: FactorSource) -> tuple[Factorization, bool]:
+        """The factorization of all control nodes (c,) of the mesh ``points`` (n, d)."""
+        plan = self.plans.plan_for(controls)
+        if plan is None:
+            return factorization_of(points[controls], self.method, factors)
+        box = np.stack([points.min(axis=0), points.max(axis=0)])
+        return two_scale_factorization_of(points[controls], box, plan, factors)
 
     def _reduced_volume(
         self, points: Floats, controls: Indices, displacement: Floats, stage: Stage, factors: FactorSource

@@ -102,5 +102,5 @@ def test_costs_follow_the_solver_that_would_be_chosen() -> None:
     assert few.factorize_seconds < dense.factorize_seconds
     assert sparse.evaluate_seconds < dense.evaluate_seconds
     many = estimate_costs(points, rng.random((12_000, 3)), 10_000, 1.0)
-    assert many.solver == "iterative"
+    assert many.solver == "two-scale"
     assert many.memory_bytes < dense.memory_bytes

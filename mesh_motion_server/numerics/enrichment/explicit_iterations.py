@@ -27,9 +27,10 @@ from mesh_motion_server.numerics.enrichment import functions
 from mesh_motion_server.numerics.enrichment.placement import worst_cell
 from mesh_motion_server.numerics.enrichment.stretch_correction import CELL_CORRECTIONS
 from mesh_motion_server.numerics.evaluation import Evaluator
-from mesh_motion_server.numerics.interpolant import Factorization, Interpolant
+from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.metrics import CellQuality, cell_quality
 from mesh_motion_server.numerics.prediction import PREDICTORS, DisplacementField, predict
+from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.correction import CorrectionProblem
@@ -126,7 +127,7 @@ class EnrichmentTerm:
     centre: Floats
     radius: float
     coefficients: Floats
-    compensation: Interpolant
+    compensation: AnyInterpolant
     evaluator: Evaluator
     function: str = "H1"
 

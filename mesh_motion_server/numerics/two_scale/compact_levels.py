@@ -1,0 +1,185 @@
+"""What the coarse field leaves at the boundary nodes, interpolated by compact functions, widest first.
+
+One support radius serves a boundary whose spacing varies little. Where it varies much, functions as narrow as the
+finest spacing would not reach from one node to the next elsewhere, and set that node alone. So there are levels: each
+has a quarter of the radius of the one before, and the nodes that its radius can join; the last one has all nodes and
+takes what is left, so that the sum is exact (the multistep method of Floater and Iske).
+
+Each matrix is sparse and is solved by conjugate gradients with a factorized sparse approximate inverse, which is made
+once for the reference mesh and serves the displaced ones.
+
+References
+----------
+M. S. Floater, A. Iske, J. Comput. Appl. Math. 73 (1996) 65–78. L. Kedward, C. B. Allen, T. C. S. Rendall, J. Comput.
+Phys. 345 (2017) 732–751.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.assembly import sparse_matrix
+from mesh_motion_server.numerics.centres import CentreLayout
+from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
+from mesh_motion_server.numerics.interpolant import Interpolant
+from mesh_motion_server.numerics.kernels import basis_named
+from mesh_motion_server.numerics.two_scale.sparse_products import nbytes, product
+
+__all__ = ["BASIS", "CompactLevel", "CompactSystem", "compact_levels"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+BASIS = basis_named("wendland-c2")
+"""Compact, positive definite, with a gradient at its centres, whatever the basis of the coarse field is."""
+
+#: Support radius of a level in the smallest spacing it serves, and that of the level before in its own.
+_RADII, _RATIO = 3.0, 4.0
+#: Side of the cells of which a level takes one node each: those that the next radius does not join are all taken.
+_SEPARATION = 0.4
+#: Share of the nodes whose spacing may be smaller than what sets a radius: single close pairs do not.
+_CLOSE, _WIDE = 5.0, 95.0
+_NEIGHBOURS = 16  # preceding points a row of the preconditioner
+_TOLERANCE = 1e-11  # of the right-hand side's largest entry
+_MAX_ITERATIONS = 200
+_ACCEPTED = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CompactLevel:
+    """What a level keeps over all states of the mesh.
+
+    Attributes
+    ----------
+    members : (m,) int64 array
+        Its control points.
+    radius : float, mesh length unit
+    precondition : SparseInverse
+        Of the reference mesh.
+    """
+
+    members: Indices
+    radius: float
+    precondition: SparseInverse
+
+
+def compact_levels(points: Floats, spacing: Floats, moving: NDArray[np.bool_]) -> list[CompactLevel]:
+    """The levels for reference control points, widest first.
+
+    Parameters
+    ----------
+    points : (n, 3) array, mesh length unit
+    spacing : (n,) array, mesh length unit
+    moving : (n,) bool array
+        Those whose spacings count. At nodes at rest little is left to correct, so setting them alone does no harm.
+    """
+    low, high = np.percentile(spacing[moving], [_CLOSE, _WIDE], method="nearest")
+    wider = max(math.ceil(math.log(high / low, _RATIO)) - 1, 0)
+    levels = []
+    for scale in float(low) * _RATIO ** np.arange(wider, 0, -1):
+        members = _separated(points, _SEPARATION * scale)
+        if 1 < len(members) < len(points):
+            levels.append(_level(points, members, _RADII * scale))
+    levels.append(_level(points, np.arange(len(points)), _RADII * float(low)))
+    return levels
+
+
+def _separated(points: Floats, separation: float) -> Indices:
+    """Points (m,) of which no two share a cell of a grid: all where they are further apart than its diagonal."""
+    cells = np.floor((points - points.min(axis=0)) / separation).astype(np.int64)
+    return np.sort(np.unique(cells, axis=0, return_index=True)[1])
+
+
+def _level(points: Floats, members: Indices, radius: float) -> CompactLevel:
+    return CompactLevel(members, radius, SparseInverse(points[members], BASIS, radius, _NEIGHBOURS))
+
+
+@dataclass(frozen=True, eq=False)
+class CompactSystem:
+    """A level's matrix at one state of the mesh.
+
+    Attributes
+    ----------
+    level : CompactLevel
+    points : (m, d) array, mesh length unit
+        The members' positions.
+    layout : CentreLayout
+    matrix : (m, m) csr_array
+        Rows and columns in the layout's order.
+    """
+
+    level: CompactLevel
+    points: Floats
+    layout: CentreLayout
+    matrix: csr_array
+
+    @classmethod
+    def build(cls, level: CompactLevel, points: Floats) -> CompactSystem:
+        """Assemble a level for all control points (n, d)."""
+        members = np.ascontiguousarray(points[level.members])
+        layout = CentreLayout.build(members, BASIS, level.radius)
+        return cls(level, members, layout, sparse_matrix(layout, BASIS, level.radius))
+
+    @property
+    def nbytes(self) -> int:
+        return nbytes(self.matrix) + self.points.nbytes + self.layout.coordinates.nbytes
+
+    def solve(self, residual: Floats) -> tuple[Interpolant, int]:
+        """The interpolant of a residual (n, k) of all control points at the members, and the iterations it took.
+
+        Raises
+        ------
+        NumericalError
+            If the residual stays above 1e-9 of what it was.
+        """
+        order = self.layout.order
+        right = np.ascontiguousarray(residual[self.level.members][order])
+        found, iterations = self._conjugate_gradients(right)
+        weights = np.empty_like(found)
+        weights[order] = found
+        return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout), iterations
+
+    def _precondition(self, residual: Floats) -> Floats:
+        """The reference mesh's approximate inverse, which numbers the members as they come."""
+        order = self.layout.order
+        own = np.empty_like(residual)
+        own[order] = residual
+        return np.ascontiguousarray(self.level.precondition(own)[order])
+
+    def _conjugate_gradients(self, right: Floats) -> tuple[Floats, int]:
+        """Solution (m, k); all columns advance together."""
+        scale = float(np.max(np.abs(right), initial=0.0))
+        x, r = np.zeros_like(right), right.copy()
+        if scale == 0.0:
+            return x, 0
+        z = self._precondition(r)
+        p, rz = z.copy(), np.sum(r * z, axis=0)
+        for iteration in range(1, _MAX_ITERATIONS + 1):
+            ap = product(self.matrix, p)
+            alpha = _ratio(rz, np.sum(p * ap, axis=0))
+            x += alpha * p
+            r -= alpha * ap
+            if float(np.max(np.abs(r))) <= _TOLERANCE * scale:
+                return x, iteration
+            z = self._precondition(r)
+            rz, before = np.sum(r * z, axis=0), rz
+            p = z + _ratio(rz, before) * p
+        reached = float(np.max(np.abs(r))) / scale
+        if reached > _ACCEPTED:
+            raise NumericalError(
+                f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",
+                hint="separate boundary nodes that nearly coincide, or take another solver than 'two-scale'",
+            )
+        return x, _MAX_ITERATIONS
+
+
+def _ratio(a: Floats, b: Floats) -> Floats:
+    """``a / b`` by columns; 0 where a column is solved."""
+    safe = np.where(b > 0.0, b, 1.0)
+    return np.where(b > 0.0, a / safe, 0.0)

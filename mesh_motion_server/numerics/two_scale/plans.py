@@ -1,0 +1,86 @@
+"""Which sets of control nodes of a mesh are interpolated in two scales, and their plans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.kernels import basis_named
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.roles import BoundaryRoles
+from mesh_motion_server.numerics.two_scale.factorization import TwoScalePlan
+
+__all__ = ["AUTOMATIC_FROM", "TwoScalePlans"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+AUTOMATIC_FROM = 2000
+"""Control nodes from which the solver "auto" takes two scales: a dense factor of as many takes 0.15 s of one core, of
+twice as many eight times that, and two scales a hundredth of a second."""
+
+
+@dataclass(frozen=True, eq=False)
+class TwoScalePlans:
+    """Plans by the control nodes that they are for.
+
+    Attributes
+    ----------
+    plans : tuple of (nodes (c,), TwoScalePlan)
+    """
+
+    plans: tuple[tuple[Indices, TwoScalePlan], ...]
+
+    @classmethod
+    def build(cls, points: Floats, roles: BoundaryRoles, method: Method, *, offered: bool) -> TwoScalePlans:
+        """Plan for the prescribed nodes of a mesh with reference ``points`` (n, d), and for all that slide too.
+
+        Nothing is planned where the method reduces the control points or another solver is chosen, or where two scales
+        are not ``offered``.
+
+        Raises
+        ------
+        InvalidInput
+            If the solver "two-scale" is chosen and the support radius is too small for it.
+        """
+        sets = [roles.all, roles.prescribed] if len(roles.sliding) else [roles.all]
+        if not offered or method.reduction != "none" or method.solver not in ("auto", "two-scale"):
+            return cls(())
+        if method.solver == "auto":
+            sets = [nodes for nodes in sets if basis_named(method.basis).compact and len(nodes) > AUTOMATIC_FROM]
+        planned = [(nodes, _plan(points, nodes, roles, method)) for nodes in sets]
+        if method.solver == "two-scale":
+            for _, plan in planned:
+                _require_joined(plan)
+        return cls(tuple((nodes, plan) for nodes, plan in planned if plan.joined))
+
+    def with_support_radius(self, radius: float) -> TwoScalePlans:
+        """The same with another radius of the coarse field, mesh length unit; without those that it does not suit."""
+        others = ((nodes, replace(plan, support_radius=radius)) for nodes, plan in self.plans)
+        return TwoScalePlans(tuple((nodes, plan) for nodes, plan in others if plan.joined))
+
+    def plan_for(self, nodes: Indices) -> TwoScalePlan | None:
+        """The plan for control nodes (c,), or None: all of them in one scale."""
+        return next((plan for planned, plan in self.plans if np.array_equal(planned, nodes)), None)
+
+
+def _plan(points: Floats, nodes: Indices, roles: BoundaryRoles, method: Method) -> TwoScalePlan:
+    return TwoScalePlan.build(
+        points[nodes],
+        ~np.isin(nodes, roles.fixed),  # what slides moves too
+        basis=method.basis,
+        support_radius=method.support_radius,
+        polynomial=method.polynomial,
+    )
+
+
+def _require_joined(plan: TwoScalePlan) -> None:
+    if not plan.joined:
+        raise InvalidInput(
+            f"solver = 'two-scale' needs a support radius of at least {plan.least_radius:.3g} on this mesh, got "
+            f"{plan.support_radius or 0.0:.3g}",
+            hint="take a larger support_radius, or solver = 'sparse', which is fast for small ones",
+        )

@@ -1,0 +1,237 @@
+"""Interpolation in two scales: exact at every boundary node, near the interpolation in one, repeatable to the bit."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from two_scale_boundaries import boundary, graded_circle, sphere, square, walls
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.factor_source import two_scale_factorization_of
+from mesh_motion_server.numerics.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points, local_spacing
+from mesh_motion_server.numerics.two_scale.compact_levels import compact_levels
+from mesh_motion_server.numerics.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
+from mesh_motion_server.numerics.two_scale.plans import AUTOMATIC_FROM, TwoScalePlans
+
+Floats = NDArray[np.float64]
+EVALUATOR = LocalEvaluator()
+
+CASES = {
+    "3D": boundary(sphere(1500, 0.15), walls(12)),
+    "2D, spacing × 30": boundary(graded_circle(900, 30.0), square(40)),
+    "3D, domain of 50 bodies": boundary(sphere(1200, 0.01), walls(10)),
+}
+
+
+def _plan(points: Floats, moving: NDArray[np.bool_], count: int = 250, polynomial: str = "auto") -> TwoScalePlan:
+    return TwoScalePlan.build(
+        points, moving, basis="wendland-c2", support_radius=2.5, polynomial=polynomial, count=count
+    )
+
+
+def _prepared(points: Floats, moving: NDArray[np.bool_], **choices: int) -> TwoScaleFactorization:
+    return _plan(points, moving, **choices).factorize(points, points.min(axis=0), points.max(axis=0))
+
+
+def _turn(points: Floats, moving: NDArray[np.bool_]) -> Floats:
+    """The body turned by 30° and bent; the rest in place."""
+    centre = points[moving].mean(axis=0)
+    size = float(np.ptp(points[moving], axis=0).max())
+    x = (points - centre) / size
+    turned = x.copy()
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    turned[:, 0], turned[:, 1] = c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1] + 0.2 * x[:, 0] ** 2
+    return np.where(moving[:, None], size * (turned - x), 0.0)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_boundary_node_is_met_however_rough_the_displacement(name: str) -> None:
+    points, moving = CASES[name]
+    prepared = _prepared(points, moving)
+    rough = np.random.default_rng(1).normal(size=points.shape)
+    for values in (_turn(points, moving), rough):
+        found = EVALUATOR.displacement(prepared.solve(values), points)
+        assert np.abs(found - values).max() <= 1e-10 * np.abs(values).max()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_field_is_near_the_one_of_all_centres(name: str) -> None:
+    """At places off the body by its boundary's spacing or more; the body's motion carries there."""
+    points, moving = CASES[name]
+    values = _turn(points, moving)
+    d, centre = points.shape[1], points[moving].mean(axis=0)
+    size = float(np.ptp(points[moving], axis=0).max())
+    rng = np.random.default_rng(2)
+    direction = rng.normal(size=(400, d))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    places = centre + size * direction * rng.uniform(0.55, 1.5, (400, 1))
+    exact = factorize(points, basis="wendland-c2", support_radius=2.5).solve(values)
+    found = EVALUATOR.displacement(_prepared(points, moving).solve(values), places)
+    difference = np.abs(found - EVALUATOR.displacement(exact, places)).max()
+    assert difference <= 0.03 * np.abs(values).max()
+
+
+def test_more_coarse_points_come_nearer() -> None:
+    points, moving = CASES["3D"]
+    values = _turn(points, moving)
+    places = 0.5 + 0.2 * (sphere(300, 1.0, 0.0))
+    exact = EVALUATOR.displacement(factorize(points, basis="wendland-c2", support_radius=2.5).solve(values), places)
+    errors = [
+        np.abs(EVALUATOR.displacement(_prepared(points, moving, count=n).solve(values), places) - exact).max()
+        for n in (60, 240, 960)
+    ]
+    assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
+
+
+def test_a_linear_field_is_carried_exactly_with_the_polynomial() -> None:
+    points, moving = CASES["3D"]
+    linear = points @ np.array([[0.1, -0.4, 0.2], [0.3, 0.1, 0.0], [-0.2, 0.1, 0.3]]) + 0.5
+    prepared = _plan(points, moving, polynomial="linear").factorize(points, points.min(axis=0), points.max(axis=0))
+    places = np.random.default_rng(4).random((200, 3))
+    found = prepared.solve(linear)
+    expected = places @ np.array([[0.1, -0.4, 0.2], [0.3, 0.1, 0.0], [-0.2, 0.1, 0.3]]) + 0.5
+    np.testing.assert_allclose(EVALUATOR.displacement(found, places), expected, atol=1e-11)
+    gradient = EVALUATOR.gradient(found, places)
+    np.testing.assert_allclose(gradient[0], np.array([[0.1, 0.3, -0.2], [-0.4, 0.1, 0.1], [0.2, 0.0, 0.3]]), atol=1e-9)
+
+
+def test_the_gradient_is_that_of_the_values() -> None:
+    points, moving = CASES["3D"]
+    found = _prepared(points, moving).solve(_turn(points, moving))
+    places, h = 0.5 + 0.18 * sphere(200, 1.0, 0.0), 1e-6
+    gradient = EVALUATOR.gradient(found, places)
+    for m in range(3):
+        step = h * np.eye(3)[m]
+        ahead, behind = EVALUATOR.displacement(found, places + step), EVALUATOR.displacement(found, places - step)
+        np.testing.assert_allclose(gradient[:, :, m], (ahead - behind) / (2 * h), atol=1e-7)
+
+
+def test_a_displaced_mesh_is_solved_with_the_reference_mesh_preconditioner() -> None:
+    points, moving = CASES["3D"]
+    plan = _plan(points, moving)
+    displaced = points + _turn(points, moving)
+    prepared = plan.factorize(displaced, points.min(axis=0), points.max(axis=0))
+    values = _turn(points, moving)
+    found = prepared.solve(values)
+    assert np.abs(EVALUATOR.displacement(found, displaced) - values).max() <= 1e-10 * np.abs(values).max()
+    assert found.iterations < 60
+
+
+def test_the_same_question_has_the_same_answer_to_the_bit() -> None:
+    points, moving = CASES["2D, spacing × 30"]
+    places = np.random.default_rng(5).random((500, 2))
+    values = _turn(points, moving)
+    first = EVALUATOR.displacement(_prepared(points, moving).solve(values), places)
+    again = LocalEvaluator(1)
+    other = _prepared(points, moving).solve(values)
+    parts = [again.displacement(other, part) for part in np.array_split(places, 7)]
+    np.testing.assert_array_equal(first, np.concatenate(parts))
+
+
+def test_levels_follow_the_spacing() -> None:
+    even = sphere(1500, 0.15)
+    assert len(compact_levels(even, local_spacing(even), np.full(len(even), True))) == 1
+    points, moving = CASES["2D, spacing × 30"]
+    points = np.hstack([points, np.zeros((len(points), 1))])
+    spacing = local_spacing(points)
+    levels = compact_levels(points, spacing, moving)
+    assert len(levels) > 2
+    assert len(levels[-1].members) == len(points)
+    radii = [level.radius for level in levels]
+    assert radii == sorted(radii, reverse=True)
+    assert radii[0] > 0.5 * np.percentile(spacing[moving], 95)
+    for wide, narrow in pairwise(levels):
+        alone = np.flatnonzero(moving & (spacing > narrow.radius))  # the next radius does not join them to any other
+        assert np.isin(alone, wide.members).all()
+
+
+def test_coarse_points_are_shared_between_the_body_and_the_rest() -> None:
+    points, moving = CASES["3D, domain of 50 bodies"]
+    spacing = local_spacing(points)
+    chosen = coarse_points(points, spacing, moving, 200)
+    assert len(np.unique(chosen)) == 200
+    assert np.count_nonzero(moving[chosen]) == 120
+    # spread: no body point is far from a chosen one in its own spacing
+    gap = np.linalg.norm(points[moving][:, None] - points[chosen[moving[chosen]]], axis=2).min(axis=1)
+    assert gap.max() < 5.0 * spacing[moving].max()
+    assert len(coarse_points(points, spacing, moving, 10**6)) == len(points)
+    few = np.arange(len(points)) < 10
+    assert np.count_nonzero(few[coarse_points(points, spacing, few, 200)]) == 10
+
+
+def _bar(rows: int) -> tuple[Floats, CellTable, dict[str, Patch]]:
+    """A unit square of quads with its left side moving."""
+    line = np.linspace(0.0, 1.0, rows + 1)
+    points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(rows + 1, rows + 1)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    left, right = np.flatnonzero(points[:, 0] == 0.0), np.flatnonzero(points[:, 0] == 1.0)
+    below = np.flatnonzero(points[:, 1] == 0.0)
+    patches = {"left": Patch("moving", left), "right": Patch("fixed", right), "below": Patch("slip", below)}
+    return points, CellTable.from_arrays({"quad": quads}), patches
+
+
+@pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
+def test_a_session_moves_in_two_scales(displacement: str) -> None:
+    points, cells, patches = _bar(24)
+    targets = points[patches["left"].nodes] + np.array([0.1, 0.0])
+    moved = {}
+    for solver in ("dense", "two-scale"):
+        method = Method(support_radius=2.0, displacement=displacement, solver=solver)
+        model = MotionModel.build(points, cells, patches, method)
+        motion = model.move(points, targets)
+        moved[solver] = motion.points
+        np.testing.assert_array_equal(motion.points[patches["left"].nodes], targets)
+        np.testing.assert_allclose(motion.points[patches["below"].nodes, 1], 0.0, atol=1e-14)
+    assert np.abs(moved["dense"] - moved["two-scale"]).max() < 2e-4
+
+
+def test_a_radius_that_does_not_join_the_coarse_points_is_refused_or_left_to_one_scale() -> None:
+    points, moving = CASES["3D"]
+    roles = BoundaryRoles(np.flatnonzero(moving), np.flatnonzero(~moving), *(np.empty(0, dtype=np.int64),) * 2)
+    with pytest.raises(InvalidInput, match=r"'two-scale' needs a support radius of at least .* got 0\.05"):
+        TwoScalePlans.build(points, roles, Method(solver="two-scale", support_radius=0.05), offered=True)
+    many = np.vstack([points, np.random.default_rng(6).random((AUTOMATIC_FROM, 3))])
+    roles = BoundaryRoles(roles.moving, np.arange(len(roles.moving), len(many)), roles.sliding, roles.periodic)
+    for method, planned in (
+        (Method(support_radius=2.5), 1),
+        (Method(support_radius=0.05), 0),
+        (Method(support_radius=2.5, solver="iterative"), 0),
+        (Method(support_radius=2.5, reduction="greedy"), 0),
+        (Method(basis="tps"), 0),
+    ):
+        plans = TwoScalePlans.build(many, roles, method, offered=True)
+        assert len(plans.plans) == planned
+        assert (plans.plan_for(roles.all) is None) == (planned == 0)
+        assert plans.plan_for(roles.moving) is None
+
+
+def test_plans_serve_another_support_radius() -> None:
+    points, moving = CASES["3D"]
+    roles = BoundaryRoles(np.flatnonzero(moving), np.flatnonzero(~moving), *(np.empty(0, dtype=np.int64),) * 2)
+    plans = TwoScalePlans.build(points, roles, Method(solver="two-scale", support_radius=2.5), offered=True)
+    other = plans.with_support_radius(1.2).plan_for(roles.all)
+    assert other is not None
+    assert other.support_radius == 1.2
+    assert plans.with_support_radius(0.05).plan_for(roles.all) is None
+    kept: dict[bytes, Factorization] = {}
+
+    class Kept:
+        def get_or_make(self, key: bytes, make: Callable[[], Factorization]) -> tuple[Factorization, bool]:
+            reused = key in kept
+            return kept.setdefault(key, make()), reused
+
+    box = np.stack([points.min(axis=0), points.max(axis=0)])
+    own = plans.plan_for(roles.all)
+    assert own is not None
+    made = [two_scale_factorization_of(points, box, plan, Kept()) for plan in (own, other, own)]
+    assert [reused for _, reused in made] == [False, False, True]
+    assert [factorization.support_radius for factorization, _ in made] == [2.5, 1.2, 2.5]
