@@ -112,6 +112,8 @@ class CorrectionProblem:
     valid : (n, d) array, mesh length unit, optional
         A valid mesh with the held nodes where ``standard`` has them, where one was found already: ``optimised`` begins
         from it instead of untangling ``standard``, and the other corrections leave it as it is.
+    known : float, optional
+        Smallest quality of ``standard``, where it has been judged already and no cell is inverted.
     """
 
     start: Floats
@@ -126,6 +128,7 @@ class CorrectionProblem:
     smooth: SmoothInTime | None = None
     near: Floats | None = None
     valid: Floats | None = None
+    known: float | None = None
 
     @property
     def begin(self) -> Floats:
@@ -266,9 +269,11 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
     if settings.in_time == "smooth":
         return _smooth_in_time(problem, settings, mesh)
+    if p.known is not None and p.valid is None and (settings.correction == "none" or p.known >= _goal(settings)):
+        return _judged(problem, settings, _Found(p.begin), "none", p.known)
     quality = mesh.quality(p.begin)
     if settings.correction == "none" or (p.valid is None and quality.min() >= _goal(settings)):
-        return _judged(problem, settings, _Found(p.begin), "none", quality)
+        return _judged(problem, settings, _Found(p.begin), "none", float(quality.min()))
     found = _Found(p.begin)
     if p.valid is None or settings.correction == "optimised":
         with one_blas_thread():
@@ -278,13 +283,13 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
         found, corrected = _Found(p.begin), quality
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
-    return _judged(problem, settings, found, settings.correction, corrected)
+    return _judged(problem, settings, found, settings.correction, float(corrected.min()))
 
 
 def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:
     """The correction that is a smooth function of the boundary, judged but never switched by its quality."""
     if mesh.held.all():
-        return _judged(problem, settings, _Found(problem.standard), "none", mesh.quality(problem.standard))
+        return _judged(problem, settings, _Found(problem.standard), "none", float(mesh.quality(problem.standard).min()))
     with one_blas_thread():
         smooth = problem.smooth or SmoothInTime.build(mesh)
         travelled = travel(mesh.reference, problem.standard, mesh.held)
@@ -297,15 +302,14 @@ def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, me
         settings,
         _Found(found.points, None, found.freed, found.iterations, found.history),
         settings.correction,
-        corrected,
+        float(corrected.min()),
     )
 
 
 def _judged(
-    problem: CorrectionProblem, settings: CorrectionSettings, found: _Found, method: str, quality: Floats
+    problem: CorrectionProblem, settings: CorrectionSettings, found: _Found, method: str, minimum: float
 ) -> Correction:
-    """The answer, with the quality (m,) of its mesh."""
-    minimum = float(quality.min())
+    """The answer, with the smallest quality of its mesh."""
     none = np.empty((0, problem.start.shape[1]))
     return Correction(
         points=found.points,

@@ -305,6 +305,7 @@ class MotionModel:
         chosen = best_predicted([predicted_with(motion) for motion in (self.standard_motion, *self.other_radii)])
         standard = chosen.trial
         near = self._near(standard, committed, factors, watch) if valid is None else None
+        exact = self.method.predictor == "trial-nodes"  # what judges the corrected mesh too
         with watch.phase("correct"):
             correction = correct(
                 CorrectionProblem(
@@ -320,11 +321,13 @@ class MotionModel:
                     smooth=self.smooth,
                     near=near,
                     valid=valid,
+                    known=chosen.quality.metric.min if exact and not chosen.quality.inverted else None,
                 ),
                 self._correction_settings(float(chosen.motion.method.enrichment_radius or 0.0)),
             )
         with watch.phase("predict"):
-            corrected = self.summary(correction.points)
+            unchanged = exact and correction.points is standard.points
+            corrected = chosen.quality if unchanged else self.summary(correction.points)
         reached = corrected.metric.min >= self.method.quality_threshold
         self._refuse_unacceptable(corrected, reached)
         return Motion(
