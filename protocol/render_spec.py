@@ -189,6 +189,10 @@ _SETTINGS = {
         "float > 0 or nil",
         "the box's margin, the wall function's distance or the grid's spacing, mesh length unit; nil: chosen",
     ),
+    "boundary_layer_thickness": (
+        "float > 0 or nil",
+        "nodes this near to a moving wall move with it, mesh length unit; nil: none",
+    ),
     "refuse_below_threshold": (
         "bool",
         "refuse a valid motion below the threshold; else it is answered with a warning",

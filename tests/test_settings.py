@@ -43,6 +43,8 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("polynomial", "cubic", "one of auto, none, linear"),
         ("volume_reduction", "octree", "one of none, enclosing-box, wall-function, background-grid"),
         ("volume_reduction_length", 0.0, "greater than 0"),
+        ("boundary_layer_thickness", 0.0, "greater than 0"),
+        ("boundary_layer_thickness", "thin", "a valid number"),
         ("displacement", "total", "one of relative, absolute, reanchored"),
         ("correction", "", "one of none, imposed-gradient, explicit, enrichment, optimised"),
         ("correction_target", "best", "one of auto, threshold, maximum"),

@@ -85,6 +85,8 @@ class Method:
     volume_reduction_length : float or None
         The box's margin around the body, the wall function's D or the grid's spacing, mesh length unit; None: chosen
         from the mesh and the motion.
+    boundary_layer_thickness : float or None
+        Nodes this near to a moving wall move with it, mesh length unit; None: all nodes are interpolated.
     refuse_below_threshold : bool
         Refuse a valid motion that stays below the threshold; otherwise it is kept with a warning.
     allow_invalid : bool
@@ -117,6 +119,7 @@ class Method:
     max_control_points: int = 0
     volume_reduction: str = "none"
     volume_reduction_length: float | None = None
+    boundary_layer_thickness: float | None = None
     refuse_below_threshold: bool = False
     allow_invalid: bool = False
     predictor: str = "trial-nodes"
@@ -126,7 +129,7 @@ class Method:
         for name, known in CHOICES.items():
             if getattr(self, name) not in known:
                 raise InvalidInput(f"{name}: {getattr(self, name)!r} is not known; known are {', '.join(known)}")
-        for name in ("support_radius", "enrichment_radius", "volume_reduction_length"):
+        for name in ("support_radius", "enrichment_radius", "volume_reduction_length", "boundary_layer_thickness"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} must be a positive length in the mesh's unit, got {value!r}")

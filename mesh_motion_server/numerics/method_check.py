@@ -50,9 +50,9 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a radius that is both given and to be chosen, a
         polynomial that the basis or the control points do not admit, a reduction beside a polynomial, a placement of
-        the enrichment points that the correction has not, a correction that cannot be smooth in time, or sub-steps
-        without a correction; with periodic patches on a basis without compact support, a polynomial, a reduction, or
-        the solvers "iterative" and "two-scale".
+        the enrichment points that the correction has not, a correction that cannot be smooth in time, a boundary
+        layer with a predictor that needs gradients, or sub-steps without a correction; with periodic patches on a basis
+        without compact support, a polynomial, a reduction, or the solvers "iterative" and "two-scale".
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1
@@ -64,6 +64,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
             f"predictor = {method.predictor!r} needs the motion's gradient, which a volume reduction does not give",
             hint="use 'trial-nodes'",
         )
+    if method.boundary_layer_thickness is not None:
+        _check_layer(method, points.shape[1])
     if basis.radius_meaning == "shape":
         checked_radius(method.support_radius, basis)
     if method.support_radius_choice == "motion":
@@ -98,6 +100,17 @@ def _check_choice_from_motion(method: Method, basis: Basis) -> None:
         raise InvalidInput(
             f"support_radius_choice = 'motion': the basis {basis.name!r} has no support radius",
             hint="leave support_radius_choice out, or use basis = 'wendland-c2'",
+        )
+
+
+def _check_layer(method: Method, dimension: int) -> None:
+    """Refuse what a boundary layer that moves with its wall cannot be combined with."""
+    if dimension == 1:
+        raise InvalidInput("boundary_layer_thickness: expected a mesh in 2D or 3D, got one in 1D", hint="leave it out")
+    if method.predictor in _GRADIENT_PREDICTORS:
+        raise InvalidInput(
+            f"predictor = {method.predictor!r} needs the motion's gradient, which a boundary layer does not give",
+            hint="use 'trial-nodes'",
         )
 
 

@@ -16,6 +16,8 @@ from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_server.numerics.boundary_layer_fallback import fitting_layer, given_way, move_with_layer
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import (
     Correction,
@@ -102,7 +104,7 @@ class MotionModel:
     reference_sizes : (m,) array
         Summed corner determinants of the reference cells: the w of thesis (3.21).
     held : (n,) bool array
-        Nodes on the boundary or on a patch, which no correction may move.
+        Nodes on the boundary or on a patch, which no correction may move; nor may it move those of a boundary layer.
     standard_motion : StandardMotion
     other_radii : tuple of StandardMotion
         The same with other support radii, where the radius is chosen from each motion.
@@ -155,10 +157,12 @@ class MotionModel:
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
         standard_motion = StandardMotion.build(points, cells, patches, method, evaluator)
+        if standard_motion.layer is None and method.boundary_layer_thickness is not None:
+            warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
         sizes = reference_sizes(points, cells)
-        smooth = None
-        if method.correction_in_time == "smooth" and not held.all():
-            smooth = SmoothInTime.build(TrialMesh(points, cells, sizes, held, method.quality_metric))
+        smooth, told = None, held_with(held, standard_motion.layer)
+        if method.correction_in_time == "smooth" and not told.all():
+            smooth = SmoothInTime.build(TrialMesh(points, cells, sizes, told, method.quality_metric))
         return cls(
             points,
             cells,
@@ -294,8 +298,45 @@ class MotionModel:
         factors: FactorSource,
         valid: NDArray[np.float64] | None = None,
     ) -> Motion:
-        """One motion, accepted or refused; its correction begins from a ``valid`` mesh (n, d) where one is known."""
-        watch = Stopwatch()
+        """One motion, accepted or refused; its correction begins from a ``valid`` mesh (n, d) where one is known.
+
+        A boundary layer gives way rather than have it refused.
+        """
+        watch, asked = Stopwatch(), self.standard_motion.layer
+        if asked is None:
+            return self._attempt_once(committed, targets, factors, watch, valid)
+        moved = self.points.copy()
+        moved[self.roles.moving] = targets
+        with watch.phase("predict"):
+            mesh = TrialMesh(self.points, self.cells, self.reference_sizes, self.held, self.method.quality_metric)
+            fitting = fitting_layer(asked, moved, mesh, valid)
+
+        def move(layer: BoundaryLayer | None) -> Motion:
+            return self._with_layer(layer)._attempt_once(committed, targets, factors, watch, valid)
+
+        motion, left = move_with_layer(fitting, move, self.method.quality_threshold)
+        return replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
+
+    def _with_layer(self, layer: BoundaryLayer | None) -> MotionModel:
+        """The model with another boundary layer; a correction that is smooth in time is then prepared when needed."""
+        if layer is self.standard_motion.layer:
+            return self
+        motion = self.standard_motion.with_layer(layer)
+        others = (
+            replace(m, layer=layer, plans=motion.plans.with_support_radius(float(m.method.support_radius or 0.0)))
+            for m in self.other_radii
+        )
+        return replace(self, standard_motion=motion, other_radii=tuple(others), smooth=None)
+
+    def _attempt_once(
+        self,
+        committed: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        factors: FactorSource,
+        watch: Stopwatch,
+        valid: NDArray[np.float64] | None,
+    ) -> Motion:
+        """One motion with the boundary layer as it is."""
 
         def predicted_with(motion: StandardMotion) -> PredictedMotion:
             trial = motion.trial(committed, targets, factors, watch)
@@ -311,13 +352,13 @@ class MotionModel:
                 CorrectionProblem(
                     start=standard.start,
                     standard=standard.points,
-                    held=self.held,
+                    held=held_with(self.held, self.standard_motion.layer),
                     cells=self.cells,
                     reference_sizes=self.reference_sizes,
                     factorization=standard.factorization,
                     evaluator=self.evaluator,
                     reference=self.points,
-                    constraint=self.constraint,
+                    constraint=self._constraint(),
                     smooth=self.smooth,
                     near=near,
                     valid=valid,
@@ -343,6 +384,13 @@ class MotionModel:
             warnings=[*self._reduction_warnings(standard), *self._warnings(corrected, reached)],
         )
 
+    def _constraint(self) -> BoundaryConstraint | None:
+        """The constraint of the boundary nodes that are not in a boundary layer."""
+        layer = self.standard_motion.layer
+        if self.constraint is None or layer is None:
+            return self.constraint
+        return replace(self.constraint, released=self.constraint.released & ~layer.known)
+
     def _near(
         self, standard: StandardTrial, committed: NDArray[np.float64], factors: FactorSource, watch: Stopwatch
     ) -> NDArray[np.float64] | None:
@@ -362,9 +410,9 @@ class MotionModel:
         return summarize(quality, trial.points, self.cells, metric=self.method.quality_metric)
 
     def _predict_sampled(self, trial: StandardTrial) -> QualitySummary:
-        """Exact below the threshold and at the minimum, bounded elsewhere; in full where a reduction snaps nodes."""
+        """Exact below the threshold and at the minimum, bounded elsewhere; in full where something snaps nodes."""
         reduced = self.method.reduction != "none" or self.method.volume_reduction != "none"
-        single = None if reduced else trial.field.single
+        single = None if reduced or self.standard_motion.layer is not None else trial.field.single
         found = predict_sampled(
             trial.start,
             self.cells,

@@ -10,6 +10,8 @@ reanchored
     from the reference mesh, through sub-steps along a path that rotates with the body; each sub-step interpolates from
     the mesh of the one before. Depends on the boundary alone too, and takes larger rotations than ``absolute``.
 
+Nodes of a boundary layer (:mod:`.boundary_layer`) are carried by their wall, and those outside follow the layer.
+
 With a point reduction the interpolation starts from few of the boundary nodes and is corrected near the surface
 (:mod:`.reduced_motion`); everything else stays the same.
 
@@ -26,6 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.factor_source import (
@@ -72,8 +75,8 @@ class StandardTrial:
     field : MotionField
         The displacement from ``start``, anywhere.
     factorization : Factorization
-        Of all nodes with a role at ``start``, with a reduction made only when it is first used; of periodic nodes only
-        if an enrichment follows.
+        Of all nodes with a role at ``start`` (of a boundary layer's outermost nodes instead of the wall behind them),
+        with a reduction made only when it is first used; of periodic nodes only if an enrichment follows.
     reused : bool
         Whether every factorization came from the cache.
     control_points : (nc,) int64 array
@@ -112,6 +115,8 @@ class StandardMotion:
     plans : TwoScalePlans
         For the solver "two-scale".
     evaluator : Evaluator
+    layer : BoundaryLayer or None
+        Nodes that the moving walls carry with them.
     """
 
     reference: Floats
@@ -122,6 +127,7 @@ class StandardMotion:
     spacing: float
     plans: TwoScalePlans
     evaluator: Evaluator
+    layer: BoundaryLayer | None = None
 
     @classmethod
     def build(
@@ -136,8 +142,19 @@ class StandardMotion:
             images = () if periodic is None else periodic.generators
             sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        plans = TwoScalePlans.build(points, roles, method, offered=periodic is None)
-        return cls(points, roles, method, sliding, periodic, spacing, plans, evaluator)
+        layer = None
+        if method.boundary_layer_thickness is not None:
+            thickness = method.boundary_layer_thickness
+            layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
+        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()), evaluator)
+        return plain.with_layer(layer)
+
+    def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
+        """The same with another boundary layer, or none: with other control points."""
+        other = replace(self, layer=layer)
+        offered = self.periodic is None
+        plans = TwoScalePlans.build(self.reference, self.roles, self.method, offered=offered, controls=other._controls)
+        return replace(other, plans=plans)
 
     def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
         """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
@@ -188,20 +205,39 @@ class StandardMotion:
         told = points.copy()
         told[roles.moving] = targets
         told[roles.fixed] = self.reference[roles.fixed]
+        if self.layer is not None:
+            with watch.phase("displace"):
+                told[self.layer.nodes] = self.layer.carried(told)
         reused = True
         if self.sliding is not None:
-            following = self._solve(points, roles.prescribed, told, factors, watch)
+            following = self._solve(points, self._controls(roles.prescribed), told, factors, watch)
             with watch.phase("displace"):
                 free = following.stage.positions(points[roles.sliding], self.evaluator)
-                told[roles.sliding] = self.sliding.project(free)
+                free = self.sliding.project(free)
+                own = np.ones(len(free), dtype=bool) if self.layer is None else ~self.layer.known[roles.sliding]
+                told[roles.sliding[own]] = free[own]
                 told = self._tied(told)
             reused = following.reused
-        solved = self._solve(points, roles.all, told, factors, watch)
+        solved = self._solve(points, self._controls(roles.all), told, factors, watch)
         with watch.phase("displace"):
-            moved = solved.stage.positions(points, self.evaluator)
-            moved[roles.all] = told[roles.all]
-            moved = self._tied(moved)
+            moved = self._displaced(points, told, solved.stage)
         return moved, replace(solved, reused=solved.reused and reused)
+
+    def _controls(self, nodes: Indices) -> Indices:
+        """The control nodes for nodes (c,) with a role: a layer's outermost ones for those behind them."""
+        return nodes if self.layer is None else self.layer.shield.instead(nodes)
+
+    def _displaced(self, points: Floats, told: Floats, stage: Stage) -> Floats:
+        """The mesh ``points`` (n, d) displaced by a stage, nodes with a role and a layer where they are ``told``."""
+        if self.layer is None:
+            moved = stage.positions(points, self.evaluator)
+            moved[self.roles.all] = told[self.roles.all]
+            return self._tied(moved)
+        free = ~self.layer.known
+        free[self.roles.all] = False
+        moved = told.copy()
+        moved[free] = stage.positions(points[free], self.evaluator)
+        return self._tied(moved)
 
     def _solve(
         self, points: Floats, controls: Indices, told: Floats, factors: FactorSource, watch: Stopwatch
@@ -262,7 +298,7 @@ class StandardMotion:
         problem = VolumeProblem(
             boundary=points[controls],
             displacement=displacement,
-            moving=np.isin(controls, self.roles.moving),
+            moving=np.isin(controls, self.roles.moving if self.layer is None else self.layer.carrying),
             nodes=points,
             standard=lambda places: stage.interpolated(places, self.evaluator),
             interpolate=interpolate,
@@ -278,7 +314,7 @@ class StandardMotion:
         """The motion's own factorization, or where an enrichment has to vanish on periodic sides too, one with them."""
         if self.periodic is None or self.method.correction in ("none", "optimised"):
             return own
-        nodes = np.union1d(self.roles.all, self.roles.periodic)
+        nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
         return factorization_of(start[nodes], self.method, factors)[0]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,8 +36,18 @@ class TwoScalePlans:
     plans: tuple[tuple[Indices, TwoScalePlan], ...]
 
     @classmethod
-    def build(cls, points: Floats, roles: BoundaryRoles, method: Method, *, offered: bool) -> TwoScalePlans:
+    def build(
+        cls,
+        points: Floats,
+        roles: BoundaryRoles,
+        method: Method,
+        *,
+        offered: bool,
+        controls: Callable[[Indices], Indices] = np.asarray,
+    ) -> TwoScalePlans:
         """Plan for the prescribed nodes of a mesh with reference ``points`` (n, d), and for all that slide too.
+
+        With a boundary layer ``controls`` gives the control nodes that stand for them.
 
         Nothing is planned where the method reduces the control points or another solver is chosen, or where two scales
         are not ``offered``.
@@ -46,7 +57,7 @@ class TwoScalePlans:
         InvalidInput
             If the solver "two-scale" is chosen and the support radius is too small for it.
         """
-        sets = [roles.all, roles.prescribed] if len(roles.sliding) else [roles.all]
+        sets = [controls(nodes) for nodes in (roles.all, roles.prescribed)[: 2 if len(roles.sliding) else 1]]
         if not offered or method.reduction != "none" or method.solver not in ("auto", "two-scale"):
             return cls(())
         if method.solver == "auto":

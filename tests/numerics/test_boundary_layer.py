@@ -1,0 +1,296 @@
+"""Layers that their wall carries: exact where it moves rigidly, kept where it bends, given up where it cannot be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from frame_meshes import rotation, square_frame
+from periodic_meshes import periodic_box
+
+from docs.studies.beyond._layers import bent_flag, bent_wing, stored_layer
+from docs.studies.beyond._motions import stored
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.roles import Patch
+
+DISPLACEMENTS = ("relative", "absolute", "reanchored")
+
+
+def model_of(mesh=None, **choices) -> MotionModel:
+    points, cells, patches = mesh or square_frame()
+    usual = {"support_radius": 0.5, "boundary_layer_thickness": 0.12}
+    return MotionModel.build(points, cells, patches, Method(**{**usual, **choices}))
+
+
+def box(kind: str, n: int = 10):
+    if kind == "tetra":
+        mesh = stored("correction_box")
+        outer = np.setdiff1d(np.flatnonzero(mesh.held), mesh.body)
+    else:
+        mesh = box_mesh(kind, n)
+        outer = mesh.outer
+    return mesh.points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", outer)}
+
+
+def turned(points: np.ndarray, degrees: float, shift: float) -> np.ndarray:
+    """Turned about the axis z through the middle, and shifted."""
+    out = points - 0.5
+    out[:, :2] = out[:, :2] @ rotation(degrees).T
+    return out + 0.5 + shift * np.arange(1, points.shape[1] + 1)
+
+
+def layer_of(model: MotionModel) -> np.ndarray:
+    return model.standard_motion.layer.nodes
+
+
+@pytest.mark.parametrize("displacement", DISPLACEMENTS)
+@pytest.mark.parametrize("kind", ["triangle", "quad", "tetra", "hexahedron", "wedge"])
+def test_a_rigid_wall_takes_its_layer_along_rigidly(kind: str, displacement: str) -> None:
+    mesh = square_frame(kind=kind) if kind in ("triangle", "quad") else box(kind)
+    model = model_of(mesh, displacement=displacement, correction_target="threshold")
+    points = model.points
+    for degrees, shift in ((7.0, 0.01), (15.0, 0.02)):  # two steps: offsets are those of the reference mesh
+        points = model.move(points, turned(model.points[model.roles.moving], degrees, shift)).points
+        layer = layer_of(model)
+        assert len(layer) >= 20
+        assert np.abs(points[layer] - turned(model.points[layer], degrees, shift)).max() < 1e-12
+
+
+def test_a_mesh_that_is_only_carried_along_is_not_deformed_at_all() -> None:
+    points, cells, patches = square_frame(outer="moving")
+    model = model_of((points, cells, patches))
+    moved = model.move(points, turned(points[model.roles.moving], 40.0, 0.3)).points
+    assert np.abs(moved - turned(points, 40.0, 0.3)).max() < 1e-12
+
+
+@pytest.mark.parametrize("displacement", DISPLACEMENTS)
+def test_the_layer_of_the_flag_is_kept_through_its_motion(displacement: str) -> None:
+    mesh = stored_layer("layer_flag")
+    model = mesh.model(support_radius=0.4, boundary_layer_thickness=mesh.thickness, displacement=displacement)
+    points = model.points
+    for fraction in (0.5, 1.0, 0.0, -1.0):
+        motion = model.move(points, bent_flag(model.points[model.roles.moving], fraction))
+        points = motion.points
+        kept = mesh.kept(points)
+        assert kept.thickness <= 0.02, fraction
+        assert kept.orthogonality <= 2.0, fraction
+        assert not [w for w in motion.warnings if "layer" in w]
+
+
+def test_the_prisms_of_the_wing_are_kept_and_stay_on_the_symmetry_plane() -> None:
+    mesh = stored_layer("layer_wing")
+    model = mesh.model(support_radius=1.0, boundary_layer_thickness=mesh.thickness, quality_threshold=0.15)
+    motion = model.move(model.points, bent_wing(model.points[model.roles.moving], 1.0))
+    kept = mesh.kept(motion.points)
+    assert kept.thickness <= 0.02
+    assert kept.orthogonality <= 2.0
+    assert np.isin(mesh.columns[:, 1:], layer_of(model)).all()
+    assert np.all(motion.points[mesh.patches["symmetry"].nodes, 2] == 0.0)
+
+
+def test_without_the_key_the_same_motion_loses_the_layer() -> None:
+    mesh = stored_layer("layer_flag")
+    model = mesh.model(support_radius=0.4)
+    kept = mesh.kept(model.move(model.points, bent_flag(model.points[model.roles.moving], 1.0)).points)
+    assert kept.thickness > 0.1
+    assert kept.orthogonality > 10.0
+
+
+def test_the_system_does_not_grow() -> None:
+    mesh = stored_layer("layer_flag")
+    targets = bent_flag(mesh.points[mesh.body], 1.0)
+    counts = [
+        len(mesh.model(support_radius=0.4, boundary_layer_thickness=t).move(mesh.points, targets).control_points)
+        for t in (None, mesh.thickness)
+    ]
+    assert counts[1] < 1.05 * counts[0]
+
+
+def test_no_correction_moves_the_layer() -> None:
+    for correction in ("none", "imposed-gradient", "explicit", "enrichment", "optimised"):
+        model = model_of(correction=correction, quality_threshold=0.6, displacement="absolute", allow_invalid=True)
+        motion = model.move(model.points, turned(model.points[model.roles.moving], 20.0, 0.02))
+        layer = layer_of(model)
+        assert motion.standard.metric.min < 0.6
+        assert np.abs(motion.points[layer] - turned(model.points[layer], 20.0, 0.02)).max() < 1e-12, correction
+
+
+def test_a_correction_smooth_in_time_leaves_the_layer_too() -> None:
+    model = model_of(correction_in_time="smooth", displacement="absolute")
+    motion = model.move(model.points, turned(model.points[model.roles.moving], 20.0, 0.02))
+    layer = layer_of(model)
+    assert np.abs(motion.points[layer] - turned(model.points[layer], 20.0, 0.02)).max() < 1e-12
+    back = model.move(motion.points, model.points[model.roles.moving])
+    assert np.abs(back.points - model.points).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"reduction": "greedy", "reduction_tolerance": 1e-2},
+        {"volume_reduction": "enclosing-box"},
+        {"volume_reduction": "wall-function"},
+        {"volume_reduction": "background-grid"},
+        {"polynomial": "linear", "correction": "none"},
+        {"solver": "sparse"},
+        {"solver": "two-scale", "support_radius": 1.5},
+        {"predictor": "sampled"},
+        {"support_radius": None, "support_radius_choice": "motion"},
+        {"sub_steps": "always", "displacement": "absolute"},
+    ],
+)
+def test_the_layer_is_carried_whatever_the_rest_is_interpolated_by(choices: dict[str, object]) -> None:
+    model = model_of(**choices)
+    motion = model.move(model.points, turned(model.points[model.roles.moving], 10.0, 0.02))
+    layer = layer_of(model)
+    assert np.abs(motion.points[layer] - turned(model.points[layer], 10.0, 0.02)).max() < 1e-12
+    assert motion.corrected.metric.min > 0.2
+
+
+def test_periodic_sides_stay_alike() -> None:
+    mesh = periodic_box("quad")
+    model = model_of(mesh)
+    shift = np.array([0.05, 0.1])
+    motion = model.move(model.points, model.points[model.roles.moving] + shift)
+    layer = layer_of(model)
+    assert len(layer) > 0
+    assert np.abs(motion.points[layer] - model.points[layer] - shift).max() < 1e-12
+    low, high = (np.flatnonzero(model.points[:, 1] == end) for end in (0.0, 1.0))
+    step = motion.points - model.points
+    assert np.abs(step[low] - step[high]).max() < 1e-12
+
+
+# where a layer cannot be kept
+
+
+def moved_or_refused(model: MotionModel, targets: np.ndarray) -> Motion | None:
+    try:
+        return model.move(model.points, targets)
+    except NumericalError:
+        return None
+
+
+@pytest.mark.parametrize("displacement", DISPLACEMENTS)
+@pytest.mark.parametrize("thickness", [0.12, 1.0])
+def test_a_motion_that_is_valid_without_a_layer_is_valid_with_one(thickness: float, displacement: str) -> None:
+    points = square_frame()[0]
+    for degrees, shift in ((60.0, (-0.2, -0.2)), (0.0, (0.3, 0.0)), (0.0, (0.33, 0.33)), (150.0, (0.0, 0.0))):
+        plain = model_of(boundary_layer_thickness=None, displacement=displacement)
+        model = model_of(boundary_layer_thickness=thickness, displacement=displacement)
+        targets = (points[model.roles.moving] - 0.5) @ rotation(degrees).T + 0.5 + shift
+        without, carried = moved_or_refused(plain, targets), moved_or_refused(model, targets)
+        assert without is None or carried is not None
+        if without is not None:
+            assert carried.corrected.inverted == 0
+            assert carried.corrected.metric.min > 0.2 * min(0.2, without.corrected.metric.min)
+
+
+def test_a_layer_that_meets_a_wall_gives_way_and_says_so() -> None:
+    model = model_of(boundary_layer_thickness=1.0, displacement="absolute")
+    targets = model.points[model.roles.moving] + [0.3, 0.0]
+    motion = model.move(model.points, targets)
+    assert motion.warnings[0].startswith("the boundary layer gave way at ")
+    plain = model_of(boundary_layer_thickness=None, displacement="absolute").move(model.points, targets)
+    assert np.array_equal(motion.points, plain.points)  # the whole layer is near the bad cells
+
+
+def test_sub_steps_lead_the_layer_through() -> None:
+    """What gave way on the way there gives way at the targets: a mesh is not put back where it was not valid."""
+    for degrees in (100.0, 180.0):
+        model = model_of(displacement="absolute", sub_steps="always")
+        targets = (model.points[model.roles.moving] - 0.5) @ rotation(degrees).T + 0.5
+        motion = model.move(model.points, targets)
+        assert motion.sub_steps > 1
+        assert motion.corrected.inverted == 0
+
+
+def test_cells_that_carrying_alone_would_spoil_are_freed() -> None:
+    mesh = concave()
+    model = model_of(mesh, boundary_layer_thickness=0.25, displacement="absolute")
+    moving = model.points[model.roles.moving]
+    closed = moving.copy()
+    arm = moving[:, 0] > 0.6
+    pivot = np.array([0.6, 0.4])
+    closed[arm] = (moving[arm] - pivot) @ rotation(35.0).T + pivot
+    motion = model.move(model.points, closed)
+    plain = model_of(mesh, boundary_layer_thickness=None, displacement="absolute").move(model.points, closed)
+    gone, of = (int(word) for word in motion.warnings[0].split() if word.isdigit())
+    assert 0 < gone < 0.2 * of
+    assert of == len(layer_of(model))
+    assert motion.corrected.metric.min > 0.8 * plain.corrected.metric.min
+
+
+def concave():
+    """A box of squares whose floor moves: its right part can be lifted."""
+    n = 20
+    axis = np.linspace(0.0, 1.0, n + 1)
+    points = np.stack(np.meshgrid(axis, axis + 0.4, indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(n + 1, n + 1)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    floor, lid = np.flatnonzero(points[:, 1] == 0.4), np.flatnonzero(points[:, 1] == points[:, 1].max())
+    sides = np.flatnonzero((points[:, 0] == 0.0) | (points[:, 0] == 1.0))
+    patches = {"floor": Patch("moving", floor), "lid": Patch("fixed", lid), "sides": Patch("slip", sides)}
+    return points, CellTable.from_arrays({"quad": quads}), patches
+
+
+# which nodes belong to it
+
+
+def test_a_layer_ends_at_the_mitre_of_a_corner() -> None:
+    model = model_of(square_frame(20, kind="quad"), boundary_layer_thickness=0.05)
+    off = np.abs(model.points[layer_of(model)] - 0.5).max(axis=1)
+    assert len(layer_of(model)) == 4 * 6  # one row of nodes around 4 x 4 squares, its corners included
+    assert np.allclose(off, 0.15)
+
+
+def test_a_third_of_a_gap_stays_free() -> None:
+    points, cells, patches = square_frame(30)
+    layer = BoundaryLayer.build(points, cells, patches, thickness=0.5)
+    off = np.abs(points[layer.nodes] - 0.5).max(axis=1) - 0.1
+    assert off.max() == pytest.approx(0.4 / 3.0, abs=1.0 / 30.0)
+    assert off.max() <= 0.4 / 3.0 + 1e-9
+
+
+def test_a_thickness_without_a_node_is_told() -> None:
+    model = model_of(boundary_layer_thickness=0.01)
+    assert model.standard_motion.layer is None
+    assert model.warnings == ("boundary_layer_thickness = 0.01 holds no node",)
+
+
+def test_outermost_nodes_stand_for_the_wall_behind_them() -> None:
+    model = model_of(square_frame(20, kind="quad"), boundary_layer_thickness=0.05)
+    shield = model.standard_motion.layer.shield
+    assert np.array_equal(shield.outermost, layer_of(model))
+    assert np.array_equal(shield.behind, model.roles.moving)
+    assert np.array_equal(shield.instead(model.roles.all), np.union1d(model.roles.fixed, layer_of(model)))
+
+
+@pytest.mark.parametrize(
+    ("choices", "says"),
+    [
+        ({"predictor": "centre-gradient"}, "needs the motion's gradient"),
+        ({"boundary_layer_thickness": -1.0}, "boundary_layer_thickness must be a positive length"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(choices: dict[str, object], says: str) -> None:
+    with pytest.raises(InvalidInput, match=says):
+        model_of(**choices)
+
+
+def test_a_mesh_of_one_dimension_has_no_layer() -> None:
+    points = np.linspace(0.0, 1.0, 5)[:, None]
+    cells = CellTable.from_arrays({"line": np.column_stack([np.arange(4), np.arange(1, 5)])})
+    with pytest.raises(InvalidInput, match="expected a mesh in 2D or 3D"):
+        model_of((points, cells, {"end": Patch("moving", np.array([0]))}))
+
+
+@pytest.mark.parametrize("name", ["layer_flag", "layer_wing"])
+def test_the_stored_meshes_are_valid(name: str) -> None:
+    mesh = stored_layer(name)
+    assert not cell_quality(mesh.points, mesh.cells, reference_sizes(mesh.points, mesh.cells)).inverted.any()
+    assert mesh.columns.shape[1] == {"layer_flag": 11, "layer_wing": 7}[name]
