@@ -103,7 +103,7 @@ class MeshMotion:
         return float(cell_quality(positions, mesh.cells, sizes).metric("size-skew").min())
 
 
-def _motion(title: str, mesh: StoredMesh, moved: dict[str, Floats], support_radius: float) -> MeshMotion:
+def mesh_motion(title: str, mesh: StoredMesh, moved: dict[str, Floats], support_radius: float) -> MeshMotion:
     """All patches' nodes, the named patches displaced."""
     displacement = np.zeros_like(mesh.points)
     for name, of_patch in moved.items():
@@ -117,7 +117,7 @@ def block(shift: tuple[float, float] = (-0.1, -0.1), degrees: float = 30.0) -> M
     mesh = stored("tests/references/correction_slab")
     body = mesh.points[mesh.patches["body"].nodes]
     title = f"slab in a square, {shift} and {degrees:+.0f}°"
-    return _motion(title, mesh, {"body": Turn(shift, degrees)(body) - body}, 0.5)
+    return mesh_motion(title, mesh, {"body": Turn(shift, degrees)(body) - body}, 0.5)
 
 
 def wing(fraction: float = 0.5) -> MeshMotion:
@@ -126,7 +126,7 @@ def wing(fraction: float = 0.5) -> MeshMotion:
     with np.load(ROOT / "examples/tapered_wing/motion.npz") as motion:
         table = motion["displacement"]
         rows = table[round(fraction * len(table)) - 1]
-    return _motion(f"tapered wing, {fraction:.0%} of its motion", mesh, {"wing": rows}, 1.0)
+    return mesh_motion(f"tapered wing, {fraction:.0%} of its motion", mesh, {"wing": rows}, 1.0)
 
 
 def layered(first_layer: float = 2e-4, *, around: int = 120, layers: int = 36) -> MeshMotion:
@@ -148,4 +148,4 @@ def layered(first_layer: float = 2e-4, *, around: int = 120, layers: int = 36) -
     mesh = StoredMesh(points, CellTable.from_arrays({"quad": quads}), patches)
     x = ellipse[:, 0] / 0.2 + 0.5
     bent_line = np.column_stack([np.zeros(around), 0.05 * np.sin(2.0 * np.pi * x) * x])
-    return _motion(f"ellipse with layers from {first_layer:g}", mesh, {"body": bent_line}, 0.5)
+    return mesh_motion(f"ellipse with layers from {first_layer:g}", mesh, {"body": bent_line}, 0.5)
