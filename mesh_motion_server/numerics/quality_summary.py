@@ -7,7 +7,7 @@ the values in that bin are sorted: exact percentiles of millions of cells for th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -133,13 +133,21 @@ def _gather_bins(values, wanted, starts, out):  # type: ignore[no-untyped-def]
                 place += 1
 
 
-def _histogram(values: Floats) -> tuple[Ints, Floats, Floats, Floats]:
+class _Histogram(NamedTuple):
     """(PARTS, BINS) counts, and sum, minimum and maximum of each part."""
+
+    counts: Ints
+    sums: Floats
+    minima: Floats
+    maxima: Floats
+
+
+def _histogram(values: Floats) -> _Histogram:
     counts = np.zeros((_PARTS, _BINS), dtype=np.int64)
     sums, minima, maxima = np.empty(_PARTS), np.empty(_PARTS), np.empty(_PARTS)
     with threads_for(len(values) // _VALUES_PER_THREAD):
         _fill_histogram(values, counts, sums, minima, maxima)
-    return counts, sums, minima, maxima
+    return _Histogram(counts, sums, minima, maxima)
 
 
 def _in_bins(values: Floats, wanted: NDArray[np.bool_], counts: Ints) -> Ints:
@@ -154,18 +162,24 @@ def _in_bins(values: Floats, wanted: NDArray[np.bool_], counts: Ints) -> Ints:
 def distribution(values: Floats) -> Distribution:
     """Minimum, mean and percentiles of the values (m,), m ≥ 1, of a quality metric."""
     values = read_only(values)
-    counts, sums, minima, maxima = _histogram(values)
-    least, mean = float(minima.min()), float(sums.sum() / len(values))
-    if least == maxima.max():  # a mesh at rest: every size is 1
+    return _distribution(values, _histogram(values))
+
+
+def _distribution(values: Floats, histogram: _Histogram) -> Distribution:
+    least, mean = float(histogram.minima.min()), float(histogram.sums.sum() / len(values))
+    if least == histogram.maxima.max():  # a mesh at rest: every size is 1
         return Distribution(least, mean, least, least, least)
-    ranks = [p * (len(values) - 1) // 100 for p in _PERCENTILES]
-    return Distribution(least, mean, *(_order_statistic(values, counts, rank) for rank in ranks))
+    return Distribution(least, mean, *_order_statistics(values, histogram.counts, _PERCENTILES))
 
 
 def smallest(values: Floats, count: int) -> Ints:
     """Numbers of the smallest values, smallest first; of equal values the lower number first."""
-    values, count = read_only(values), min(count, len(values))
-    counts = _histogram(values)[0]
+    values = read_only(values)
+    return _smallest(values, count, _histogram(values).counts)
+
+
+def _smallest(values: Floats, count: int, counts: Ints) -> Ints:
+    count = min(count, len(values))
     wanted = np.arange(_BINS) <= np.searchsorted(np.cumsum(counts.sum(axis=0)), count)
     candidates = _in_bins(values, wanted, counts)
     if len(candidates) > count > 0:
@@ -204,9 +218,11 @@ def summarize(
     InvalidInput
         On an unknown metric.
     """
-    values = {name: quality.metric(name) for name in dict.fromkeys(("size", "skew", "size-skew", metric))}
-    found = {name: distribution(of) for name, of in values.items()}
-    numbers = smallest(values[metric], worst)
+    names = dict.fromkeys(("size", "skew", "size-skew", metric))
+    values = {name: read_only(quality.metric(name)) for name in names}
+    histograms = {name: _histogram(of) for name, of in values.items()}
+    found = {name: _distribution(values[name], histograms[name]) for name in names}
+    numbers = _smallest(values[metric], worst, histograms[metric].counts)
     centres = cells.centres(points, numbers)
     return QualitySummary(
         metric_name=metric,
@@ -230,11 +246,16 @@ def summarize(
     )
 
 
-def _order_statistic(values: Floats, counts: Ints, rank: int) -> float:
-    """The value with this rank (from 0) in ascending order."""
+def _order_statistics(values: Floats, counts: Ints, percentiles: tuple[int, ...]) -> list[float]:
+    """The values with rank ⌊p (m - 1) / 100⌋ in ascending order, from one pass over those in their bins."""
     total = counts.sum(axis=0)
     below = np.cumsum(total)
-    place = int(np.searchsorted(below, rank, side="right"))
-    here = values[_in_bins(values, np.arange(_BINS) == place, counts)]
-    inside = rank - int(below[place] - total[place])
-    return float(np.partition(here, inside)[inside])
+    ranks = [p * (len(values) - 1) // 100 for p in percentiles]
+    places = np.searchsorted(below, ranks, side="right")
+    kept = np.unique(places)
+    before = dict(zip(kept.tolist(), (np.cumsum(total[kept]) - total[kept]).tolist(), strict=True))
+    inside = [
+        before[int(place)] + rank - int(below[place] - total[place]) for rank, place in zip(ranks, places, strict=True)
+    ]
+    candidates = values[_in_bins(values, np.isin(np.arange(_BINS), places), counts)]
+    return [float(value) for value in np.partition(candidates, inside)[inside]]
