@@ -194,7 +194,8 @@ def draw_slopes(axes: Any, sizes: Floats, curves: Curves, anchors: dict[int, flo
         axes.loglog(sizes, anchor * (sizes / sizes[-1]) ** power, ":", color="#808080", linewidth=1)
         label = "h²" if power == 2 else "h"
         place = (sizes[0], anchor * (sizes[0] / sizes[-1]) ** power)
-        axes.annotate(label, place, xytext=(-18, -12), textcoords="offset points", fontsize=9, color="#606060")
+        axes.annotate(label, place, xytext=(5, -4), textcoords="offset points", fontsize=9, color="#606060")
+    axes.set_xlim(right=1.25 * sizes[0])
     axes.set_xticks(sizes, labels=[f"{size:.3g}" for size in sizes], minor=False)
     axes.minorticks_off()
     axes.set_xlabel("edge length / coarsest")

@@ -64,8 +64,8 @@ def run(quick: bool) -> Outcome:
         f"The block's mesh; block: {BLOCK.degrees:.0f}° and {list(BLOCK.shift)}; rigid motion of everything: "
         f"{WHOLE.degrees:.0f}° and {list(WHOLE.shift)}. {_sparseness(mesh, roles)}"
     )
-    caption = "The figure's motion, R = 0.5. Left: outer wall held; right: only the block is interpolated."
-    return Outcome([table], [Picture(draw, caption, size=(10.0, 2.9))], text)
+    caption = "The figure's motion, R = 0.5. Above: outer wall held; below: only the block is interpolated."
+    return Outcome([table], [Picture(draw, caption, size=(7.5, 7.7))], text)
 
 
 def _rigid_error(mesh: StoredMesh, controls: NDArray[np.int64], radius: float, polynomial: str) -> float:
@@ -104,11 +104,11 @@ def draw(figure: Any) -> None:
     mesh = stored(MESH)
     roles = BoundaryRoles.from_patches(mesh.patches)
     triangles = mesh.cells.blocks[0].nodes
-    axes = figure.subplots(1, 4)
+    axes = figure.subplots(2, 2).ravel()
     cases = [(roles.all, p, "wall held") for p in POLYNOMIALS] + [(roles.moving, p, "block alone") for p in POLYNOMIALS]
     for axis, (controls, polynomial, what) in zip(axes, cases, strict=True):
         points = moved(mesh, told_block(mesh), controls, 0.5, polynomial)
-        axis.triplot(points[:, 0], points[:, 1], triangles, color="0.2", linewidth=0.5, antialiased=False)
+        axis.triplot(points[:, 0], points[:, 1], triangles, color="0.35", linewidth=0.3, antialiased=False)
         axis.set_aspect("equal")
         axis.set_title(f"{what}, {'no' if polynomial == 'none' else 'with'} polynomial", fontsize=10)
         axis.tick_params(labelsize=7)

@@ -80,17 +80,17 @@ def _draw(figure: Any) -> None:
     left.legend(fontsize=8)
     case = wing()
     problem, found, size, peaks = _state(case, 40)
-    moving = np.linalg.norm(problem.displacement, axis=1) > 0.0
-    drawn = right.scatter(
-        problem.points[moving, 2], problem.points[moving, 0], c=size[moving], s=9, cmap="viridis", linewidths=0
+    near = (
+        (problem.points[:, 2] < 0.9) & (np.abs(problem.points[:, 0] - 0.6) < 0.8) & (np.abs(problem.points[:, 1]) < 0.4)
     )
-    figure.colorbar(drawn, ax=right, label="error / largest displacement")
-    peaks = peaks[moving[peaks]]
-    right.plot(problem.points[peaks, 2], problem.points[peaks, 0], "v", ms=7, color="C3", label="chosen next")
-    right.set(xlabel="span z", ylabel="x", aspect="equal")
-    right.invert_yaxis()
+    moving = np.linalg.norm(problem.displacement, axis=1) > 0.0
+    at = problem.points[:, [0, 2]].T
+    drawn = right.scatter(*at[:, moving], c=size[moving], s=9, cmap="viridis", linewidths=0)
+    figure.colorbar(drawn, ax=right, label="error / largest displacement", shrink=0.8)
+    right.plot(*at[:, peaks[near[peaks]]], "v", ms=7, color="C3", label="chosen next, its wall included")
+    right.set(xlabel="x", ylabel="span z", aspect="equal")
     right.set_title("wing from above, 40 points chosen", fontsize=10)
-    right.legend(fontsize=8, loc="lower left")
+    right.legend(fontsize=8, loc="upper left")
 
 
 def claims(outcome: Outcome) -> None:

@@ -143,7 +143,15 @@ def _turning(figure: Any, angles: dict[str, Floats]) -> None:
         zip(figure.subplots(1, 3), ("size after ten corrections", "first gain", "first |dJ|"), strict=True)
     ):
         for kind, rows in angles.items():
-            ax.plot(np.linspace(0, 180, len(rows)), rows[:, column], label=kind, lw=1.2)
+            # polar and qr nearly coincide: one is drawn broken and wider beneath the other
+            wide = kind == "polar"
+            ax.plot(
+                np.linspace(0, 180, len(rows)),
+                rows[:, column],
+                label=kind,
+                lw=3.5 if wide else 1.2,
+                alpha=0.5 if wide else 1,
+            )
         ax.set(title=title, xlabel="turned by, degrees")
         ax.set_xticks([0, 45, 90, 135, 180])
     ax.set_yscale("log")

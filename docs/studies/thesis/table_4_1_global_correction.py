@@ -55,8 +55,8 @@ def _functions(figure: Any) -> None:
     for kind in FUNCTIONS:
         h = functions.values(kind, FINE[:, None], np.array([0.5]), 1.0)[:, 0]
         left.plot(FINE, h / np.abs(h).max(), label=kind)
-    left.set(xlabel="x", title="enrichment functions, scaled to 1; R_l = 1")
-    left.legend()
+    left.set(xlabel="x", ylim=(-1.1, 1.45), title="enrichment functions, scaled to 1; R_l = 1")
+    left.legend(fontsize=8, ncols=3, loc="upper center")
     radii = list(PRINTED)
     for place, kind in enumerate(("standard", *FUNCTIONS)):
         heights = []

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._block import BlockCase, block_case, draw_mesh, turned
@@ -16,6 +17,8 @@ from mesh_motion_server.numerics.enrichment.explicit_iterations import (
 )
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import factorize
+
+Floats = NDArray[np.float64]
 
 #: As the thesis does it; its relaxation is not printed.
 THESIS = ExplicitSettings(
@@ -60,10 +63,14 @@ def run(quick: bool) -> Outcome:
             (9.5, 3),
         ),
         Picture(
-            lambda figure: _meshes(figure, found), "Figs 5.10, 5.11, 5.14: standard above, explicit below.", (8.2, 6.2)
+            lambda figure: _meshes(figure, found),
+            "Figs 5.10, 5.11, 5.14: standard above, explicit below; size from 0 (dark) to 1; inverted cells red.",
+            (8.2, 6.2),
         ),
         Picture(
-            lambda figure: _places(figure, found), "Figs 5.10f, 5.12b, 5.16: enrichment points in their order.", (9, 3)
+            lambda figure: _places(figure, found),
+            "Figs 5.10f, 5.12b, 5.16: enrichment points in their order, near ones together.",
+            (9, 3),
         ),
         Picture(lambda figure: _action(figure, found), "Figs 5.11e–f, 5.17: what the enrichment adds.", (9.5, 4.4)),
     )
@@ -166,14 +173,27 @@ def _places(figure: Any, found: dict[str, ExplicitResult]) -> None:
         case = block_case(name)
         x = case.problem.start
         ax.triplot(*x.T, case.triangles, color="0.5", lw=0.2, alpha=0.5, antialiased=False)
-        for number, place in enumerate(found[name].enrichment_points, start=1):
-            ax.text(*place, str(number), color="r", fontsize=7, ha="center", va="center")
         low, high = found[name].enrichment_points.min(axis=0), found[name].enrichment_points.max(axis=0)
         middle, half = 0.5 * (low + high), 0.5 * float((high - low).max()) + 0.05
+        for place, numbers in _by_place(found[name].enrichment_points, 0.18 * half).items():
+            ax.plot(*place, "r.", ms=3)
+            ax.annotate(", ".join(map(str, numbers)), place, (0, 3), "data", "offset points", **_NUMBER)
         ax.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
         ax.set_aspect("equal")
         ax.tick_params(labelsize=7)
         ax.set_title(name, fontsize=9)
+
+
+_NUMBER = {"color": "r", "fontsize": 7, "ha": "center"}
+
+
+def _by_place(points: Floats, near: float) -> dict[tuple[float, ...], list[int]]:
+    """The points' numbers by the first of those that are near each other, so that no two are written over another."""
+    found: dict[tuple[float, ...], list[int]] = {}
+    for number, point in enumerate(points, start=1):
+        close = [place for place in found if np.linalg.norm(point - place) < near]
+        found.setdefault(close[0] if close else tuple(point.tolist()), []).append(number)
+    return found
 
 
 def _action(figure: Any, found: dict[str, ExplicitResult]) -> None:
@@ -188,7 +208,7 @@ def _action(figure: Any, found: dict[str, ExplicitResult]) -> None:
             shown = ax.tricontourf(*case.problem.start.T, case.triangles, added[:, row], levels, cmap="coolwarm")
             ax.set_aspect("equal")
             ax.set_axis_off()
-            ax.set_title(f"{name}: {component}", fontsize=9)
+            ax.set_title(f"{name}: displacement in {component}", fontsize=9)
         figure.colorbar(shown, ax=axes[:, column], shrink=0.7, ticks=[-limit, 0, limit], format="%.2f")
 
 
