@@ -410,7 +410,7 @@ class MotionModel:
         return summarize(quality, trial.points, self.cells, metric=self.method.quality_metric)
 
     def _predict_sampled(self, trial: StandardTrial) -> QualitySummary:
-        """Exact below the threshold and at the minimum, bounded elsewhere; in full where something snaps nodes."""
+        """Exact below the threshold and at the minimum, expanded elsewhere; in full where something snaps nodes."""
         reduced = self.method.reduction != "none" or self.method.volume_reduction != "none"
         single = None if reduced or self.standard_motion.layer is not None else trial.field.single
         found = predict_sampled(

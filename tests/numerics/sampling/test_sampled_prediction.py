@@ -140,8 +140,9 @@ def test_groups_hold_every_cell_once_in_its_ball():
         {"quality_metric": "size"},
     ],
 )
-def test_a_motion_reports_the_exact_minimum(choices):
-    points, cells, patches = square_frame(15)
+@pytest.mark.parametrize("outer", ["fixed", "slip"])
+def test_a_motion_reports_the_exact_minimum(choices, outer):
+    points, cells, patches = square_frame(15, outer=outer)
     method = Method(support_radius=0.6, correction="none", allow_invalid=True, **choices)
     model = MotionModel.build(points, cells, patches, method)
     body = points[model.roles.moving]
