@@ -77,6 +77,7 @@ def test_it_stops_at_the_target() -> None:
 @pytest.mark.parametrize("name", ["-0.2, -0.2, +60°", "3D box 0.25 + bend"])
 def test_a_working_set_reaches_nearly_what_all_cells_do(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     everything = enriched(name)
+    monkeypatch.setattr(module, "WHOLE_CELLS", 600)
     monkeypatch.setattr(module, "WORKING_CELLS", 600)
     found = enriched(name)
     problem = case(name)
