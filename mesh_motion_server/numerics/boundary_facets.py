@@ -8,6 +8,7 @@ other nodes. That takes two passes over the facets and no hashing, and the resul
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit, prange
@@ -38,6 +39,8 @@ _NODES_PER_ITEM = 1024  # buckets per work item of the parallel loop
 _CELLS_PER_THREAD = 4096  # fewer are done before a thread is awake
 _INSERTION_SORT = 48  # longest bucket sorted by insertion: a node of a good mesh has about 25 facets
 _LONGEST_RUN = 64  # quads with three nodes in common: in a valid mesh at most two
+
+_KEPT: WeakKeyDictionary[CellTable, dict[str, Ints]] = WeakKeyDictionary()
 
 # what becomes of a facet
 _BOUNDARY, _INSIDE, _CROWDED = 1, 2, 3
@@ -76,7 +79,20 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
     InvalidInput
         If a facet belongs to more than two cells, or to two on the same side of it, which then overlap; the message
         names the facet and the cells.
+
+    Notes
+    -----
+    Found once for a cell table and kept as long as that lives: every part of a session asks for them. Not to be written
+    to.
     """
+    found = _KEPT.get(cells)
+    if found is None:
+        found = _KEPT[cells] = _found(cells)
+    return dict(found)
+
+
+def _found(cells: CellTable) -> dict[str, Ints]:
+    """The boundary's facets, by type."""
     table = _facet_table(cells)
     n = int(table.nodes.max()) + 1
     starts, order = _buckets(table.nodes, n)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics import boundary_facets as module
 from mesh_motion_server.numerics.boundary_facets import LOCAL_FACETS, boundary_facets, boundary_nodes
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.metrics import reference_sizes
@@ -110,3 +111,14 @@ def test_a_closed_surface_has_no_boundary():
     cells = CellTable.from_arrays({"triangle": np.array([[0, 1, 2], [0, 2, 1]])})
     assert boundary_facets(cells) == {}
     assert len(boundary_nodes(cells)) == 0
+
+
+def test_facets_are_found_once_for_a_cell_table_and_forgotten_with_it() -> None:
+    cells = CellTable.from_arrays({"triangle": np.array([[0, 1, 2], [0, 2, 3]])})
+    first = boundary_facets(cells)
+    assert boundary_facets(cells)["line"] is first["line"]
+    first.clear()
+    assert list(boundary_facets(cells)) == ["line"]
+    kept = len(module._KEPT)
+    del cells
+    assert len(module._KEPT) == kept - 1
