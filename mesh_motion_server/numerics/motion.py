@@ -32,14 +32,13 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
 from mesh_motion_server.numerics.prediction import predict
-from mesh_motion_server.numerics.radius_choice import PredictedMotion, best_predicted, with_other_radii
+from mesh_motion_server.numerics.radius_choice import PredictedMotion, best_predicted, with_other_radii, with_radii
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.sampling import ExpandableField, predict_sampled
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.numerics.sub_steps import Leg, Walk, furthest_walk
-from mesh_motion_server.numerics.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["Motion", "MotionModel"]
@@ -151,7 +150,7 @@ class MotionModel:
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
-        given, method = method, _with_radii(method, points, roles)
+        given, method = method, with_radii(method, points, roles)
         evaluator = evaluator or LocalEvaluator()
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
@@ -519,14 +518,3 @@ class MotionModel:
         except NumericalError:
             return False
         return True
-
-
-def _with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:
-    """The method with the radii that were left to us."""
-    radius = method.support_radius
-    if radius is None:
-        radius = suggest_support_radius(points, roles)
-    enrichment_radius = method.enrichment_radius
-    if enrichment_radius is None:
-        enrichment_radius = suggest_enrichment_radius(points, roles, radius)
-    return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)

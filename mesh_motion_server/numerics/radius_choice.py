@@ -1,4 +1,6 @@
-"""The support radius chosen from the motion: predict it with several radii, take the best.
+"""Radii that are not given: from the mesh, and the support radius, where asked, from each motion.
+
+The second predicts the motion with several radii and takes the best.
 
 Each motion is judged by itself, so that it depends on the model, the committed points and the targets as with a single
 radius: a resumed session, a repeated step and the other order of the coupling iterations give the same bits. From the
@@ -12,11 +14,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mesh_motion_server.numerics.metrics import QualitySummary
-from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
-from mesh_motion_server.numerics.support_radius import candidate_support_radii
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["PredictedMotion", "best_predicted", "with_other_radii"]
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import QualitySummary
+from mesh_motion_server.numerics.roles import BoundaryRoles
+from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_server.numerics.support_radius import (
+    candidate_support_radii,
+    suggest_enrichment_radius,
+    suggest_support_radius,
+)
+
+__all__ = ["PredictedMotion", "best_predicted", "with_other_radii", "with_radii"]
 
 #: Of the larger minimum quality: what another radius has to gain.
 _CLEARLY = 0.02
@@ -36,6 +47,17 @@ class PredictedMotion:
     motion: StandardMotion
     trial: StandardTrial
     quality: QualitySummary
+
+
+def with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:
+    """The method with the radii that it leaves to us chosen from the mesh with nodes at ``points`` (n, d)."""
+    radius = method.support_radius
+    if radius is None:
+        radius = suggest_support_radius(points, roles)
+    enrichment_radius = method.enrichment_radius
+    if enrichment_radius is None:
+        enrichment_radius = suggest_enrichment_radius(points, roles, radius)
+    return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)
 
 
 def with_other_radii(motion: StandardMotion, enrichment_radius: float | None) -> tuple[StandardMotion, ...]:
