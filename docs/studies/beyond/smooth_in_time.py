@@ -183,6 +183,6 @@ STUDY = Study(
     claims,
     (
         "mesh_motion_server.numerics.smooth_in_time.SmoothInTime",
-        "mesh_motion_server.numerics.motion.MotionModel.move",
+        "mesh_motion_server.numerics.motion.MotionModel",
     ),
 )
