@@ -99,6 +99,12 @@ def dead_links(text: str) -> list[str]:
     return sorted(wrong)
 
 
+def missing_files(text: str) -> list[str]:
+    """Files named in code spans, from the root, the package or the page's folder."""
+    named = set(re.findall(r"`([\w./-]+\.(?:py|md|npz|toml|json))`", text))
+    return sorted(f for f in named if not any((d / f).exists() for d in (ROOT, ROOT / "mesh_motion_server", DOCS)))
+
+
 def anchors(text: str) -> set[str]:
     """As GitHub makes them of headings."""
     headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
@@ -187,6 +193,7 @@ CHECKS: tuple[Callable[[str], list[str]], ...] = (
     unresolved_names,
     misplaced_names,
     dead_links,
+    missing_files,
     unknown_tests,
     missing_equations,
     unnumbered_docstrings,
@@ -209,6 +216,7 @@ def test_the_page_is_true(check: Callable[[str], list[str]]) -> None:
         (misplaced_names, "/numerics/decomposition.py", "/numerics/metrics.py", "numerics.decomposition.eigen"),
         (dead_links, "studies/thesis/volume_reduction.py", "studies/volume.py", "studies/volume.py"),
         (dead_links, "beyond.md)", "beyond.md#nowhere)", "beyond.md#nowhere"),
+        (missing_files, "`numerics/kernels.py`", "`numerics/kernel.py`", "numerics/kernel.py"),
         (unknown_tests, "[test_known_skews]", "[test_unknown_skews]", "test_unknown_skews"),
         (missing_equations, "| (3.16) |", "| (3.61) |", "3.16"),
         (missing_equations, "| (4.8) |", "| (4.7) |", "4.7"),
