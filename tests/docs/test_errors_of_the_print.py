@@ -76,6 +76,14 @@ def test_the_corners_of_3_29_are_those_of_table_2_4_at_the_first_node_only() -> 
     assert CELL_TYPES["quad"].corners == tuple((k, (k + 1) % 4, (k + 3) % 4) for k in range(4))  # (3.23)
 
 
+def test_the_corners_of_a_tetrahedron_take_turns_in_sign() -> None:
+    """The columns x_(k+1), x_(k+2), x_(k+3) of (3.25) need the factor (−1)^k that §2.3 prints before them."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    printed = np.array([np.linalg.det((x[[(k + i) % 4 for i in (1, 2, 3)]] - x[k]).T) for k in range(4)])
+    np.testing.assert_allclose(printed, [1.0, -1.0, 1.0, -1.0])
+    np.testing.assert_allclose(printed * (-1.0) ** np.arange(4), 1.0)
+
+
 def test_equal_off_diagonals_stretch_and_opposite_ones_turn() -> None:
     """§3.3.1 takes equal off-diagonal gradients for a rotation."""
     equal, opposite = (np.eye(2) + 0.1 * np.array([[0.0, s], [1.0, 0.0]]) for s in (1.0, -1.0))
