@@ -18,7 +18,7 @@ from docs.studies.catalogue import PAGES, names
 from docs.studies.page import DOCS
 
 PAGE = (DOCS / "thesis.md").read_text(encoding="utf-8")
-ROOT = DOCS.parent
+ROOT = DOCS.resolve().parent
 
 #: The last number of each chapter of the thesis.
 EQUATIONS = [f"{c}.{n}" for c, last in {2: 15, 3: 30, 4: 11, 5: 17, 6: 1}.items() for n in range(1, last + 1)]
@@ -49,6 +49,12 @@ def resolved(dotted: str) -> tuple[ModuleType, Any]:
     for part in rest:
         found = getattr(found, part)
     return module, found
+
+
+def file_of(dotted: str) -> Path:
+    """Where in this repository a dotted name stands, wherever the package was imported from."""
+    place = ROOT.joinpath(*resolved(dotted)[0].__name__.split("."))
+    return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
 
 
 def section(text: str, heading: str) -> str:
@@ -85,7 +91,7 @@ def unresolved_names(text: str) -> list[str]:
 def misplaced_names(text: str) -> list[str]:
     """Names whose link leads to another file than the one they stand in."""
     linked = [(m["label"].strip("`"), m["target"]) for m in _LINK.finditer(text) if _DOTTED.fullmatch(m["label"])]
-    return [name for name, target in linked if (DOCS / target).resolve() != Path(str(resolved(name)[0].__file__))]
+    return [name for name, target in linked if (DOCS / target).resolve() != file_of(name)]
 
 
 def dead_links(text: str) -> list[str]:
@@ -130,8 +136,8 @@ def unnumbered_docstrings(text: str) -> list[str]:
     for number, _, functions, *_ in rows(section(text, "Where each equation is")):
         if not re.fullmatch(r"\(\d\.\d+\)", number):
             continue
-        files = {str(resolved(name)[0].__file__) for name in _DOTTED.findall(functions)}
-        source = " ".join(Path(file).read_text(encoding="utf-8") for file in files)
+        files = {file_of(name) for name in _DOTTED.findall(functions)}
+        source = " ".join(file.read_text(encoding="utf-8") for file in files)
         said = set().union(*map(expanded, re.findall(r"\(\d\.\d+\)(?:–\(\d\.\d+\))?", source)))
         if number.strip("()") not in said:
             wrong.append(number)
