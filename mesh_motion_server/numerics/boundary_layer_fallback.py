@@ -1,8 +1,8 @@
 """A boundary layer gives way rather than spoil cells, or have a motion refused that is valid without it.
 
 First go the layer's nodes in cells that carrying alone would spoil: in concave corners that close, for example. If no
-valid mesh is found with the rest of it, or one that is nearly inverted, the layer gives way near the worst cells; if
-that does not help, everywhere.
+valid mesh is found with the rest of it, the layer gives way near the worst cells, and if that does not help,
+everywhere; also if the mesh is nearly inverted, where giving way at least doubles its minimum quality.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 
 NEARLY_INVERTED = 0.2
 """Share of the threshold below which a mesh is nearly inverted, and of a layer cell's quality in the reference mesh."""
+
+_WORTH_IT = 2.0  # times the minimum quality with more of the layer
 
 
 class _Judged(Protocol):
@@ -88,7 +90,7 @@ def move_with_layer(
                 raise
             cells = list(refusal.cells)
         else:
-            if best is None or motion.corrected.metric.min > best[0].corrected.metric.min:
+            if best is None or motion.corrected.metric.min > _WORTH_IT * max(best[0].corrected.metric.min, 0.0):
                 best = motion, layer
             cells = [cell.number for cell in motion.corrected.worst]
         if best is not None and (layer is None or best[0].corrected.metric.min >= NEARLY_INVERTED * threshold):

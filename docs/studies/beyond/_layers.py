@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.roles import Patch
 
-__all__ = ["Kept", "LayerMesh", "bent_flag", "bent_wing", "stored_layer"]
+__all__ = ["Kept", "LayerMesh", "bent_flag", "bent_wing", "in_triangles", "stored_layer"]
 
 Floats = NDArray[np.float64]
 
@@ -85,9 +85,16 @@ class LayerMesh:
         """Smallest size-skew of the cells outside the layer, those that touch it included."""
         inside = np.zeros(len(self.points), dtype=bool)
         inside[self.columns.ravel()] = True
-        quality = cell_quality(moved, self.cells, reference_sizes(self.points, self.cells)).metric("size-skew")
         outer = ~np.concatenate([inside[block.nodes].all(axis=1) for block in self.cells])
-        return float(quality[outer].min())
+        return float(self._quality(moved)[outer].min())
+
+    def minimum(self, moved: Floats) -> float:
+        """Smallest size-skew of all cells."""
+        return float(self._quality(moved).min())
+
+    def _quality(self, moved: Floats) -> Floats:
+        """(m,) size-skew of every cell."""
+        return cell_quality(moved, self.cells, reference_sizes(self.points, self.cells)).metric("size-skew")
 
     def _wall(self) -> NDArray[np.int64]:
         """(f, d) facets of the body: edges or triangles."""
@@ -136,6 +143,14 @@ def stored_layer(name: str) -> LayerMesh:
     patches = {key: Patch(_ROLES.get(key, "fixed"), value) for key, value in nodes.items()}
     [body] = (patch.nodes for patch in patches.values() if patch.role == "moving")
     return LayerMesh(arrays["points"], cells, patches, np.sort(body), arrays["columns"].astype(np.int64))
+
+
+def in_triangles(mesh: LayerMesh) -> LayerMesh:
+    """The mesh with its quads cut into triangles: the same nodes, but no stacked cells."""
+    blocks = {block.type.name: block.nodes for block in mesh.cells}
+    quads = blocks.pop("quad")
+    blocks["triangle"] = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]], blocks["triangle"]])
+    return replace(mesh, cells=CellTable.from_arrays(blocks))
 
 
 def bent_flag(points: Floats, fraction: float) -> Floats:
