@@ -66,8 +66,8 @@ def run(quick: bool) -> Outcome:
                "cost / trial nodes", "cost / centre gradient")  # fmt: skip
     caption = "CPU time of one prediction, the groups given; all bad cells (size-skew < 0.2) are counted."
     found = Table(columns, rows, caption, digits=3)
-    columns = ("mesh", "cells sampled", "share of bad cells", "chance to see none", "minimum",
-               "median minimum of the sample")  # fmt: skip
+    columns = ("mesh", "cells sampled", "cost / all cells", "share of bad cells", "chance to see none", "minimum",
+               "median minimum of the sample", "cells to see one at 99 %")  # fmt: skip
     random = Table(columns, samples, "The thesis' form: cells chosen at random, the prediction exact.", digits=3)
     return Outcome(
         [found, random],
@@ -115,14 +115,16 @@ def _by_groups(mesh: Mesh, field: InterpolantField, exact: Floats, size: int, bo
 
 
 def _random(name: str, exact: Floats) -> list[list[Cell]]:
-    """How often a random sample sees no bad cell, and how bad the worst is that it sees."""
+    """How often a random sample sees no bad cell, how bad the worst is that it sees, and how many cells would do."""
     rng = np.random.default_rng(1)
     rows: list[list[Cell]] = []
     for count in (10, 100, 1000):
         minima = [exact[rng.integers(0, len(exact), count)].min() for _ in range(400)]
         none = float(np.mean(np.array(minima) >= THRESHOLD))
         share = float(np.mean(exact < THRESHOLD))
-        rows.append([name, str(count), share, none, float(exact.min()), float(np.median(minima))])
+        needed = int(np.ceil(np.log(0.01) / np.log1p(-share))) if share > 0.0 else None
+        least = float(exact.min())
+        rows.append([name, str(count), count / len(exact), share, none, least, float(np.median(minima)), needed])
     return rows
 
 
