@@ -6,14 +6,13 @@ moves before a motion is accepted: an unacceptable one raises with the best that
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.boundary_layer import BoundaryLayer, held_with
@@ -27,6 +26,7 @@ from mesh_motion_server.numerics.correction import (
 )
 from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
+from mesh_motion_server.numerics.led_motion import led_motion
 from mesh_motion_server.numerics.mesh_check import check_mesh
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
@@ -38,7 +38,6 @@ from mesh_motion_server.numerics.sampling import ExpandableField, predict_sample
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
-from mesh_motion_server.numerics.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["Motion", "MotionModel"]
@@ -227,79 +226,25 @@ class MotionModel:
     ) -> Motion:
         """One motion, led through valid meshes where the method says so and one step does not do."""
         if self.method.sub_steps == "always":
-            return self._in_sub_steps(committed, targets, factors)
+            return led_motion(self, committed, targets, factors)
         try:
-            return self._attempt(committed, targets, factors)
+            return self.attempt(committed, targets, factors)
         except NumericalError as refusal:
             if self.method.sub_steps == "never" or self.method.correction == "none":
                 raise
-            return self._in_sub_steps(committed, targets, factors, refusal)
+            return led_motion(self, committed, targets, factors, direct=refusal)
 
-    def _in_sub_steps(
-        self,
-        committed: NDArray[np.float64],
-        targets: NDArray[np.float64],
-        factors: FactorSource,
-        direct: NumericalError | None = None,
-    ) -> Motion:
-        """Lead the mesh to the targets in legs, then correct it there as the method asks; ``direct`` failed before."""
-        watch = Stopwatch()
-        start = committed if self.method.displacement == "relative" else self.points
-        with watch.phase("correct"):
-            furthest = self._led(start, targets, factors)
-        refusal = direct or furthest.refusal
-        if furthest.fraction < 1.0 and refusal is not None:
-            raise NumericalError(
-                f"{refusal.message}; in {furthest.legs} sub-steps the mesh was kept valid for "
-                f"{furthest.fraction:.3g} of the way",
-                best=refusal.best,
-                cells=refusal.cells,
-                details=refusal.details,
-            )
-        motion = self._attempt(committed, targets, factors, valid=furthest.points)
-        iterations = furthest.iterations + motion.correction.iterations
-        led = watch.seconds()
-        return replace(
-            motion,
-            sub_steps=furthest.legs,
-            correction=replace(motion.correction, iterations=iterations),
-            seconds={**motion.seconds, "correct": led["correct"] + motion.seconds["correct"], "total": led["total"]},
-        )
-
-    def _led(self, start: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource) -> Walk:
-        """The mesh ``start`` (n, d) led along the first way on which it stays valid, or else as far as possible."""
-        method = replace(
-            self.method,
-            displacement="relative",
-            correction_target="threshold",
-            correction_in_time="independent",
-            refuse_below_threshold=False,
-        )
-        motion = replace(self.standard_motion, method=method)
-        model = replace(self, method=method, standard_motion=motion, other_radii=(), smooth=None)
-
-        def move(points: NDArray[np.float64], waypoint: NDArray[np.float64]) -> Leg:
-            found = model._attempt(points, waypoint, factors if points is start else MakeEachTime())
-            return Leg(found.points, found.standard.inverted == 0, found.correction.iterations)
-
-        return furthest_walk(start, (way.at for way in self._ways(start[self.roles.moving], targets)), move)
-
-    def _ways(self, origin: NDArray[np.float64], targets: NDArray[np.float64]) -> Iterator[Way]:
-        """Ways for the moving nodes (k, d); periodic ones have to go alike, which a scaled displacement does."""
-        if self.standard_motion.periodic is not None:
-            return iter([straight_way(origin, targets)])
-        return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
-
-    def _attempt(
+    def attempt(
         self,
         committed: NDArray[np.float64],
         targets: NDArray[np.float64],
         factors: FactorSource,
         valid: NDArray[np.float64] | None = None,
     ) -> Motion:
-        """One motion, accepted or refused; its correction begins from a ``valid`` mesh (n, d) where one is known.
+        """One motion in one step, accepted or refused; parameters and errors as those of :meth:`move`.
 
-        A boundary layer gives way rather than have it refused.
+        Its correction begins from a ``valid`` mesh (n, d) where one is known. A boundary layer gives way rather than
+        have it refused.
         """
         watch, asked = Stopwatch(), self.standard_motion.layer
         if asked is None:
@@ -514,7 +459,7 @@ class MotionModel:
         """Whether a fraction of the displacement since ``committed`` would be accepted."""
         origin = committed[self.roles.moving]
         try:
-            self._attempt(committed, origin + fraction * (targets - origin), factors)
+            self.attempt(committed, origin + fraction * (targets - origin), factors)
         except NumericalError:
             return False
         return True
