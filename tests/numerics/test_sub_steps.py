@@ -10,6 +10,8 @@ import pytest
 from box_meshes import box_mesh
 from correction_cases import REFERENCES, stored
 from frame_meshes import rotation
+from periodic_meshes import periodic_box
+from sliding_meshes import duct
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.cells import CellTable
@@ -237,3 +239,28 @@ def test_the_first_way_that_leads_to_its_end_is_taken() -> None:
     assert blocked.refusal is not None
     with pytest.raises(InvalidInput, match="at least one way"):
         furthest_walk(start, [], move)
+
+
+def test_walls_that_slide_are_followed_in_every_leg() -> None:
+    points, cells, patches = duct("quad")
+    method = Method(support_radius=1.0, quality_threshold=0.9, sub_steps="always")
+    model = MotionModel.build(points, cells, patches, method)
+    motion = model.move(model.points, turned(model, 120.0, 0.1))
+    assert motion.sub_steps >= 3
+    assert motion.corrected.metric.min > 0.3
+    walls = model.roles.sliding
+    assert np.array_equal(motion.points[walls, 1], model.points[walls, 1])
+    assert np.abs(motion.points[walls, 0] - model.points[walls, 0]).max() > 1e-3
+
+
+def test_periodic_nodes_stay_pairs_in_every_leg() -> None:
+    model = MotionModel.build(
+        *periodic_box("quad"), Method(support_radius=0.8, quality_threshold=0.9, sub_steps="always")
+    )
+    motion = model.move(model.points, model.points[model.roles.moving] + (0.1, 0.25))
+    assert motion.sub_steps == 3
+    assert motion.corrected.metric.min > 0.3
+    periodic = model.standard_motion.periodic
+    assert periodic is not None
+    step = motion.points - model.points
+    np.testing.assert_allclose(step[periodic.members], step[periodic.roots], atol=1e-12)
