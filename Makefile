@@ -2,6 +2,7 @@
 # make test   runs every test
 # make lint   ruff and mypy, as CI does
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
+# make bench  measures what a correction costs, up to half a million nodes (benchmarks/README.md)
 # make studies recomputes every table and figure of docs/thesis.md and docs/beyond.md (STUDY="name …" for some)
 # make docker builds the images and runs server + mock fluid + mock solid (needs a Docker engine)
 #
@@ -15,10 +16,10 @@ BIN := $(VENV)/bin
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format peers studies docker clean
+.PHONY: help demo test test-fast lint format peers bench studies docker clean
 
 help:
-	@sed -n '1,8s/^# \{0,1\}//p' Makefile
+	@sed -n '1,9s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -55,6 +56,9 @@ format: $(VENV)/.development
 
 peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1
+
+bench: $(VENV)/.development
+	$(BIN)/python -m benchmarks.correction --out out/peers
 
 studies: $(VENV)/.development
 	$(BIN)/python -m docs.studies $(STUDY)

@@ -78,7 +78,7 @@ PLACEMENTS = {
 IN_TIME = ("independent", "smooth")
 
 SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
-"""Free nodes, by dimension, up to which "auto" goes for the maximum: it costs about a second there."""
+"""Free nodes, by dimension, up to which "auto" goes for the maximum: about a second there, of hexahedra several."""
 
 _WORST = 10  # cells that a refusal names
 _VALID = 1e-6

@@ -41,7 +41,7 @@ EXACTING = Accuracy(full_step_gain=1e-4, least_decrement=1e-4, least_gain=1e-6)
 """1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % where cells are no simplices."""
 
 _LEVEL_ITERATIONS, _EXACTING_ITERATIONS = 12, 24
-_EXACTING_UNKNOWNS = 30_000
+_EXACTING_UNKNOWNS = 10_000  # twice the time: tetrahedra 1 s, hexahedra 7 s
 _UNTANGLED = 1e-2  # least determinant from which the barrier is used; nearer to 0 its steps stay short
 _VALID = 1e-3  # what untangling must reach before it may stop because it gains little
 _SLOW = 1.5

@@ -1,0 +1,57 @@
+"""``python -m benchmarks.correction``: the cost of the correction, case by case, each in a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.correction.cases import CASES, standard_positions
+from benchmarks.correction.cost import Cost
+from benchmarks.correction.report import fill, table
+
+
+def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.correction", description="The cost of the correction.")
+    parser.add_argument("--out", type=Path, default=Path("out/peers"), help="folder of the meshes and the results")
+    parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES), metavar="CASE")
+    parser.add_argument("--threads", type=int, default=min(2, os.cpu_count() or 1), help="threads of the kernels")
+    parser.add_argument("--repeat", type=int, default=1, help="runs of each; the shortest counts")
+    parser.add_argument("--readme", action="store_true", help="put the table into benchmarks/README.md")
+    arguments = parser.parse_args(words)
+    if arguments.threads < 1 or arguments.repeat < 1:
+        parser.error("--threads and --repeat take a positive number")
+    return arguments
+
+
+def _cost(name: str, folder: Path, threads: int, repeat: int) -> Cost:
+    """Of one case, in a fresh process."""
+    words = [sys.executable, "-m", "benchmarks.correction.cost", name, str(folder), str(repeat)]
+    environment = {**os.environ, "NUMBA_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
+    done = subprocess.run(words, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+    return Cost(**json.loads(done.stdout))
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run what the command line asks for."""
+    arguments = _arguments(words)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    costs: dict[str, Cost] = {}
+    machine = f"{platform.machine()}, {os.cpu_count()} cores; threads of the kernels: {arguments.threads}."
+    for name in arguments.cases:
+        standard_positions(CASES[name], arguments.out)
+        costs[name] = _cost(name, arguments.out, arguments.threads, arguments.repeat)
+        text = table(costs, machine)
+        (arguments.out / "correction.md").write_text(text, encoding="utf-8")
+        print(text.splitlines()[1 + len(costs)], flush=True)
+    if arguments.readme:
+        fill(text)
+
+
+if __name__ == "__main__":
+    main()
