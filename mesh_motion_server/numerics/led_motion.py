@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.body_paths import Way, moving_bodies, straight_way, ways
+from mesh_motion_server.numerics.boundary_crossing import BoundaryFacets, crossing_place
+from mesh_motion_server.numerics.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.numerics.sub_steps import Leg, Walk, furthest_walk
@@ -54,12 +56,15 @@ def led_motion(
     Raises
     ------
     NumericalError
-        When no way leads to the targets; says how far the mesh could be kept valid.
+        When the boundary crosses itself at the targets, or no way leads there: says how far the mesh could be kept
+        valid.
     """
     watch = Stopwatch()
     start = committed if model.method.displacement == "relative" else model.points
+    boundary = _boundary(model)
     with watch.phase("correct"):
-        furthest = _led(model, start, targets, factors)
+        _refuse_crossing(model, boundary, start, targets, direct)
+        furthest = _led(model, boundary, start, targets, factors)
     refusal = direct or furthest.refusal
     if furthest.fraction < 1.0 and refusal is not None:
         raise NumericalError(
@@ -76,7 +81,36 @@ def led_motion(
     return replace(motion, sub_steps=furthest.legs, correction=correction, seconds=seconds)
 
 
-def _led(model: MotionModel, start: Floats, targets: Floats, factors: FactorSource) -> Walk:
+def _boundary(model: MotionModel) -> BoundaryFacets:
+    """What may cross."""
+    facets, roles = boundary_facets(model.cells), model.roles
+    return BoundaryFacets.build(facets, roles.moving, roles.fixed, len(model.points))
+
+
+def _refuse_crossing(
+    model: MotionModel,
+    boundary: BoundaryFacets,
+    points: Floats,
+    told: Floats,
+    direct: NumericalError | None = None,
+) -> None:
+    """Raise NumericalError where the boundary of the mesh ``points`` (n, d), told (k, d) to be so, crosses itself."""
+    moved = points.copy()
+    moved[model.roles.moving] = told
+    place = crossing_place(boundary, moved)
+    if place is None:
+        return
+    near = ", ".join(f"{x:.4g}" for x in place)
+    known = direct or NumericalError("")
+    raise NumericalError(
+        f"no valid mesh exists: the boundary would cross itself near ({near})",
+        best=known.best,
+        cells=known.cells,
+        details=known.details,
+    )
+
+
+def _led(model: MotionModel, boundary: BoundaryFacets, start: Floats, targets: Floats, factors: FactorSource) -> Walk:
     """The mesh ``start`` (n, d) led along the first way on which it stays valid, or else as far as possible."""
     method = replace(
         model.method,
@@ -89,6 +123,7 @@ def _led(model: MotionModel, start: Floats, targets: Floats, factors: FactorSour
     legs = replace(model, method=method, standard_motion=motion, other_radii=(), smooth=None)
 
     def move(points: Floats, waypoint: Floats) -> Leg:
+        _refuse_crossing(model, boundary, points, waypoint)
         found = legs.attempt(points, waypoint, factors if points is start else MakeEachTime())
         return Leg(found.points, found.standard.inverted == 0, found.correction.iterations)
 

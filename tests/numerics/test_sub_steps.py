@@ -207,6 +207,17 @@ def test_through_the_wall_is_refused_with_how_far_it_went() -> None:
     assert error.best <= 0.0
 
 
+def test_a_body_in_the_wall_is_refused_with_the_place() -> None:
+    model = box_model()
+    with pytest.raises(
+        NumericalError, match=r"no valid mesh exists: the boundary would cross itself near \(1\."
+    ) as refusal:
+        model.move(model.points, turned(model, 20.0, 0.44))
+    assert "sub-steps" not in refusal.value.message
+    assert 0.7 < refusal.value.fraction < 1.0
+    assert refusal.value.cells
+
+
 def test_an_asked_for_threshold_is_refused_after_sub_steps_too() -> None:
     model, targets = passed("blocks", 0.5, refuse_below_threshold=True)
     with pytest.raises(NumericalError, match=r"minimum size-skew 0\.0\d+ stays below the threshold"):

@@ -1,0 +1,102 @@
+"""Does a boundary cross itself: exact cases in 2D and 3D, what touches, what shares a node, and every cell type."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from correction_cases import stored
+from frame_meshes import rotation
+
+from mesh_motion_server.numerics.boundary_crossing import BoundaryFacets, crossing_place
+from mesh_motion_server.numerics.boundary_facets import boundary_facets
+
+
+def facets_of(points: np.ndarray, **nodes: list[list[int]]) -> tuple[BoundaryFacets, np.ndarray]:
+    """Facets of which all nodes move."""
+    every = np.arange(len(points))
+    table = {name: np.array(rows) for name, rows in nodes.items()}
+    return BoundaryFacets.build(table, every, every[:0], len(points)), np.asarray(points, dtype=float)
+
+
+@pytest.mark.parametrize(
+    ("end", "crosses"),
+    [((1.0, 1.0), True), ((0.2, 0.9), True), ((0.0, 0.49), False), ((0.5, 0.5), False), ((3.0, 0.0), False)],
+)
+def test_two_segments(end: tuple[float, float], crosses: bool) -> None:
+    points = np.array([(0.0, 1.0), (1.0, 0.0), (0.0, 0.0), end])
+    place = crossing_place(*facets_of(points, line=[[0, 1], [2, 3]]))
+    assert (place is not None) == crosses
+
+
+def test_segments_that_share_a_node_do_not_cross() -> None:
+    points = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    assert crossing_place(*facets_of(points, line=[[0, 1], [1, 2], [2, 3], [3, 0]])) is None
+    bow = points[[0, 2, 1, 3]]
+    assert crossing_place(*facets_of(bow, line=[[0, 1], [1, 2], [2, 3], [3, 0]])) is not None
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 2, 0], [0, 2, 1]])
+@pytest.mark.parametrize(
+    ("x", "y", "low", "crosses"),
+    [(0.2, 0.2, -1.0, True), (0.2, 0.2, 0.1, False), (0.2, 0.2, 0.0, False), (0.6, 0.6, -1.0, False)],
+)
+def test_a_needle_and_a_triangle(order: list[int], x: float, y: float, low: float, crosses: bool) -> None:
+    triangle = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+    needle = np.array([(x, y, low), (x, y, 1.0), (x + 1e-3, y, 1.0)])
+    points = np.vstack([triangle, needle])
+    place = crossing_place(*facets_of(points, triangle=[order, [3, 4, 5]]))
+    assert (place is not None) == crosses
+
+
+def test_quads_of_either_diagonal() -> None:
+    quad = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)])
+    through = np.array([(0.3, 0.4, -1.0), (0.3, 0.4, 1.0), (0.31, 0.4, 1.0), (0.31, 0.4, -1.0)])
+    assert crossing_place(*facets_of(np.vstack([quad, through]), quad=[[0, 1, 2, 3], [4, 5, 6, 7]])) is not None
+    beside = through + np.array([1.0, 0.0, 0.0])
+    assert crossing_place(*facets_of(np.vstack([quad, beside]), quad=[[0, 1, 2, 3], [4, 5, 6, 7]])) is None
+
+
+@pytest.mark.parametrize("kind", ["quad", "tetra", "hexahedron", "wedge", "hexahedron + wedge"])
+def test_a_body_that_turns_does_not_and_one_in_the_wall_does(kind: str) -> None:
+    mesh = box_mesh(kind, 5)
+    d = mesh.points.shape[1]
+    boundary = BoundaryFacets.build(boundary_facets(mesh.cells), mesh.body, mesh.outer, len(mesh.points))
+    assert crossing_place(boundary, mesh.points) is None
+    for degrees, shift, crosses in ((30.0, 0.0, False), (180.0, 0.3, False), (20.0, 0.45, True), (20.0, 0.9, False)):
+        points = mesh.points.copy()
+        x = points[mesh.body] - 0.5
+        x[:, :2] = x[:, :2] @ rotation(degrees).T
+        x[:, 0] += shift
+        x[:, -1] += 0.03  # no edge of the body meets one of the wall exactly
+        points[mesh.body] = x + 0.5
+        place = crossing_place(boundary, points)
+        assert (place is not None) == crosses, (degrees, shift)
+        if place is not None:
+            assert np.abs(place - np.array([1.0, *[0.5] * (d - 1)])).max() < 0.3
+
+
+def test_two_bodies_cross_each_other_but_not_when_they_only_come_near() -> None:
+    mesh = stored("correction_two_blocks")
+    boundary = BoundaryFacets.build(boundary_facets(mesh.cells), mesh.body, mesh.outer, len(mesh.points))
+    left = mesh.body[mesh.points[mesh.body, 0] < 0.5]
+    for shift, crosses in ((0.299, False), (0.31, True)):
+        points = mesh.points.copy()
+        points[left] += (shift, 0.02)
+        assert (crossing_place(boundary, points) is not None) == crosses
+
+
+def test_large_and_small_facets_find_each_other() -> None:
+    wall = np.array([(-100.0, 0.0), (100.0, 0.0)])
+    small = np.array([(37.0, -1e-3), (37.001, 2e-3)])
+    boundary = BoundaryFacets.build({"line": np.array([[0, 1], [2, 3]])}, np.array([2, 3]), np.array([0, 1]), 4)
+    place = crossing_place(boundary, np.vstack([wall, small]))
+    assert place is not None
+    assert crossing_place(boundary, np.vstack([wall, small + np.array([0.0, 0.01])])) is None
+
+
+def test_facets_with_nodes_that_are_free_to_slide_are_left_out() -> None:
+    points = np.array([(0.0, 1.0), (1.0, 0.0), (0.0, 0.0), (1.0, 1.0)])
+    rows = {"line": np.array([[0, 1], [2, 3]]), "vertex": np.array([[0]])}
+    boundary = BoundaryFacets.build(rows, np.array([2, 3]), np.array([0]), 4)
+    assert crossing_place(boundary, points) is None
