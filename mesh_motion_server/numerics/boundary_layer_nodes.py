@@ -17,13 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.boundary_layer_stacks import column_feet
 from mesh_motion_server.numerics.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.closest_point import FacetSet
+from mesh_motion_server.numerics.closest_point import nearest_within
 from mesh_motion_server.numerics.roles import SLIDING_ROLES, Patch
 
 __all__ = ["LayerNodes", "layer_nodes"]
@@ -66,10 +65,10 @@ def layer_nodes(
     """
     limit = (1.0 + _ROUNDING) * thickness
     furthest = limit * float(np.sqrt(points.shape[1]))
-    near = _near_wall(points, wall, furthest, _roles(len(points), patches, "moving", "fixed", "periodic"))
-    places, own = wall.closest(points[near])
-    found = LayerNodes(near, places, points[near] - places.of(wall.reference))
-    inside = np.linalg.norm(found.offsets, axis=1) <= furthest
+    nodes = np.flatnonzero(~_roles(len(points), patches, "moving", "fixed", "periodic"))
+    places, own = wall.closest(points[nodes], within=furthest)
+    found = LayerNodes(nodes, places, points[nodes] - places.of(wall.reference))
+    inside = own >= 0
     inside[inside] = _height(wall, found.chosen(inside)) <= limit
     found, own = found.chosen(inside), own[inside]
     found = found.chosen(~_crowded(points, boundary_facets(cells), patches, wall, found, own))
@@ -84,15 +83,6 @@ def _on_columns(found: LayerNodes, points: Floats, feet: Integers, wall: MovingW
     weights[rows] = np.eye(weights.shape[1])[0]
     places = WallPlaces(corners, weights)
     return LayerNodes(found.nodes, places, points[found.nodes] - places.of(wall.reference))
-
-
-def _near_wall(points: Floats, wall: MovingWall, distance: float, excluded: Marks) -> Integers:
-    """Nodes that may be so near to the wall's facets, without the excluded (n,) ones."""
-    corners = wall.reference[wall.simplices]
-    reach = float(np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2).max())
-    others = np.flatnonzero(~excluded)
-    found = cKDTree(wall.reference).query(points[others], distance_upper_bound=distance + reach)[0]
-    return np.asarray(others[np.isfinite(found)])
 
 
 def _roles(n: int, patches: Mapping[str, Patch], *roles: str) -> Marks:
@@ -148,23 +138,13 @@ def _crowded(
 
 def _too_near(points: Floats, corners: Floats, found: LayerNodes, facing: float | None) -> Marks:
     """(l,) nodes farther from the wall than a share of their distance to facets with corners (f, d, d)."""
-    distance = np.linalg.norm(found.offsets, axis=1)
-    places = points[found.nodes]
-    near = _within(corners, places, float(distance.max(initial=0.0)) / _SHARE)
-    if not near.any():
-        return np.zeros(len(places), dtype=bool)
-    away = FacetSet(corners[near]).closest(places) - places
+    distance, nodes = np.linalg.norm(found.offsets, axis=1), points[found.nodes]
+    places, facets = nearest_within(corners, nodes, float(distance.max(initial=0.0)) / _SHARE)
+    away = np.where(facets[:, None] >= 0, places - nodes, np.inf)
     gap = np.linalg.norm(away, axis=1)
     too_near = distance > _SHARE * gap
     if facing is not None:
-        too_near &= -np.sum(away * found.offsets, axis=1) < facing * gap * distance
+        near = np.flatnonzero(too_near)
+        along = -np.sum(away[near] * found.offsets[near], axis=1)
+        too_near[near] = along < facing * gap[near] * distance[near]
     return np.asarray(too_near)
-
-
-def _within(corners: Floats, places: Floats, distance: float) -> Marks:
-    """(f,) facets that may come so near to one of the places (l, d)."""
-    if not len(places) or not len(corners):
-        return np.zeros(len(corners), dtype=bool)
-    centres = corners.mean(axis=1)
-    radius = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-    return np.asarray(cKDTree(places).query(centres)[0] <= distance + radius)

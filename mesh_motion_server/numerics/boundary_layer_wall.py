@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_server.numerics.closest_point import FacetSet
+from mesh_motion_server.numerics.closest_point import nearest_within
 from mesh_motion_server.numerics.decomposition import polar
 
 __all__ = ["MovingWall", "WallPlaces", "simplices_of"]
@@ -106,10 +106,14 @@ class MovingWall:
         """(s,) number of the connected part that each facet belongs to."""
         return _connected(self.simplices, len(self.nodes))
 
-    def closest(self, points: Floats) -> tuple[WallPlaces, Integers]:
-        """The places of the reference wall nearest to points (l, d), and the facet (l,) that each lies on."""
+    def closest(self, points: Floats, within: float = np.inf) -> tuple[WallPlaces, Integers]:
+        """The places of the reference wall nearest to points (l, d), and the facet (l,) that each lies on.
+
+        Where the wall is farther than ``within``, mesh length unit, the facet is −1 and the place means nothing.
+        """
         corners = self.reference[self.simplices]
-        places, facets = FacetSet(corners).nearest(points)
+        places, facets = nearest_within(corners, points, within)
+        places = np.where(facets[:, None] >= 0, places, corners[facets, 0])
         edges = corners[facets, 1:] - corners[facets, :1]  # (l, d - 1, d)
         gram = np.einsum("lid,ljd->lij", edges, edges)
         right = np.einsum("lid,ld->li", edges, places - corners[facets, 0])

@@ -11,6 +11,8 @@ C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann 2005, §5.1.5 (clos
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
@@ -19,7 +21,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.threads import threads_for
 
-__all__ = ["FacetSet"]
+__all__ = ["FacetSet", "nearest_within"]
 
 Array = NDArray[np.float64]
 
@@ -120,3 +122,53 @@ class FacetSet:
         with threads_for(10.0 * starts[-1]):  # a facet costs about ten basis functions
             _closest(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out, facets)
         return np.ascontiguousarray(out[:, : self._dimension]), facets
+
+
+def nearest_within(corners: Array, points: Array, distance: float) -> tuple[Array, NDArray[np.int64]]:
+    """The nearest facets of widely different sizes, no farther than a distance.
+
+    A search is as wide as the largest facet: those of a far field would have it look everywhere. So facets are searched
+    by octaves of their radius.
+
+    Parameters
+    ----------
+    corners : (f, 2 or 3, d) array, mesh length unit
+        f may be 0.
+    points : (n, d) array, mesh length unit
+    distance : float, mesh length unit
+
+    Returns
+    -------
+    (n, d) array, (n,) int64 array
+        The nearest points of facets, and the facets' rows; NaN and −1 where none is near.
+    """
+    places, facets = np.full(points.shape, np.nan), np.full(len(points), -1, dtype=np.int64)
+    best = np.full(len(points), np.inf)
+    for octave, radius in _by_size(corners):
+        centres = corners[octave].mean(axis=1)
+        rows = _near(points, centres, distance + radius)
+        if not len(rows):
+            continue
+        own = octave[_near(centres, points[rows], distance + radius)]
+        found, numbers = FacetSet(corners[own]).nearest(points[rows])
+        away = np.linalg.norm(found - points[rows], axis=1)
+        nearer = (away <= distance) & (away < best[rows])
+        rows = rows[nearer]
+        places[rows], facets[rows], best[rows] = found[nearer], own[numbers[nearer]], away[nearer]
+    return places, facets
+
+
+def _near(points: Array, others: Array, distance: float) -> NDArray[np.int64]:
+    """Rows of the points (n, d) so near to one of the others (k, d)."""
+    return np.flatnonzero(np.isfinite(cKDTree(others).query(points, distance_upper_bound=distance)[0]))
+
+
+def _by_size(corners: Array) -> Iterator[tuple[NDArray[np.int64], float]]:
+    """Rows of the facets (f, w, d) by octaves of their radius, and the largest radius of each octave."""
+    if not len(corners):
+        return
+    radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    octave = np.floor(np.log2(np.maximum(radius, np.finfo(np.float64).tiny)))
+    for number in np.unique(octave):
+        rows = np.flatnonzero(octave == number)
+        yield rows, float(radius[rows].max())

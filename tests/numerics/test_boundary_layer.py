@@ -165,6 +165,18 @@ def test_periodic_sides_stay_alike() -> None:
     assert np.abs(step[low] - step[high]).max() < 1e-12
 
 
+def test_the_motion_depends_on_the_committed_points_and_the_targets_alone() -> None:
+    """As after a resume: another model, built anew, goes on from the committed points to the same bits."""
+    mesh = stored_layer("layer_flag")
+    choices = {"support_radius": 0.4, "boundary_layer_thickness": mesh.thickness, "displacement": "relative"}
+    first, resumed = mesh.model(**choices), mesh.model(**choices)
+    start = mesh.points[first.roles.moving]
+    committed = first.move(mesh.points, bent_flag(start, 0.5)).points
+    first.move(committed, bent_flag(start, 0.9))  # a trial that was rolled back
+    ways = [model.move(committed, bent_flag(start, -0.3)).points for model in (first, resumed)]
+    assert np.array_equal(*ways)
+
+
 # where a layer cannot be kept
 
 

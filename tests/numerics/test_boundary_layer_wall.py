@@ -80,6 +80,10 @@ def test_places_are_the_nearest_ones() -> None:
     low, high = wall.reference.min(axis=0), wall.reference.max(axis=0)
     assert np.allclose(places.of(wall.reference), np.clip(mesh.points, low, high), atol=1e-12)
     assert np.allclose(places.weights.sum(axis=1), 1.0)
+    away = np.linalg.norm(mesh.points - np.clip(mesh.points, low, high), axis=1)
+    near, facets = wall.closest(mesh.points, within=0.15)
+    assert np.array_equal(facets >= 0, away <= 0.15)
+    assert np.allclose(near.of(wall.reference)[facets >= 0], places.of(wall.reference)[facets >= 0])
 
 
 def test_columns_stand_on_the_walls_sides_and_not_on_its_corners() -> None:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh_motion_server.numerics.closest_point import FacetSet
+from mesh_motion_server.numerics.closest_point import FacetSet, nearest_within
 
 
 def sampled(corners, points, n=60):
@@ -62,3 +62,27 @@ def test_the_closest_point_is_its_own_closest_point(seed):
 
 def test_no_point():
     assert FacetSet(np.zeros((1, 2, 2))).closest(np.empty((0, 2))).shape == (0, 2)
+
+
+@pytest.mark.parametrize(("width", "d"), [(2, 2), (2, 3), (3, 3)])
+def test_facets_of_any_size_are_found_within_a_distance(width, d):
+    rng = np.random.default_rng(5)
+    sizes = 10.0 ** rng.uniform(-3.0, 1.0, (40, 1, 1))
+    corners = rng.uniform(-1.0, 1.0, (40, 1, d)) + sizes * rng.uniform(-1.0, 1.0, (40, width, d))
+    points = rng.uniform(-3.0, 3.0, (200, d))
+    places, facets = FacetSet(corners).nearest(points)
+    away = np.linalg.norm(places - points, axis=1)
+    for distance in (0.1, 0.5, np.inf):
+        near, rows = nearest_within(corners, points, distance)
+        found = rows >= 0
+        assert np.array_equal(found, away <= distance)
+        assert np.isnan(near[~found]).all()
+        assert np.allclose(near[found], places[found], atol=1e-12)
+        assert np.allclose(np.linalg.norm(near[found] - points[found], axis=1), away[found], atol=1e-14)
+        assert np.count_nonzero(rows[found] != facets[found]) <= 2  # equally near ones, at a shared corner
+
+
+def test_no_facet_is_near_where_there_is_none():
+    places, facets = nearest_within(np.empty((0, 2, 2)), np.zeros((3, 2)), 1.0)
+    assert np.isnan(places).all()
+    assert (facets == -1).all()
