@@ -95,8 +95,11 @@ def _shown(cell: Cell, digits: int) -> str:
     return str(cell)
 
 
+_LARGE, _COLOURS = 150_000, 64  # bytes of a picture; what fine line drawings get by with
+
+
 def save_picture(picture: Picture, path: Path) -> None:
-    """Draw a picture into a PNG file."""
+    """Draw a picture into a PNG file; a large one with few colours."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 matplotlib only where something is drawn
     from matplotlib.figure import Figure  # noqa: PLC0415
 
@@ -104,3 +107,9 @@ def save_picture(picture: Picture, path: Path) -> None:
     FigureCanvasAgg(figure)
     picture.draw(figure)
     figure.savefig(path, metadata={"Software": None})
+    if path.stat().st_size > _LARGE:
+        from PIL import Image  # noqa: PLC0415 comes with matplotlib
+
+        with Image.open(path) as drawn:
+            few = drawn.convert("RGB").quantize(_COLOURS)
+        few.save(path, optimize=True)

@@ -6,12 +6,14 @@ import re
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from docs.studies.catalogue import PAGES, names
 from docs.studies.catalogue import study as study_named
 from docs.studies.page import DOCS, fill, marked, render
-from docs.studies.study import Outcome, Picture, Study, Table
+from docs.studies.study import Outcome, Picture, Study, Table, save_picture
 
 ALL = [(page, name) for page in PAGES for name in names(page)]
 
@@ -72,3 +74,10 @@ def test_pictures_are_drawn_and_shown(tmp_path: Path) -> None:
     )
     assert "![A line](studies/pictures/one.png)" in shown
     assert (tmp_path / "one.png").stat().st_size > 1000
+
+
+def test_a_large_picture_gets_few_colours(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).random((400, 900, 3))
+    save_picture(Picture(lambda figure: figure.subplots().imshow(noise)), tmp_path / "one.png")
+    with Image.open(tmp_path / "one.png") as image:
+        assert image.mode == "P"

@@ -223,7 +223,7 @@ def _of_enrichment(enrichment: Sequence[Sweep]) -> Table:
 def draw(figure: Any, support: Sequence[Sweep], enrichment: Sequence[Sweep]) -> None:
     """Mean share of the best against the radius, by correction."""
     axes = figure.subplots(1, 2, sharey=True)
-    for axis, sweeps, label in ((axes[0], support, "R / L"), (axes[1], enrichment, "R_l / 2H")):
+    for axis, sweeps, label in ((axes[0], support, "R / L"), (axes[1], enrichment, "$R_l$ / 2H")):
         for number, correction in enumerate(SUPPORT):
             mine = [sweep for sweep in sweeps if sweep.correction == correction]
             if mine:
@@ -235,7 +235,7 @@ def draw(figure: Any, support: Sequence[Sweep], enrichment: Sequence[Sweep]) -> 
         axis.set_xticks(ticks, [f"{r:g}" for r in ticks])
         axis.minorticks_off()
         axis.grid(alpha=0.3)
-    axes[0].axvline(2.5, color="0.5", linestyle="--")
+    axes[0].axvline(2.5, color="0.5", linestyle="--", label="default")
     axes[1].axvline(1.0, color="0.5", linestyle="--")
     axes[0].set_ylabel("mean share of the best")
     axes[0].legend(fontsize=8, loc="lower right")

@@ -56,8 +56,9 @@ def _draw(figure: Any, minima: dict[str, dict[str, list[float]]]) -> None:
         for kind, reached in found.items():
             ax.plot(np.linspace(0, 1, len(reached)), np.sort(reached), label=kind, lw=1.3)
         ax.axhline(0, color="k", lw=0.5)
-        ax.set(title=name, xlabel="share of the motions", ylim=(-0.6, 0.3))
-        ax.legend(fontsize=7)
+        ax.set(title=name.replace("_", " "), xlabel="share of the motions", ylim=(-0.6, 0.4))
+        ax.legend(fontsize=8, loc="lower right")
+    figure.axes[0].set_ylabel("minimum size-skew")
 
 
 def claims(outcome: Outcome) -> None:

@@ -191,7 +191,7 @@ def _draw(figure: Any, drawn: dict[str, tuple[Duct, Floats]]) -> None:
         ax.add_collection(PolyCollection(quads, facecolors="#dfe9f3", edgecolors="#22303c", linewidths=0.4))
         ax.set_title(name, fontsize=9)
         ax.autoscale_view()
-        ax.set_aspect("equal")
+        ax.set_aspect("equal", anchor="N")
         ax.set_axis_off()
 
 

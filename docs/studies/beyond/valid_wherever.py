@@ -204,7 +204,7 @@ def _row(name: str, motion: str, number: float) -> list[Cell]:
     default = direct if direct.motion is not None else tried(mesh, targets)
     legs = led.motion.sub_steps if led.motion is not None else None
     ratio = led.seconds / max(direct.seconds, 1e-3) if direct.motion is not None else None
-    title = f"{motion} {number:g}" + ("°" if motion == "turned by" else "")
+    title = _titled(motion, number)
     return [
         name, title, plain(mesh, targets).minimum, direct.minimum, led.minimum, legs, default.minimum, ratio,
     ]  # fmt: skip
@@ -240,11 +240,16 @@ def _draw(figure: Any) -> None:
             _draw_mesh(ax, model, points)
             minimum = model.summary(points).metric.min
             steps = f", {found.sub_steps} legs" if title == "default" and found.sub_steps > 1 else ""
-            ax.set_title(f"{title}{steps}: {minimum:.3f}", fontsize=8)
+            ax.set_title(f"{title}{steps}: {minimum:.3f}".replace("-", "−"), fontsize=9)
             ax.set(aspect="equal", xticks=[], yticks=[])
             if name in _WINDOWS:
                 ax.set(xlim=_WINDOWS[name][:2], ylim=_WINDOWS[name][2:])
-        axes[0].set_ylabel(f"{name}\n{motion} {number:g}", fontsize=8)
+        axes[0].set_ylabel(f"{name.replace('_', ' ')}\n{_titled(motion, number)}", fontsize=9)
+
+
+def _titled(motion: str, number: float) -> str:
+    """A motion and how far it goes."""
+    return f"{motion} {number:g}" + ("°" if motion == "turned by" else "")
 
 
 def _draw_mesh(ax: Any, model: MotionModel, points: Floats) -> None:
@@ -253,10 +258,8 @@ def _draw_mesh(ax: Any, model: MotionModel, points: Floats) -> None:
 
     nodes = model.cells.blocks[0].nodes
     inverted = cell_quality(points, model.cells, model.reference_sizes).inverted
-    ax.add_collection(
-        PolyCollection(points[nodes], facecolors="none", edgecolors="0.45", linewidths=0.3, antialiased=False)
-    )
-    ax.add_collection(PolyCollection(points[nodes[inverted]], facecolors="tab:red", alpha=0.4, antialiased=False))
+    ax.add_collection(PolyCollection(points[nodes], facecolors="none", edgecolors="0.35", linewidths=0.3))
+    ax.add_collection(PolyCollection(points[nodes[inverted]], facecolors="tab:red", alpha=0.4))
     ax.autoscale_view()
 
 
