@@ -4,7 +4,7 @@ A body is a connected part of the moving boundary. Its path is the motion of con
 (:mod:`.paths`): a body that is only carried stays rigid all the way, whatever the others do. A body that hangs on
 nodes that do not move (a flag behind a cylinder, a wing on its symmetry plane) turns about the seam.
 
-The rigid fit cannot know on which side of the domain there is room. So there are up to three ways, tried in this order:
+The rigid fit cannot know on which side of the domain there is room. So there are up to four ways, tried in this order:
 
 turning
     every body along its twist; exactly half a turn is anticlockwise (2D) or about the axis with a positive largest
@@ -13,6 +13,9 @@ the other way round
     bodies that turn by more than a quarter take the rest of the full turn, backwards
 straight
     the displacement scaled
+around each other
+    the centres of free bodies along the twist of the best rigid fit of all centres, every body turning as above:
+    bodies that change places do not meet half way
 """
 
 from __future__ import annotations
@@ -36,6 +39,7 @@ Indices = NDArray[np.int64]
 
 #: Angles below it leave nothing to turn, radians.
 _NO_TURN = 1e-9
+_NO_ORBIT = np.pi / 12  # less is as good as straight
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +60,27 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A body's rows (b,), its rigid motion, and (b, d) what is not rigid, in the frame of the turning body."""
+    """A body on its way.
+
+    rows : (b,) its nodes
+    rigid : its rigid motion
+    remainder : (b, d) what is not rigid, in the frame of the turning body
+    detour : (centre's motion among all centres, (d,) its remainder), where the centre takes another way
+    """
 
     rows: Indices
     rigid: RigidMotion
     remainder: Floats
+    detour: tuple[RigidMotion, Floats] | None = None
+
+    def at(self, start: Floats, fraction: float) -> Floats:
+        """(b, d) positions after a fraction, from ``start`` (b, d)."""
+        places = self.rigid.apply(start + fraction * self.remainder, fraction)
+        if self.detour is None:
+            return places
+        orbit, drift = self.detour
+        centre = self.rigid.centre[None]
+        return places + orbit.apply(centre + fraction * drift, fraction) - self.rigid.apply(centre, fraction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +105,7 @@ class Way:
             return self.targets if fraction else self.origin
         places = self.origin + fraction * (self.targets - self.origin)
         for piece in self.pieces:
-            start = self.origin[piece.rows] + fraction * piece.remainder
-            places[piece.rows] = piece.rigid.apply(start, fraction)
+            places[piece.rows] = piece.at(self.origin[piece.rows], fraction)
         return places
 
 
@@ -129,6 +148,10 @@ def ways(origin: Floats, targets: Floats, bodies: tuple[Body, ...]) -> Iterator[
     if any(_far(piece) for piece in turning):
         yield Way(origin, targets, tuple(_other_way(piece) if _far(piece) else piece for piece in turning))
     yield straight_way(origin, targets)
+    orbiting = _around_each_other([piece for piece, body in zip(pieces, bodies, strict=True) if not len(body.seam)])
+    if orbiting:
+        attached = (piece for piece, body in zip(pieces, bodies, strict=True) if len(body.seam))
+        yield Way(origin, targets, (*orbiting, *attached))
 
 
 def _piece(origin: Floats, targets: Floats, body: Body) -> _Piece:
@@ -144,6 +167,19 @@ def _piece(origin: Floats, targets: Floats, body: Body) -> _Piece:
 def _far(piece: _Piece) -> bool:
     """Whether a body turns by more than a quarter, so that the other sense is a choice too."""
     return abs(piece.rigid.angle) > np.pi / 2
+
+
+def _around_each_other(pieces: list[_Piece]) -> tuple[_Piece, ...]:
+    """The same ends with the centres on their common twist; none where they do not turn about each other."""
+    if len(pieces) < 2:
+        return ()
+    centres = np.array([piece.rigid.centre for piece in pieces])
+    goals = centres + np.array([piece.rigid.translation for piece in pieces])
+    orbit = fit_rigid_motion(centres, goals)
+    if abs(orbit.angle) <= _NO_ORBIT:
+        return ()
+    drifts = (goals - orbit.apply(centres)) @ orbit.rotation
+    return tuple(replace(piece, detour=(orbit, drift)) for piece, drift in zip(pieces, drifts, strict=True))
 
 
 def _other_way(piece: _Piece) -> _Piece:

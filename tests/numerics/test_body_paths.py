@@ -59,7 +59,7 @@ def test_every_body_turns_as_a_rigid_one_and_the_ends_are_bitwise() -> None:
         centre = origin[body.rows].mean(axis=0)
         targets[body.rows] = (origin[body.rows] - centre) @ rotation(degrees).T + centre + (0.05, 0.0)
     found = list(ways(origin, targets, bodies))
-    assert len(found) == 3
+    assert len(found) == 3  # the centres do not turn about each other
     for way in found:
         assert way.at(0.0).tobytes() == origin.tobytes()
         assert way.at(1.0).tobytes() == targets.tobytes()
@@ -80,6 +80,26 @@ def test_without_a_rotation_there_is_only_the_straight_way() -> None:
     targets = origin + squeezed(mesh, 0.1)[mesh.body]
     (way,) = ways(origin, targets, moving_bodies(mesh.cells, mesh.body))
     assert np.array_equal(way.at(0.5), straight_way(origin, targets).at(0.5))
+
+
+def test_bodies_that_change_places_go_around_each_other() -> None:
+    mesh = stored("correction_two_blocks")
+    origin = mesh.points[mesh.body]
+    bodies = moving_bodies(mesh.cells, mesh.body)
+    centres = [origin[body.rows].mean(axis=0) for body in bodies]
+    targets = origin.copy()
+    for body, goal, centre in zip(bodies, reversed(centres), centres, strict=True):
+        targets[body.rows] += goal - centre
+    straight, around = ways(origin, targets, bodies)
+    assert np.ptp(straight.at(0.5)[:, 0]) < 0.16  # one upon the other
+    half = around.at(0.5)
+    for body in bodies:
+        np.testing.assert_allclose(distances(half[body.rows]), distances(origin[body.rows]), atol=1e-12)
+    meanwhile = [half[body.rows].mean(axis=0) for body in bodies]
+    apart = np.linalg.norm(centres[1] - centres[0])
+    np.testing.assert_allclose(np.linalg.norm(meanwhile[1] - meanwhile[0]), apart, rtol=1e-12)
+    assert around.at(1.0).tobytes() == targets.tobytes()
+    np.testing.assert_allclose(around.at(1.0 - 1e-12), targets, atol=1e-10)
 
 
 def flap() -> tuple[np.ndarray, CellTable, np.ndarray]:

@@ -135,6 +135,15 @@ def test_bodies_pass_each_other(bodies: str, shift: float, at_least: float) -> N
     assert always.move(model.points, targets).corrected.metric.min > at_least
 
 
+def test_bodies_change_places() -> None:
+    model, _ = passed("blocks", 0.0, sub_steps="always")
+    data, points = passing("blocks"), model.points.copy()
+    points[data["patch_upper"]] += (0.8, -0.26)
+    points[data["patch_lower"]] -= (0.8, -0.26)
+    motion = model.move(model.points, points[model.roles.moving])
+    assert motion.corrected.metric.min > 0.05
+
+
 def test_a_squeeze_to_a_tenth_of_the_gap_is_valid_directly_and_in_sub_steps() -> None:
     mesh = stored("thesis_block")
     for sub_steps in ("never", "always"):
