@@ -82,6 +82,11 @@ def passed(mesh: Subject, shift: float) -> Floats:
     return mesh.targets(lambda name, x: x + np.array([shift if name == "upper" else -shift, 0.0]))
 
 
+def exchanged(mesh: Subject, share: float) -> Floats:
+    """Both bodies moved towards, or to, where the other one is."""
+    return mesh.targets(lambda name, x: x + (share if name == "upper" else -share) * np.array([0.8, -0.26]))
+
+
 #: Mesh, motion, its number, whether the quick run has it too.
 CASES: tuple[tuple[str, str, float, bool], ...] = (
     ("thesis_block", "turned by", 90.0, False),
@@ -96,9 +101,11 @@ CASES: tuple[tuple[str, str, float, bool], ...] = (
     ("passing_blocks", "passed by", 0.5, False),
     ("passing_blocks", "passed by", 0.7, True),
     ("passing_blocks", "passed by", 1.0, False),
+    ("passing_blocks", "exchanged", 1.0, False),
     ("passing_ellipses", "passed by", 0.5, False),
     ("passing_ellipses", "passed by", 0.9, False),
     ("passing_ellipses", "passed by", 1.0, False),
+    ("passing_ellipses", "exchanged", 1.0, False),
     ("grid of quads", "turned by", 120.0, False),
     ("grid of quads", "turned by", 180.0, True),
     ("grid of quads", "squeezed to", 0.1, False),
@@ -112,6 +119,7 @@ _MOTIONS: dict[str, Callable[[Subject, float], Floats]] = {
     "turned by": turned,
     "squeezed to": squeezed,
     "passed by": passed,
+    "exchanged": exchanged,
 }
 PICTURED = (
     ("passing_blocks", "passed by", 0.7),
@@ -249,6 +257,8 @@ def _draw(figure: Any) -> None:
 
 def _titled(motion: str, number: float) -> str:
     """A motion and how far it goes."""
+    if motion == "exchanged":
+        return motion
     return f"{motion} {number:g}" + ("°" if motion == "turned by" else "")
 
 
