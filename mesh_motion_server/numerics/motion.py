@@ -13,17 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.acceptance import (
+    correction_settings,
+    largest_accepted,
+    quality_warnings,
+    quick_method,
+    reduction_warnings,
+    refuse_unacceptable,
+)
 from mesh_motion_server.numerics.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_server.numerics.boundary_layer_fallback import fitting_layer, given_way, move_with_layer
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.correction import (
-    Correction,
-    CorrectionProblem,
-    CorrectionSettings,
-    correct,
-)
+from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.led_motion import led_motion
@@ -41,10 +44,6 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["Motion", "MotionModel"]
-
-#: Halvings of the search for the largest valid fraction of a refused displacement: known to 1/2⁵ ≈ 3 %.
-_FRACTION_HALVINGS = 5
-_JUST_VALID = 0.01  # a threshold: a mesh that is barely valid is no help for the step that follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,13 +307,13 @@ class MotionModel:
                     valid=valid,
                     known=chosen.quality.metric.min if exact and not chosen.quality.inverted else None,
                 ),
-                self._correction_settings(float(chosen.motion.method.enrichment_radius or 0.0)),
+                correction_settings(self.method, float(chosen.motion.method.enrichment_radius or 0.0)),
             )
         with watch.phase("predict"):
             unchanged = exact and correction.points is standard.points
             corrected = chosen.quality if unchanged else self.summary(correction.points)
         reached = corrected.metric.min >= self.method.quality_threshold
-        self._refuse_unacceptable(corrected, reached)
+        refuse_unacceptable(self.method, corrected, reached)
         return Motion(
             points=correction.points,
             standard=chosen.quality,
@@ -325,7 +324,10 @@ class MotionModel:
             caches={"factorization": "reused" if standard.reused else "made"},
             control_points=standard.control_points,
             support_radius=float(chosen.motion.method.support_radius or 0.0),
-            warnings=[*self._reduction_warnings(standard), *self._warnings(corrected, reached)],
+            warnings=[
+                *reduction_warnings(self.method, standard.reduction_error, len(standard.control_points)),
+                *quality_warnings(self.method, corrected, reached),
+            ],
         )
 
     def _constraint(self) -> BoundaryConstraint | None:
@@ -369,97 +371,18 @@ class MotionModel:
         )
         return summarize(found.quality, trial.points, self.cells, metric=self.method.quality_metric)
 
-    def _correction_settings(self, enrichment_radius: float) -> CorrectionSettings:
-        method = self.method
-        return CorrectionSettings(
-            correction=method.correction,
-            quality_metric=method.quality_metric,
-            quality_threshold=method.quality_threshold,
-            target=method.correction_target,
-            enrichment_radius=enrichment_radius,
-            max_enrichment_points=method.max_enrichment_points,
-            enrichment_function=method.enrichment_function,
-            enrichment_placement=method.enrichment_placement,
-            explicit_decomposition=method.explicit_decomposition,
-            in_time=method.correction_in_time,
-        )
-
-    def _refuse_unacceptable(self, quality: QualitySummary, reached: bool) -> None:
-        """Raise NumericalError on an inverted mesh, or one below the threshold where that is not wanted."""
-        worst = [cell.number for cell in quality.worst]
-        name, best = self.method.quality_metric, quality.metric.min
-        if quality.inverted and not self.method.allow_invalid:
-            raise NumericalError(
-                f"no valid mesh found: {quality.inverted} inverted cells, best minimum {name} {best:.4g}, "
-                f"correction {self.method.correction!r}",
-                best=best,
-                cells=worst,
-            )
-        if not reached and self.method.refuse_below_threshold:
-            raise NumericalError(
-                f"minimum {name} {best:.4g} stays below the threshold {self.method.quality_threshold:.4g}",
-                best=best,
-                cells=worst,
-            )
-
-    def _warnings(self, quality: QualitySummary, reached: bool) -> list[str]:
-        name, threshold = self.method.quality_metric, self.method.quality_threshold
-        found = []
-        if quality.inverted:
-            found.append(f"{quality.inverted} inverted cells kept, as allow_invalid asks")
-        if not reached:
-            found.append(f"minimum {name} {quality.metric.min:.4g} stays below the threshold {threshold:.4g}")
-        return found
-
-    def _reduction_warnings(self, trial: StandardTrial) -> list[str]:
-        method, error = self.method, trial.reduction_error
-        if error <= method.reduction_tolerance:
-            return []
-        return [
-            f"reduction {method.reduction!r} left an error of {error:.2g} of the largest displacement with "
-            f"{len(trial.control_points)} control points; it was corrected near the surface"
-        ]
-
     def _acceptable_fraction(
         self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource
     ) -> float:
-        """Largest tested fraction of the displacement since ``committed`` that is accepted, by bisection.
-
-        A trial of the bisection goes no further than what makes it acceptable: where a mesh below the threshold is
-        accepted, any valid one, which frees the nodes of inverted cells only. What it ends at is tried as a motion of
-        the method itself, and taken back until that accepts it.
-        """
-        threshold = self.method.quality_threshold if self.method.refuse_below_threshold else _JUST_VALID
-        quick = replace(
-            self.method,
-            correction_target="threshold",
-            correction_in_time="independent",
-            quality_threshold=min(threshold, self.method.quality_threshold),
-        )
-        trial = replace(self, method=quick, smooth=None)
-        low, high = 0.0, 1.0
-        for _ in range(_FRACTION_HALVINGS):
-            middle = 0.5 * (low + high)
-            if trial._accepts(middle, committed, targets, factors):
-                low = middle
-            else:
-                high = middle
-        back = high - low
-        while low > 0.0 and not self._accepts(low, committed, targets, factors):
-            low, back = max(low - back, 0.0), 2.0 * back
-        return low
-
-    def _accepts(
-        self,
-        fraction: float,
-        committed: NDArray[np.float64],
-        targets: NDArray[np.float64],
-        factors: FactorSource,
-    ) -> bool:
-        """Whether a fraction of the displacement since ``committed`` would be accepted."""
+        """Largest tested fraction of the displacement since ``committed`` that is accepted."""
         origin = committed[self.roles.moving]
-        try:
-            self.attempt(committed, origin + fraction * (targets - origin), factors)
-        except NumericalError:
-            return False
-        return True
+
+        def accepts(model: MotionModel, fraction: float) -> bool:
+            try:
+                model.attempt(committed, origin + fraction * (targets - origin), factors)
+            except NumericalError:
+                return False
+            return True
+
+        quick = replace(self, method=quick_method(self.method), smooth=None)
+        return largest_accepted(lambda fraction: accepts(quick, fraction), lambda fraction: accepts(self, fraction))
