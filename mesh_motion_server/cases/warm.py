@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.reduction import REDUCTIONS
 from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.two_scale.factorization import TwoScalePlan
 
 __all__ = ["compile_kernels", "tiny_meshes"]
 
@@ -35,6 +38,7 @@ _CUTS: dict[str, list[list[int]]] = {
     "pyramid": [[0, 1, 2, 3, 8], [7, 6, 5, 4, 8], [4, 5, 1, 0, 8], [5, 6, 2, 1, 8], [6, 7, 3, 2, 8], [7, 4, 0, 3, 8]],
 }
 _DIMENSION = {"line": 1, "triangle": 2, "quad": 2}
+_MANY_ROWS = 32  # squares along each side of a mesh whose correction has some two thousand unknowns
 
 
 def compile_kernels() -> float:
@@ -43,7 +47,24 @@ def compile_kernels() -> float:
     for name, (points, cells) in tiny_meshes():
         for method in _methods(points.shape[1]):
             _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
+    _many_unknowns()
+    _two_scales()
     return time.perf_counter() - begin
+
+
+def _many_unknowns() -> None:
+    """A correction of more nodes than are solved for directly."""
+    points, cells = dict(tiny_meshes(_MANY_ROWS))["triangle"]
+    _move(points, cells, Method(support_radius=1.0, correction_target="maximum", quality_threshold=0.9), sliding=False)
+
+
+def _two_scales() -> None:
+    """Two scales with fewer coarse points than control points, which tiny meshes do not have."""
+    points = np.random.default_rng(0).random((20, 3))
+    plan = TwoScalePlan.build(points, points[:, 0] < 0.5, basis="wendland-c2", support_radius=2.0, count=10)
+    found = plan.factorize(points, np.zeros(3), np.ones(3)).solve(points)
+    LocalEvaluator().displacement(found, points)
+    LocalEvaluator().gradient(found, points)
 
 
 def tiny_meshes(rows: int = 4) -> Iterator[tuple[str, Mesh]]:
@@ -71,6 +92,11 @@ def _methods(dimension: int) -> Iterator[Method]:
     for solver in ("sparse", "iterative", "two-scale"):
         yield Method(support_radius=1.0, correction="none", solver=solver)
     yield Method(support_radius=1.0, correction="none", volume_reduction="background-grid")
+    yield Method(support_radius=1.0, displacement="absolute", correction_in_time="smooth")
+    if dimension > 1:
+        yield Method(support_radius=1.0, correction="none", boundary_layer_thickness=0.3)
+        for reduction in REDUCTIONS:
+            yield Method(support_radius=1.0, correction="none", reduction=reduction)
 
 
 def _move(points: FloatArray, cells: CellTable, method: Method, *, sliding: bool) -> None:
