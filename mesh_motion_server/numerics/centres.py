@@ -11,14 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.kernels import Basis
+from mesh_motion_server.numerics.summation import mark_reached
 from mesh_motion_server.numerics.threads import threads_for
 
-__all__ = ["CentreLayout", "padded"]
+__all__ = ["CentreLayout", "bounding_box", "padded"]
 
 #: Share of the pairs that cells must save to be worth their shorter runs: visiting 0.63 of the pairs takes 0.83 of the
 #: direct sum's time, 0.3 takes 0.4, 0.03 takes 0.06 (50 000 points, 5 900 centres in 3D).
@@ -37,6 +39,11 @@ def padded(points: NDArray[np.float64]) -> NDArray[np.float64]:
     out = np.zeros((n, 3))
     out[:, :d] = points
     return out
+
+
+def bounding_box(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, d) lower and upper corner of (n, d) points; column by column, which is ten times faster than along rows."""
+    return np.array([[column.min() for column in points.T], [column.max() for column in points.T]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +100,21 @@ class CentreLayout:
     def grid(self) -> tuple[NDArray[np.float64], float, NDArray[np.int64], NDArray[np.int64]]:
         """The grid's arguments of the compiled loops."""
         return self.origin, self.inverse_side, self.shape, self.starts
+
+    def within_reach(self, points: NDArray[np.float64], *, threads: int | None = None) -> NDArray[np.int64]:
+        """Rows (r,) of (n, 3) points next to whose cell, or in it, there is a centre; of others every sum is zero."""
+        inside = np.empty(len(points), dtype=np.bool_)
+        with threads_for(float(len(points)), threads):
+            mark_reached(points, self.origin, self.inverse_side, self.shape, self._reached_cells, inside)
+        return np.flatnonzero(inside)
+
+    @cached_property
+    def _reached_cells(self) -> NDArray[np.bool_]:
+        """Flat, x fastest, a cell more on each side: whether a cell or one next to it holds a centre."""
+        counts = np.pad(np.diff(self.starts).reshape(tuple(self.shape[::-1])), 1)
+        for axis in range(3):
+            counts = counts + _shifted(counts, axis, 1) + _shifted(counts, axis, -1)
+        return np.ascontiguousarray(counts.ravel() > 0)
 
     def sum(
         self,

@@ -91,10 +91,12 @@ class LocalEvaluator:
     def _in_two_scales(self, interpolant: TwoScaleInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values of the spline and its compact levels."""
         out = np.empty((len(points), interpolant.weights.shape[1]))
+        places = padded(points)
         with threads_for(_SPLINE_WORK * len(points), self._threads):
-            interpolant.spline.values(padded(points), out)
+            interpolant.spline.values(places, out)
         for level in interpolant.levels:
-            out += self.displacement(level, points)
+            near = level.layout.within_reach(places, threads=self._threads)
+            out[near] += self.displacement(level, points[near])
         return out
 
     def _gradient_in_two_scales(
@@ -102,10 +104,12 @@ class LocalEvaluator:
     ) -> NDArray[np.float64]:
         """Gradients of the spline and its compact levels."""
         out = np.empty((len(points), interpolant.weights.shape[1], interpolant.dimension))
+        places = padded(points)
         with threads_for(_SPLINE_WORK * len(points), self._threads):
-            interpolant.spline.gradients(padded(points), out)
+            interpolant.spline.gradients(places, out)
         for level in interpolant.levels:
-            out += self.gradient(level, points)
+            near = level.layout.within_reach(places, threads=self._threads)
+            out[near] += self.gradient(level, points[near])
         return out
 
     def _sum(

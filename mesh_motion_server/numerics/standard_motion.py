@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.centres import bounding_box
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.factor_source import (
     DeferredFactorization,
@@ -192,7 +193,7 @@ class StandardMotion:
             return [targets]
         origin = start[self.roles.moving]
         furthest = float(np.sqrt(np.max(np.sum((targets - origin) ** 2, axis=1))))
-        stride = _SUBSTEP_FRACTION * float(np.ptp(self.reference, axis=0).max())
+        stride = _SUBSTEP_FRACTION * float(np.ptp(bounding_box(self.reference), axis=0).max())
         count = min(max(math.ceil(furthest / stride), 1), _MAX_SUBSTEPS)
         path = substeps(origin, targets - origin, count)
         return [*(origin + displacement for displacement in path[:-1]), targets]
@@ -260,7 +261,7 @@ class StandardMotion:
         """The interpolation of the ``displacement`` (c, d) of control nodes (c,) of the mesh ``points`` (n, d)."""
         origin = points[controls]
         if self.periodic is not None:
-            box = np.stack([points.min(axis=0), points.max(axis=0)])
+            box = bounding_box(points)
             generators = self.periodic.generators
             factorization, reused = periodic_factorization_of(origin, generators, box, self.method, factors)
             return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
@@ -281,7 +282,7 @@ class StandardMotion:
         plan = self.plans.plan_for(controls)
         if plan is None:
             return factorization_of(points[controls], self.method, factors)
-        box = np.stack([points.min(axis=0), points.max(axis=0)])
+        box = bounding_box(points)
         return two_scale_factorization_of(points[controls], box, plan, factors)
 
     def _reduced_volume(

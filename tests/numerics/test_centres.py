@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.centres import CentreLayout
+from mesh_motion_server.numerics.centres import CentreLayout, bounding_box, padded
 from mesh_motion_server.numerics.kernels import BASES
 from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
 
@@ -59,3 +60,22 @@ def test_one_centre_and_points_on_a_line():
     assert CentreLayout.build(np.zeros((1, 3)), C2, 0.1).n_centres == 1
     line = np.column_stack([np.linspace(0, 1, 200), np.zeros(200), np.zeros(200)])
     assert not CentreLayout.build(line, C2, 0.01).is_direct
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_points_out_of_reach_are_those_whose_sums_are_zero(d: int) -> None:
+    """What is told to be out of reach has no centre within R; nothing within reach is missed, far away or at a rim."""
+    rng = np.random.default_rng(d)
+    centres = 0.3 + 0.2 * rng.random((60, d))
+    layout = CentreLayout.build(centres, C2, 0.05)
+    points = padded(np.vstack([rng.random((2000, d)), centres, 1e6 * rng.normal(size=(20, d))]))
+    near = layout.within_reach(points)
+    distance = cKDTree(padded(centres)).query(points)[0]
+    assert set(np.flatnonzero(distance < 0.05)) <= set(near)
+    assert len(near) < len(points)
+    assert distance[near].max() <= 2 * np.sqrt(d) * 0.0501
+
+
+def test_a_bounding_box_is_that_of_the_points() -> None:
+    points = np.random.default_rng(1).normal(size=(50, 3))
+    np.testing.assert_array_equal(bounding_box(points), [points.min(axis=0), points.max(axis=0)])

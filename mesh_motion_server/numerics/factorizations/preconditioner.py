@@ -23,6 +23,7 @@ from scipy.sparse import csr_array
 from mesh_motion_server.numerics.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_server.numerics.kernel_functions import phi
 from mesh_motion_server.numerics.kernels import Basis
+from mesh_motion_server.numerics.sparse_products import nbytes, product
 from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["SparseInverse"]
@@ -103,9 +104,8 @@ class SparseInverse:
     @property
     def nbytes(self) -> int:
         """Memory of G and Gᵀ."""
-        return sum(int(m.data.nbytes + m.indices.nbytes + m.indptr.nbytes) for m in (self._factor, self._transposed))
+        return nbytes(self._factor) + nbytes(self._transposed)
 
     def __call__(self, residual: Array) -> Array:
         """(n, k) preconditioned residual."""
-        out: Array = self._transposed @ (self._factor @ residual)
-        return out
+        return product(self._transposed, product(self._factor, residual))

@@ -29,7 +29,7 @@ from mesh_motion_server.numerics.centres import CentreLayout
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import basis_named
-from mesh_motion_server.numerics.two_scale.sparse_products import nbytes, product
+from mesh_motion_server.numerics.sparse_products import nbytes, product
 
 __all__ = ["BASIS", "CompactLevel", "CompactSystem", "compact_levels"]
 
