@@ -101,7 +101,7 @@ class ServerSettings(_Strict):
     worker_memory_bytes: Annotated[int, Field(ge=256 << 20)] = 8 << 30
     factor_cache_bytes: Annotated[int, Field(ge=0)] = 1 << 30
     stored_replies: Annotated[int, Field(ge=1)] = 8
-    stored_reply_bytes: Annotated[int, Field(ge=1 << 10)] = 256 << 20
+    stored_reply_bytes: Annotated[int, Field(ge=1 << 10)] = 32 << 20
     threads: Annotated[int, Field(ge=0)] = 0
     collective_timeout_seconds: _Length = 120.0
     lease_seconds: _Length = 60.0

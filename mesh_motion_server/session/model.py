@@ -36,7 +36,10 @@ class Model(Protocol):
         ...
 
     def move(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: Any) -> Any:
-        """Motion that takes the moving nodes from the committed positions (n, d) to ``targets`` (k, d)."""
+        """Motion that takes the moving nodes from the committed positions (n, d) to ``targets`` (k, d).
+
+        Its ``corrected`` is what :meth:`summary` says of its ``points``.
+        """
         ...
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.session.joining import joined
 from mesh_motion_server.session.ordering import canonical_order
 
 __all__ = ["MergedMesh", "PartitionMesh", "merge"]
@@ -60,8 +61,8 @@ class _CellOrigin:
     """Where the cells of one type came from, in canonical order: partition (m,), local index there (m,)."""
 
     type_name: str
-    partition: Ints
-    local: Ints
+    partition: NDArray[np.integer]
+    local: NDArray[np.integer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +154,12 @@ class MergedMesh:
 
     def _single_gather(self, rows: Floats) -> Floats:
         """Rows (k, d) of the only partition, sorted by canonical index."""
-        return rows[np.argsort(self.node_maps[0][self.moving_local[0]])]
+        return np.take(rows, self._moving_order, axis=0)
+
+    @cached_property
+    def _moving_order(self) -> Ints:
+        """(k,) order that sorts the only partition's moving nodes by canonical index."""
+        return np.argsort(self.node_maps[0][self.moving_local[0]])
 
     def _check_agreement(self, rows: Floats, taken: Floats, nodes: Ints) -> None:
         """Compare every row (r, d) with the one taken for its node (r,)."""
@@ -255,8 +261,8 @@ def _check_range(indices: Ints, count: int, where: str, details: dict[str, objec
 
 def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, tuple[Ints, ...]]:
     """Points (n, d) and global ids (n,) in canonical order, and each partition's node map."""
-    all_points = np.concatenate([p.points for p in partitions])
-    all_ids = np.concatenate([p.global_ids for p in partitions])
+    all_points = joined([p.points for p in partitions])
+    all_ids = joined([p.global_ids for p in partitions])
     ids, first, inverse = np.unique(all_ids, return_index=True, return_inverse=True)
     points = all_points[first]
     owners = np.repeat(np.arange(len(partitions)), [len(p.points) for p in partitions])
@@ -303,14 +309,23 @@ def _merge_cells(
         ]
         if not parts:
             continue
-        nodes = np.concatenate([rows for _, rows in parts])
-        partition = np.concatenate([np.full(len(rows), p) for p, rows in parts])
-        local = np.concatenate([np.arange(len(rows)) for _, rows in parts])
+        nodes = joined([rows for _, rows in parts])
         order = _lexicographic(nodes, 1 + int(nodes.max()))
-        tables[name] = np.ascontiguousarray(nodes[order])
-        origins.append(_CellOrigin(name, partition[order], local[order]))
+        tables[name] = np.take(nodes, order, axis=0)
+        origins.append(_origin(name, [(p, len(rows)) for p, rows in parts], order))
         _check_no_duplicate(tables[name], origins[-1])
     return CellTable.from_arrays(tables), tuple(origins)
+
+
+def _origin(name: str, lengths: Sequence[tuple[int, int]], order: Ints) -> _CellOrigin:
+    """Where cells came from that are put in this ``order`` (m,): (partition, number of cells) of each part before."""
+    # kept as long as the session: half the memory where the numbers allow it, none for an only partition
+    dtype = np.int32 if len(order) < 2**31 else np.int64
+    if len(lengths) == 1:
+        return _CellOrigin(name, np.broadcast_to(np.int32(lengths[0][0]), len(order)), order.astype(dtype))
+    partition = np.concatenate([np.full(count, p, dtype=np.int32) for p, count in lengths])
+    local = np.concatenate([np.arange(count, dtype=dtype) for _, count in lengths])
+    return _CellOrigin(name, partition[order], local[order])
 
 
 def _lexicographic(rows: Ints, count: int) -> Ints:

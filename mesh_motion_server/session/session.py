@@ -25,6 +25,7 @@ from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings
 from mesh_motion_server.session.partitions import MergedMesh, merge
 from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.same_bits import same_bits
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
 from mesh_motion_server.session.store import SessionFolder
@@ -276,7 +277,9 @@ class Session:
         displacement[moving] = told
         points = base + displacement
         points.flags.writeable = False
-        trial = Trial(self.step + 1, self.iteration + 1, points)
+        # the sum may round to other coordinates than were judged, mostly in a frame the motion did not start from
+        judged = motion.corrected if same_bits(points, motion.points) else None
+        trial = Trial(self.step + 1, self.iteration + 1, points, judged)
         self._swap(state=state, trial=trial, trial_lost=False)
         return MoveOutcome(trial.step, trial.iteration, motion, displacement)
 
@@ -301,7 +304,8 @@ class Session:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
         durable = np.take(trial.points, built.mesh.id_order, axis=0)
         digest = state_digest(trial.step, durable)
-        outcome = CommitOutcome(trial.step, digest, built.model.summary(trial.points))
+        quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
+        outcome = CommitOutcome(trial.step, digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
         self._write(built.journal, entry, durable)
         self._now = _Standing(state, CommittedState(trial.step, trial.points))

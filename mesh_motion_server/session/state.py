@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,8 +187,11 @@ class Trial:
         The step it would become, and how many MOVEs the step has had.
     points : (n, d) array, mesh length unit
         Trial coordinates in canonical order; read-only.
+    quality : QualitySummary or None
+        Of ``points``, where the Move has judged these very coordinates.
     """
 
     step: int
     iteration: int
     points: NDArray[np.float64]
+    quality: Any = None

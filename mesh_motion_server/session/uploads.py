@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.numerics.cells import CELL_TYPES
 from mesh_motion_server.numerics.roles import ROLES, Patch
+from mesh_motion_server.session.joining import joined
 from mesh_motion_server.session.partitions import PartitionMesh
 
 __all__ = ["ITEMS", "MeshUpload", "Part"]
@@ -51,6 +52,12 @@ class _Pile:
 
     parts: dict[_Key, list[_Rows]] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
+
+    def whole(self) -> dict[_Key, _Rows]:
+        """Each item's rows in one array, which takes the place of its parts: a mesh is never held twice."""
+        for key, rows in self.parts.items():
+            self.parts[key] = [joined(rows)]
+        return {key: rows[0] for key, rows in self.parts.items()}
 
 
 class MeshUpload:
@@ -110,14 +117,14 @@ class MeshUpload:
         self.nbytes = 0
 
     def _mesh(self, number: int, pile: _Pile) -> PartitionMesh:
-        joined = {key: rows[0] if len(rows) == 1 else np.concatenate(rows) for key, rows in pile.parts.items()}
-        points = joined.get(("nodes", ""), np.empty((0, self._dimension)))
+        whole = pile.whole()
+        points = whole.get(("nodes", ""), np.empty((0, self._dimension)))
         return PartitionMesh(
             points=points.astype(np.float64, copy=False),
-            global_ids=self._global_ids(number, len(points), joined.get(("global_ids", ""))),
-            cells={name: rows for (item, name), rows in joined.items() if item == "cells"},
+            global_ids=self._global_ids(number, len(points), whole.get(("global_ids", ""))),
+            cells={name: rows for (item, name), rows in whole.items() if item == "cells"},
             patches={
-                name: Patch(pile.roles[name], rows[:, 0]) for (item, name), rows in joined.items() if item == "patch"
+                name: Patch(pile.roles[name], rows[:, 0]) for (item, name), rows in whole.items() if item == "patch"
             },
         )
 

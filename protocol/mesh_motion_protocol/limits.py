@@ -55,7 +55,7 @@ LIMITS: dict[str, Limit] = {
         Limit("max_sessions", 64, "sessions", False, "sessions with a worker at the same time"),
         Limit("max_session_bytes", 4 << 30, "bytes", False, "uploaded mesh of one session, all partitions"),
         Limit("stored_replies", 8, "replies", False, "replies kept for repeated requests, per client"),
-        Limit("stored_reply_bytes", 256 << 20, "bytes", False, "arrays of all kept replies of a session"),
+        Limit("stored_reply_bytes", 32 << 20, "bytes", False, "arrays of all kept replies of a session"),
         Limit("collective_timeout_ms", 120_000, "ms", False, "a collective request waits for the other partitions"),
         Limit("lease_ms", 60_000, "ms", False, "a session without any connection keeps its worker"),
         Limit("drain_ms", 30_000, "ms", False, "a stopping server lets running requests finish"),

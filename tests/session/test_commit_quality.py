@@ -1,0 +1,78 @@
+"""What a COMMIT says of the mesh's quality: that of the committed coordinates, judged once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.session.same_bits import same_bits
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.session.uploads import Part
+from mesh_motion_server.settings import ServerSettings
+
+Kit = Any
+
+
+def built(kit: Kit, folder: Path, shift: float) -> tuple[Session, list[Any]]:
+    """A built session whose mesh begins at ``shift``, and the list of coordinates its model was asked to judge."""
+    judged: list[Any] = []
+
+    class Counting(kit.StandIn):  # type: ignore[misc]
+        def summary(self, points: Any) -> Any:
+            judged.append(points)
+            return super().summary(points)
+
+    session = Session(SessionStore(folder).create(kit.make_spec()), ServerSettings(), Counting)
+    mesh = kit.grid_mesh()
+    session.add_part(0, Part("nodes", "", "", mesh.points + shift))
+    session.add_part(0, Part("cells", "triangle", "", mesh.cells["triangle"]))
+    for name, patch in mesh.patches.items():
+        session.add_part(0, Part("patch", name, patch.role, patch.nodes[:, None]))
+    session.build()
+    return session, judged
+
+
+def committed_quality(session: Session) -> Any:
+    return session.commit((), lambda outcome: b"").quality
+
+
+def test_coordinates_that_the_move_has_judged_are_not_judged_again(kit: Kit, tmp_path: Path) -> None:
+    session, judged = built(kit, tmp_path, 0.0)
+    outcome = session.move("committed", [np.tile([0.1, 0.0], (5, 1))])
+    judged.clear()
+    assert committed_quality(session) is outcome.motion.corrected
+    assert not judged
+    session.close()
+
+
+@pytest.mark.parametrize("shift", [0.0, -0.37])
+@pytest.mark.parametrize("frame", ["committed", "reference"])
+def test_the_quality_is_that_of_the_committed_coordinates_bitwise(
+    kit: Kit, tmp_path: Path, shift: float, frame: str
+) -> None:
+    session, judged = built(kit, tmp_path, shift)
+    again = 0
+    for x in (0.05, 0.1, 0.17, 0.13, 0.21):
+        session.move(frame, [np.tile([x, x / 7], (5, 1))])
+        judged.clear()
+        quality = committed_quality(session)
+        again += len(judged)
+        points = session.coordinates("committed")
+        assert quality == session.model.summary(points)
+    assert again if (shift, frame) == (-0.37, "reference") else not again
+    session.close()
+
+
+def test_same_bits_tells_what_comparison_does_not() -> None:
+    rows = np.random.default_rng(1).normal(size=(40_000, 3))
+    other = rows.copy()
+    assert same_bits(rows, other)
+    other[-1, 2] = np.nextafter(other[-1, 2], 2.0)
+    assert not same_bits(rows, other)
+    assert same_bits(np.full((2, 3), np.nan), np.full((2, 3), np.nan))
+    assert not same_bits(np.zeros((2, 3)), np.negative(np.zeros((2, 3))))
+    assert not same_bits(rows, rows[:-1])
