@@ -2,7 +2,8 @@
 # make test   runs every test
 # make lint   ruff and mypy, as CI does
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
-# make bench  measures what a correction costs, up to half a million nodes (benchmarks/README.md)
+# make bench  measures how set-up, step and memory grow to half a million nodes, and what a correction costs
+# make bench-quick the first of these in under three minutes, up to fifty thousand nodes in 3D
 # make studies recomputes every table and figure of docs/thesis.md and docs/beyond.md (STUDY="name …" for some)
 # make docker builds the images and runs server + mock fluid + mock solid (needs a Docker engine)
 #
@@ -16,10 +17,10 @@ BIN := $(VENV)/bin
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format peers bench studies docker clean
+.PHONY: help demo test test-fast lint format peers bench bench-quick studies docker clean
 
 help:
-	@sed -n '1,9s/^# \{0,1\}//p' Makefile
+	@sed -n '1,10s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -58,7 +59,11 @@ peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1
 
 bench: $(VENV)/.development
+	$(BIN)/python -m benchmarks.scale --out out/scale --meshes out/peers
 	$(BIN)/python -m benchmarks.correction --out out/peers
+
+bench-quick: $(VENV)/.development
+	$(BIN)/python -m benchmarks.scale --out out/scale-quick --meshes out/peers --sizes M1 M2 M3 --wire M1 M3 --repeat 2
 
 studies: $(VENV)/.development
 	$(BIN)/python -m docs.studies $(STUDY)

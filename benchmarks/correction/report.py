@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from benchmarks.correction.cases import CASES
 from benchmarks.correction.cost import Cost
+from benchmarks.page import README, fill_block
 
 __all__ = ["README", "fill", "table"]
 
-README = Path(__file__).parents[1] / "README.md"
-
-_BLOCK = re.compile(r"(<!-- benchmark: correction -->\n).*?(<!-- end -->)", re.DOTALL)
 _HEAD = (
     "| mesh, motion | nodes | asked | standard | reached | freed | iterations "
     "| s | CPU s | at most | × limit | MB |\n"
@@ -43,14 +40,5 @@ def _seconds(value: float) -> str:
 
 
 def fill(text: str, page: Path = README) -> None:
-    """Put the text between ``<!-- benchmark: correction -->`` and ``<!-- end -->``.
-
-    Raises
-    ------
-    ValueError
-        If the page has no such lines.
-    """
-    before = page.read_text(encoding="utf-8")
-    if not _BLOCK.search(before):
-        raise ValueError(f"{page.name}: expected a line '<!-- benchmark: correction -->' and then '<!-- end -->'")
-    page.write_text(_BLOCK.sub(lambda m: m[1] + text + m[2], before), encoding="utf-8")
+    """Put the text into its block of the page, see :func:`~benchmarks.page.fill_block`."""
+    fill_block("correction", text, page)

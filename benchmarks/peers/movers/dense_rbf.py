@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.task import Task
 
-__all__ = ["DenseRBF"]
+__all__ = ["DenseRBF", "wendland_matrix"]
 
 Floats = NDArray[np.float64]
 
@@ -58,9 +58,14 @@ class DenseRBF:
 
     def _matrix(self, points: Floats, centres: Floats) -> Floats:
         """(p, c) values of φ."""
-        square = np.zeros((len(points), len(centres)))
-        for x, c in zip(points.T, centres.T, strict=True):
-            square += (x[:, None] - c) ** 2
-        r = np.sqrt(square) / self.radius
-        values: Floats = np.where(r < 1, (1 - r) ** 4 * (4 * r + 1), 0.0)
-        return values
+        return wendland_matrix(points, centres, self.radius)
+
+
+def wendland_matrix(points: Floats, centres: Floats, radius: float) -> Floats:
+    """(p, c) values of φ for points (p, d) and centres (c, d)."""
+    square = np.zeros((len(points), len(centres)))
+    for x, c in zip(points.T, centres.T, strict=True):
+        square += (x[:, None] - c) ** 2
+    r = np.sqrt(square) / radius
+    values: Floats = np.where(r < 1, (1 - r) ** 4 * (4 * r + 1), 0.0)
+    return values

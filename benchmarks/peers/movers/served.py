@@ -26,7 +26,7 @@ from benchmarks.peers.measurement import cpu_seconds
 from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.task import Task
 
-__all__ = ["ServedMover"]
+__all__ = ["ServedMover", "await_rest"]
 
 _RELAXATION = 0.2  # what is left of a step's displacement shrinks by this factor in each coupling iteration
 _POLL = 2.0  # seconds
@@ -74,7 +74,7 @@ class ServedMover:
         small = cls(small_task(task), **{**options, "quality_threshold": 0.99})
         small.move(0)
         small.session.close("discard")
-        _await_rest()
+        await_rest()
 
 
 def _start_server() -> str:
@@ -98,7 +98,7 @@ def _start_server() -> str:
     return str(json.loads(ready.read_text(encoding="utf-8"))["endpoint"])
 
 
-def _await_rest() -> None:
+def await_rest() -> None:
     """Wait for the server to have its next worker ready: its processes use the processor no more."""
     used, deadline = -1.0, time.monotonic() + _READY_TIMEOUT
     while (now := cpu_seconds(os.getpid())) - used > _RESTING * _POLL and time.monotonic() < deadline:

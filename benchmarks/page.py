@@ -1,0 +1,25 @@
+"""Blocks of the benchmarks' README that a run fills: ``<!-- benchmark: NAME -->`` up to ``<!-- end -->``."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+__all__ = ["README", "fill_block"]
+
+README = Path(__file__).parent / "README.md"
+
+
+def fill_block(name: str, text: str, page: Path = README) -> None:
+    """Put the text between ``<!-- benchmark: NAME -->`` and the next ``<!-- end -->``.
+
+    Raises
+    ------
+    ValueError
+        If the page has no such lines.
+    """
+    before = page.read_text(encoding="utf-8")
+    block = re.compile(rf"(<!-- benchmark: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+    if not block.search(before):
+        raise ValueError(f"{page.name}: expected a line '<!-- benchmark: {name} -->' and then '<!-- end -->'")
+    page.write_text(block.sub(lambda m: m[1] + text + m[2], before), encoding="utf-8")

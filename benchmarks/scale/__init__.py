@@ -1,0 +1,1 @@
+"""How set-up, step, coupling iteration and memory grow with the mesh, in the library and over the wire."""

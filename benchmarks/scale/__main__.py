@@ -1,0 +1,79 @@
+"""``python -m benchmarks.scale``: set-up, step, iteration and memory against size, each in a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.peers.meshes import load_or_build
+from benchmarks.scale.cases import CASES, MESHES
+from benchmarks.scale.figures import Figures, MachineLimits, WireFigures
+from benchmarks.scale.picture import write_picture
+from benchmarks.scale.report import fill, tables
+from benchmarks.scale.results import Results
+
+_PICTURE = Path(__file__).parents[2] / "docs" / "images" / "scale.png"
+
+
+def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.scale", description="Cost and memory against size.")
+    parser.add_argument("--out", type=Path, default=Path("out/scale"), help="folder of the results")
+    parser.add_argument("--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes, built if need be")
+    parser.add_argument("--sizes", nargs="+", choices=list(MESHES), default=list(MESHES), metavar="MESH")
+    parser.add_argument("--wire", nargs="*", choices=list(MESHES), default=list(MESHES), metavar="MESH")
+    parser.add_argument("--threads", type=int, default=1, help="threads of the kernels")
+    parser.add_argument("--repeat", type=int, default=3, help="steps of each; the shortest counts")
+    parser.add_argument("--readme", action="store_true", help="put tables and plot into benchmarks/README.md")
+    arguments = parser.parse_args(words)
+    if arguments.threads < 1 or arguments.repeat < 1:
+        parser.error("--threads and --repeat take a positive number")
+    return arguments
+
+
+def _measured(module: str, threads: int, *words: str) -> dict[str, Any]:
+    """What a module prints, run in a fresh process."""
+    single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    environment = {**os.environ, **single, "NUMBA_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
+    command = [sys.executable, "-m", f"benchmarks.scale.{module}", *words]
+    done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+    return dict(json.loads(done.stdout))
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run what the command line asks for."""
+    arguments = _arguments(words)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    threads, folder = arguments.threads, str(arguments.meshes)
+    machine = (
+        f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start; "
+        f"threads of the kernels: {threads}."
+    )
+    results = Results(MachineLimits.read(_measured("limits", 1)), machine)
+    for name, case in CASES.items():
+        if case.mesh not in arguments.sizes:
+            continue
+        load_or_build(case.mesh, arguments.meshes)
+        given = (name, folder, str(arguments.repeat))
+        results.library[name] = Figures.read(_measured("library", threads, *given))
+        if case.mesh in arguments.wire:
+            results.wire[name] = WireFigures.read(_measured("wire", threads, *given))
+        results.save(arguments.out / "scale.json")
+        (arguments.out / "scale.md").write_text(tables(results), encoding="utf-8")
+        step = results.library[name].step
+        print(f"{name}: step {step.wall:.3f} s, processor {step.cpu:.3f} s", flush=True)
+    write_picture(results, arguments.out / "scale.png")
+    print(tables(results), flush=True)
+    if arguments.readme:
+        fill(tables(results))
+        write_picture(results, _PICTURE)
+
+
+if __name__ == "__main__":
+    main()

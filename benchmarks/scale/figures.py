@@ -1,0 +1,141 @@
+"""What is measured of a case and of the machine, as plain values that go through JSON."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, Self, TypeVar
+
+__all__ = ["Figures", "MachineLimits", "Seconds", "WireFigures", "timed"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, order=True)
+class Seconds:
+    """Processor time of all threads, and wall time."""
+
+    cpu: float
+    wall: float
+
+    @classmethod
+    def shortest(cls, runs: list[Seconds]) -> Seconds:
+        """The shortest of each."""
+        return cls(min(run.cpu for run in runs), min(run.wall for run in runs))
+
+
+def timed(task: Callable[[], T]) -> tuple[Seconds, T]:
+    """Times of a task in this process, and its result."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    result = task()
+    return Seconds(time.process_time() - cpu, time.perf_counter() - wall), result
+
+
+@dataclass(frozen=True)
+class _Read:
+    """Reads what ``dataclasses.asdict`` made."""
+
+    @classmethod
+    def read(cls, values: dict[str, Any]) -> Self:
+        """From a dict whose dicts are :class:`Seconds`."""
+        known = {field.name for field in fields(cls)}
+        return cls(**{k: Seconds(**v) if isinstance(v, dict) else v for k, v in values.items() if k in known})
+
+
+@dataclass(frozen=True)
+class Figures(_Read):
+    """Of one case in the library.
+
+    Attributes
+    ----------
+    nodes, cells, boundary : int
+        Boundary: nodes with a role.
+    setup : Seconds
+        ``MotionModel.build``.
+    first : Seconds
+        The session's first Move.
+    step : Seconds
+        A step's first Move: another mesh than before, so that nothing is in the cache.
+    iteration : Seconds
+        A later Move of the same step.
+    solve, displace, predict : Seconds
+        Parts of ``step``.
+    kept_bytes, peak_bytes : int
+        Resident memory after the steps, and its largest value, less that with the mesh alone.
+    resident_bytes : int
+        The largest resident set, libraries and mesh included.
+    minimum, near_wall : float
+        Minimum size-skew after the last step, of all cells and of those with a moving node.
+    inverted : int
+        Cells.
+    boundary_error : float
+        Largest error of the interpolation at a boundary node, before it is put where it was told to be; a share of the
+        largest displacement.
+    corrected : bool
+        Whether a correction followed.
+    """
+
+    nodes: int
+    cells: int
+    boundary: int
+    setup: Seconds
+    first: Seconds
+    step: Seconds
+    iteration: Seconds
+    solve: Seconds
+    displace: Seconds
+    predict: Seconds
+    kept_bytes: int
+    peak_bytes: int
+    resident_bytes: int
+    minimum: float
+    near_wall: float
+    inverted: int
+    boundary_error: float
+    corrected: bool
+
+
+@dataclass(frozen=True)
+class WireFigures(_Read):
+    """Of one case through a private server; processor time is that of client, server and workers together.
+
+    Attributes
+    ----------
+    setup : Seconds
+        Opening a session and sending the mesh.
+    step, iteration : Seconds
+        From the displacement to the positions of all nodes, as in :class:`Figures`.
+    step_share, iteration_share : float
+        What part of the wall time the worker's motion did not take.
+    """
+
+    setup: Seconds
+    step: Seconds
+    iteration: Seconds
+    step_share: float
+    iteration_share: float
+
+
+@dataclass(frozen=True)
+class MachineLimits(_Read):
+    """Of one thread of the machine.
+
+    Attributes
+    ----------
+    bandwidth : float
+        Bytes read and written a second by numpy's copy of a large array.
+    pair_rate : float
+        Pairs of node and centre a second in the textbook's dense sum in numpy.
+    """
+
+    bandwidth: float
+    pair_rate: float
+
+    def pass_seconds(self, figures: Figures, dimension: int) -> float:
+        """To read the coordinates and the connectivity (8 bytes a number) of a mesh of simplices once."""
+        return 8 * (dimension * figures.nodes + (dimension + 1) * figures.cells) / self.bandwidth
+
+    def dense_seconds(self, figures: Figures) -> float:
+        """To evaluate the textbook's sum: every boundary node at every node, in numpy."""
+        return figures.nodes * figures.boundary / self.pair_rate

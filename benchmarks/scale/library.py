@@ -1,0 +1,181 @@
+"""Measures one case in this process: ``python -m benchmarks.scale.library CASE FOLDER REPEAT`` prints JSON."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.measurement import peak_memory
+from benchmarks.peers.movers.small_task import small_task
+from benchmarks.peers.task import Task
+from benchmarks.scale.cases import CASES, Case
+from benchmarks.scale.figures import Figures, Seconds, timed
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.standard_motion import StandardTrial
+from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.session.factors import FactorCache
+
+__all__ = ["FIRST_SHARE", "measured"]
+
+Floats = NDArray[np.float64]
+
+#: The first Move of a step gets this share of its displacement, the later one all of it, as coupling iterations do.
+FIRST_SHARE = 0.9
+
+_CACHE_BYTES = 2**31
+
+
+class _ProcessorStopwatch(Stopwatch):
+    """Adds up the processor time of the phases too."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.processor: dict[str, float] = {}
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        used = time.process_time()
+        with super().phase(name):
+            yield
+        self.processor[name] = self.processor.get(name, 0.0) + time.process_time() - used
+
+    def both(self, name: str) -> Seconds:
+        """Times of a phase."""
+        return Seconds(self.processor[name], self.seconds()[name])
+
+
+class _Memory:
+    """Resident memory of this process beyond what it had when this was made."""
+
+    def __init__(self) -> None:
+        gc.collect()
+        with suppress(OSError):  # where the kernel allows it, the high-water mark begins anew
+            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        self.base = _resident()
+
+    def kept(self) -> int:
+        """Bytes now."""
+        gc.collect()
+        return max(_resident() - self.base, 0)
+
+    def peak(self) -> int:
+        """Bytes at most."""
+        return max(peak_memory(os.getpid()) - self.base, 0)
+
+
+def _resident() -> int:
+    """Bytes."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def _model(task: Task, method: Method) -> MotionModel:
+    """Of a task."""
+    patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
+    return MotionModel.build(task.points, CellTable.from_arrays(task.cells), patches, method)
+
+
+def _warm_up(task: Task) -> None:
+    """Load or compile the kernels, as a server does before its first session."""
+    small = small_task(task)
+    for solver in ("auto", "two-scale"):
+        _model(small, Method(solver=solver, quality_threshold=0.0)).move(small.points, small.targets(0))
+
+
+def measured(case: Case, folder: Path, repeat: int) -> Figures:
+    """The figures of a case; the shortest of ``repeat`` steps counts."""
+    task = case.task(folder, repeat)
+    _warm_up(task)
+    memory = _Memory()
+    setup, model = timed(lambda: _model(task, Method(**case.method)))
+    committed, steps, iterations, corrected = task.points, [], [], False
+    for step in range(repeat):
+        start, targets, factors = committed, task.targets(step), FactorCache(_CACHE_BYTES)
+        nearly = start[task.moving] + FIRST_SHARE * (targets - start[task.moving])
+        steps.append(timed(lambda p=start, t=nearly, f=factors: model.move(p, t, f))[0])
+        seconds, motion = timed(lambda p=start, t=targets, f=factors: model.move(p, t, f))
+        iterations.append(seconds)
+        corrected = corrected or motion.points is not motion.correction.points or motion.corrected != motion.standard
+        committed = motion.points if case.kind == "steady" else committed
+        reached = motion.points
+        del motion
+    kept, peak = memory.kept(), memory.peak()
+    watches, trial = _phases(model, start, targets, repeat)
+    quality = cell_quality(reached, model.cells, model.reference_sizes)
+    values = quality.metric("size-skew")
+    return Figures(
+        nodes=len(task.points),
+        cells=len(model.cells),
+        boundary=len(model.roles.all),
+        setup=setup,
+        first=steps[0],
+        step=Seconds.shortest(steps),
+        iteration=Seconds.shortest(iterations),
+        **{
+            name: Seconds.shortest([watch.both(name) for watch in watches]) for name in ("solve", "displace", "predict")
+        },
+        kept_bytes=kept,
+        peak_bytes=peak,
+        resident_bytes=memory.base + peak,
+        minimum=float(values.min()),
+        near_wall=float(values[_near_wall(task, model.cells)].min()),
+        inverted=int(quality.inverted.sum()),
+        boundary_error=_boundary_error(task, model, trial, targets),
+        corrected=corrected,
+    )
+
+
+def _phases(
+    model: MotionModel, start: Floats, targets: Floats, repeat: int
+) -> tuple[list[_ProcessorStopwatch], StandardTrial]:
+    """The phases of a step's first Move, without the rest of it."""
+    watches = []
+    for _ in range(repeat):
+        watch = _ProcessorStopwatch()
+        trial = model.standard_motion.trial(start, targets, MakeEachTime(), watch)
+        with watch.phase("predict"):
+            model.summary(trial.points)
+        watches.append(watch)
+    return watches, trial
+
+
+def _near_wall(task: Task, cells: CellTable) -> NDArray[np.bool_]:
+    """(m,) which cells have a moving node."""
+    moving = np.zeros(len(task.points), dtype=bool)
+    moving[task.moving] = True
+    return np.concatenate([moving[block.nodes].any(axis=1) for block in cells])
+
+
+def _boundary_error(task: Task, model: MotionModel, trial: StandardTrial, targets: Floats) -> float:
+    """Largest error at a boundary node before the snap, as a share of the largest displacement."""
+    nodes = model.roles.all
+    told = task.points.copy()
+    told[task.moving] = targets
+    wanted = told[nodes] - trial.start[nodes]
+    found = trial.field.displacement(np.ascontiguousarray(trial.start[nodes]))
+    return float(np.linalg.norm(found - wanted, axis=1).max() / np.linalg.norm(wanted, axis=1).max())
+
+
+def main(arguments: list[str]) -> None:
+    """The command line of the module's docstring."""
+    name, folder, repeat = arguments
+    print(json.dumps(asdict(measured(CASES[name], Path(folder), int(repeat)))))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

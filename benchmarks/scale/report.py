@@ -1,0 +1,97 @@
+"""The results as tables for the benchmarks' README."""
+
+from __future__ import annotations
+
+from benchmarks.page import README, fill_block
+from benchmarks.scale.cases import CASES
+from benchmarks.scale.figures import Figures, MachineLimits, Seconds, WireFigures
+from benchmarks.scale.results import Results, growth
+
+__all__ = ["README", "fill", "tables"]
+
+_COST = (
+    "| mesh, motion | nodes | boundary nodes | set-up | first step | step | iteration | solve | displace | predict "
+    "| growth | × pass | dense ÷ step |\n|---|" + "---:|" * 12 + "\n"
+)
+_QUALITY = (
+    "| mesh, motion | MB | peak B/node | kept B/node | min size-skew | near the wall | inverted | boundary error |\n"
+    "|---|" + "---:|" * 7 + "\n"
+)
+#: Below so many nodes the libraries' own allocations hide what a node takes.
+_SMALL = 10_000
+
+_WIRE = "| mesh, motion | set-up | step | iteration | wire's share | of an iteration |\n|---|" + "---:|" * 5 + "\n"
+
+
+def tables(results: Results) -> str:
+    """Cost, memory and quality, and the wire."""
+    library = [name for name in CASES if name in results.library]
+    wire = [name for name in CASES if name in results.wire]
+    parts = ["Milliseconds of processor time (wall time):\n\n" + _COST + "".join(_cost(results, n) for n in library)]
+    parts.append(_QUALITY + "".join(_quality(name, results.library[name]) for name in library))
+    if wire:
+        parts.append("Over the wire:\n\n" + _WIRE + "".join(_over_wire(name, results.wire[name]) for name in wire))
+    return "\n".join([*parts, _machine(results) + "\n"])
+
+
+def fill(text: str) -> None:
+    """Put the tables into the README."""
+    fill_block("scale", text)
+
+
+def _cost(results: Results, name: str) -> str:
+    """One line."""
+    figures, case = results.library[name], CASES[name]
+    exponent = growth(results, name)
+    dimension = 2 if case.mesh in ("M1", "M2") else 3
+    times = [figures.setup, figures.first, figures.step, figures.iteration]
+    phases = [figures.solve, figures.displace, figures.predict]
+    cells = [
+        *(_both(seconds) for seconds in times),
+        *(_milliseconds(seconds.cpu) for seconds in phases),
+        "" if exponent is None else f"{exponent:.2f}",
+        _digits(figures.step.cpu / results.limits.pass_seconds(figures, dimension)),
+        _digits(results.limits.dense_seconds(figures) / figures.step.cpu),
+    ]
+    return f"| {case.mesh} {case.kind} | {figures.nodes} | {figures.boundary} | {' | '.join(cells)} |\n"
+
+
+def _quality(name: str, figures: Figures) -> str:
+    """One line."""
+    case = CASES[name]
+    memory = [figures.peak_bytes / figures.nodes, figures.kept_bytes / figures.nodes]
+    per_node = " | ".join(f"{value:.0f}" if figures.nodes >= _SMALL else "" for value in memory)
+    return (
+        f"| {case.mesh} {case.kind} | {figures.resident_bytes / 1e6:.0f} | {per_node} | {figures.minimum:.3f} "
+        f"| {figures.near_wall:.3f} | {figures.inverted} | {figures.boundary_error:.0e} |\n"
+    )
+
+
+def _over_wire(name: str, figures: WireFigures) -> str:
+    """One line."""
+    case = CASES[name]
+    times = " | ".join(_both(seconds) for seconds in (figures.setup, figures.step, figures.iteration))
+    shares = " | ".join(f"{100 * share:.0f} %" for share in (figures.step_share, figures.iteration_share))
+    return f"| {case.mesh} {case.kind} | {times} | {shares} |\n"
+
+
+def _machine(results: Results) -> str:
+    """What it was measured on."""
+    limits: MachineLimits = results.limits
+    return (
+        f"{results.machine} One thread copies {limits.bandwidth / 1e9:.1f} GB/s (read and written) and sums "
+        f"{limits.pair_rate / 1e6:.0f} M pairs/s in dense numpy."
+    )
+
+
+def _both(seconds: Seconds) -> str:
+    return f"{_milliseconds(seconds.cpu)} ({_milliseconds(seconds.wall)})"
+
+
+def _milliseconds(seconds: float) -> str:
+    return _digits(1e3 * seconds)
+
+
+def _digits(value: float) -> str:
+    """Two significant digits without an exponent, from 10 on whole numbers."""
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"

@@ -1,0 +1,66 @@
+"""All results of a run: kept as JSON, growth from size to size."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from benchmarks.scale.cases import CASES, MESHES, Case
+from benchmarks.scale.figures import Figures, MachineLimits, WireFigures
+
+__all__ = ["Results", "growth", "smaller"]
+
+
+@dataclass
+class Results:
+    """What one run measured.
+
+    Attributes
+    ----------
+    limits : MachineLimits
+    machine : str
+        In words.
+    library : dict
+        Figures by the name of a case.
+    wire : dict
+        Figures by the name of a case.
+    """
+
+    limits: MachineLimits
+    machine: str
+    library: dict[str, Figures] = field(default_factory=dict)
+    wire: dict[str, WireFigures] = field(default_factory=dict)
+
+    def save(self, path: Path) -> None:
+        """Write JSON."""
+        path.write_text(json.dumps(asdict(self), indent=1), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what :meth:`save` wrote."""
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return cls(
+            MachineLimits.read(found["limits"]),
+            found["machine"],
+            {name: Figures.read(values) for name, values in found["library"].items()},
+            {name: WireFigures.read(values) for name, values in found["wire"].items()},
+        )
+
+
+def smaller(case: Case) -> str | None:
+    """Name of the case with the next smaller mesh of the same kind and motion; None for the smallest."""
+    names = [mesh for mesh, motion in MESHES.items() if motion == MESHES[case.mesh]]
+    at = names.index(case.mesh)
+    return f"{names[at - 1]}-{case.kind}" if at else None
+
+
+def growth(results: Results, name: str) -> float | None:
+    """Exponent p of the step's processor time ~ nodesᵖ since the next smaller mesh; None without one."""
+    before = results.library.get(smaller(CASES[name]) or "")
+    if before is None:
+        return None
+    now = results.library[name]
+    return math.log(now.step.cpu / before.step.cpu) / math.log(now.nodes / before.nodes)

@@ -1,0 +1,68 @@
+"""Measures one case through a private server: ``python -m benchmarks.scale.wire CASE FOLDER REPEAT`` prints JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.measurement import cpu_seconds
+from benchmarks.peers.movers.served import ServedMover, await_rest
+from benchmarks.scale.cases import CASES, Case
+from benchmarks.scale.figures import Seconds, WireFigures
+from benchmarks.scale.library import FIRST_SHARE
+
+__all__ = ["measured"]
+
+_LARGE_REPEAT = 1  # a rollback keeps the cache: a second large step would not be a first one
+
+
+def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
+    """The figures of a case; the shortest of ``repeat`` steps counts, of a large motion there is one."""
+    repeat = repeat if case.kind == "steady" else _LARGE_REPEAT
+    task = case.task(folder, repeat)
+    ServedMover.prepare(task, {})
+    used, began = cpu_seconds(os.getpid()), time.perf_counter()
+    mover = ServedMover(task, **case.method)
+    setup = Seconds(cpu_seconds(os.getpid()) - used, time.perf_counter() - began)
+    await_rest()  # the server prepares the next session's worker meanwhile
+    steps, iterations, before = [], [], np.zeros_like(task.displacements[0])
+    for displacement in task.displacements:
+        increment = (displacement - before)[mover.order]
+        steps.append(_move(mover, FIRST_SHARE * increment))
+        iterations.append(_move(mover, increment))
+        mover.session.commit()
+        before = displacement
+    mover.session.close("discard")
+    return WireFigures(
+        setup,
+        Seconds.shortest([seconds for seconds, _ in steps]),
+        Seconds.shortest([seconds for seconds, _ in iterations]),
+        statistics.median(share for _, share in steps),
+        statistics.median(share for _, share in iterations),
+    )
+
+
+def _move(mover: ServedMover, displacement: NDArray[np.float64]) -> tuple[Seconds, float]:
+    """Times of one Move, and the share of the wall time that its motion did not take."""
+    used, began = cpu_seconds(os.getpid()), time.perf_counter()
+    moved = mover.session.move(displacement)
+    wall = time.perf_counter() - began
+    return Seconds(cpu_seconds(os.getpid()) - used, wall), 1 - moved.seconds["total"] / wall
+
+
+def main(arguments: list[str]) -> None:
+    """The command line of the module's docstring."""
+    name, folder, repeat = arguments
+    print(json.dumps(asdict(measured(CASES[name], Path(folder), int(repeat)))))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

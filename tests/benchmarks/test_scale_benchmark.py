@@ -1,0 +1,108 @@
+"""The benchmark of growth: one small case end to end, the tables and the plot, and that the README shows every case."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.scale import library
+from benchmarks.scale.cases import CASES, Case
+from benchmarks.scale.figures import Figures, MachineLimits, Seconds, WireFigures
+from benchmarks.scale.limits import machine_limits
+from benchmarks.scale.picture import write_picture
+from benchmarks.scale.report import README, tables
+from benchmarks.scale.results import Results, growth, smaller
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("meshes")
+
+
+@pytest.mark.parametrize("kind", ["steady", "large"])
+def test_a_case_is_measured(folder: Path, kind: str) -> None:
+    figures = library.measured(Case("M1", kind), folder, repeat=2)
+    assert 0 < figures.boundary < figures.nodes < figures.cells
+    assert figures.boundary_error < 1e-9
+    assert not figures.corrected
+    assert figures.near_wall >= figures.minimum
+    assert (figures.minimum > 0.2) == (kind == "steady")
+    assert figures.step.cpu <= figures.first.cpu
+    assert figures.resident_bytes > 1e7
+
+
+def test_a_correction_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Case, "method", {"correction": "optimised"})
+    assert library.measured(Case("M1", "large"), folder, repeat=1).corrected
+
+
+def test_the_machine_is_measured() -> None:
+    limits = machine_limits(numbers=100_000)
+    assert limits.bandwidth > 1e7
+    assert limits.pair_rate > 1e5
+
+
+FIGURES = Figures(
+    nodes=50_000,
+    cells=300_000,
+    boundary=6000,
+    setup=Seconds(0.25, 0.26),
+    first=Seconds(0.09, 0.1),
+    step=Seconds(0.08, 0.085),
+    iteration=Seconds(0.04, 0.041),
+    solve=Seconds(0.05, 0.05),
+    displace=Seconds(0.0125, 0.012),
+    predict=Seconds(0.011, 0.01),
+    kept_bytes=5_000_000,
+    peak_bytes=10_000_000,
+    resident_bytes=270_000_000,
+    minimum=0.43,
+    near_wall=0.44,
+    inverted=0,
+    boundary_error=5e-14,
+    corrected=False,
+)
+
+
+@pytest.fixture
+def results() -> Results:
+    found = Results(MachineLimits(bandwidth=2.0e10, pair_rate=5.0e7), "A machine.")
+    found.library["M3-steady"] = FIGURES
+    found.library["M4-steady"] = replace(FIGURES, nodes=500_000, step=Seconds(0.8, 0.9))
+    found.wire["M3-steady"] = WireFigures(Seconds(0.9, 1.0), Seconds(0.1, 0.1), Seconds(0.05, 0.06), 0.05, 0.1)
+    return found
+
+
+def test_growth_is_the_exponent_between_neighbouring_sizes(results: Results) -> None:
+    assert smaller(CASES["M4-steady"]) == "M3-steady"
+    assert smaller(CASES["M3-steady"]) is None
+    assert growth(results, "M4-steady") == pytest.approx(1.0)
+    assert growth(results, "M3-steady") is None
+
+
+def test_a_line_of_each_table(results: Results) -> None:
+    lines = tables(results).splitlines()
+    # a pass: 8 (3 · 50 000 + 4 · 300 000) B at 20 GB/s are 0.54 ms; dense: 3e8 pairs at 5e7 a second are 6 s
+    assert (
+        "| M3 steady | 50000 | 6000 | 250 (260) | 90 (100) | 80 (85) | 40 (41) | 50 | 12 | 11 |  | 148 | 75 |" in lines
+    )
+    assert "| M3 steady | 270 | 200 | 100 | 0.430 | 0.440 | 0 | 5e-14 |" in lines
+    assert "| M3 steady | 900 (1000) | 100 (100) | 50 (60) | 5 % | 10 % |" in lines
+
+
+def test_results_survive_json(results: Results, tmp_path: Path) -> None:
+    results.save(tmp_path / "scale.json")
+    assert Results.load(tmp_path / "scale.json") == results
+
+
+def test_the_plot_is_drawn(results: Results, tmp_path: Path) -> None:
+    write_picture(results, tmp_path / "scale.png")
+    assert (tmp_path / "scale.png").stat().st_size > 5000
+
+
+def test_the_readme_shows_every_case() -> None:
+    text = README.read_text(encoding="utf-8")
+    for case in CASES.values():
+        assert f"| {case.mesh} {case.kind} |" in text
