@@ -95,7 +95,9 @@ def _found(cells: CellTable) -> dict[str, Ints]:
     """The boundary's facets, by type."""
     table = _facet_table(cells)
     n = int(table.nodes.max()) + 1
-    starts, order = _buckets(table.nodes, n)
+    # as short as the numbers allow: this is what a session's memory peaks with
+    order = np.empty(len(table.nodes), dtype=np.int32 if len(table.nodes) < 2**31 else np.int64)
+    starts = _buckets(table.nodes, n, order)
     multiplicity = np.empty(len(table.nodes), dtype=np.int8)
     with threads_for(n // _NODES_PER_ITEM):
         _count_equal(table.nodes, table.side, starts, order, n, multiplicity)
@@ -158,20 +160,19 @@ def _side(cell, local, smallest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _buckets(nodes, n):  # type: ignore[no-untyped-def]
-    """Counting sort of the facets by their smallest node: (n + 1,) starts and the facets' numbers."""
+def _buckets(nodes, n, order):  # type: ignore[no-untyped-def]
+    """Counting sort of the facets by their smallest node: (n + 1,) starts; the facets' numbers go to ``order`` (F,)."""
     starts = np.zeros(n + 1, dtype=np.int64)
     for f in range(nodes.shape[0]):
         starts[nodes[f, 0] + 1] += 1
     for i in range(n):
         starts[i + 1] += starts[i]
     place = starts[:-1].copy()
-    order = np.empty(nodes.shape[0], dtype=np.int64)
     for f in range(nodes.shape[0]):
         node = nodes[f, 0]
         order[place[node]] = f
         place[node] += 1
-    return starts, order
+    return starts
 
 
 @njit(cache=True)

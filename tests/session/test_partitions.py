@@ -175,3 +175,16 @@ def test_cells_are_sorted_by_their_node_tuples(count: int) -> None:
         rows[::2, 0] = rows[0, 0]
         rows[::3, :-1] = rows[0, :-1]
         assert rows[_lexicographic(rows, count)].tolist() == sorted(rows.tolist())
+
+
+def test_the_origin_of_cells_takes_little_memory(kit: Any) -> None:
+    whole = kit.grid_mesh()
+    single, split = merge([whole]), merge(kit.split_mesh(whole, 3))
+    for mesh in (single, split):
+        (origin,) = mesh.cell_origins
+        assert origin.partition.dtype == origin.local.dtype == np.int32
+    assert single.cell_origins[0].partition.strides == (0,)
+    cells = [single.locate_cell(cell)[2] for cell in range(len(single.cells))]
+    assert sorted(cells) == list(range(len(whole.cells["triangle"])))
+    rank = single.node_maps[0]
+    np.testing.assert_array_equal(rank[whole.cells["triangle"][cells]], single.cells.blocks[0].nodes)

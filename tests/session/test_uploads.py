@@ -92,3 +92,14 @@ def test_global_ids_are_required_with_several_partitions() -> None:
     upload.add(0, nodes([[0, 0]]))
     with pytest.raises(InvalidInput, match="partition 0 sent no global ids"):
         upload.meshes()
+
+
+def test_a_mesh_in_parts_is_not_held_twice() -> None:
+    upload = MeshUpload(dimension=2, partitions=1, byte_budget=1 << 20)
+    for start in (0.0, 1.0, 2.0):
+        upload.add(0, Part("nodes", "", "", np.full((3, 2), start)))
+    (mesh,) = upload.meshes()
+    (again,) = upload.meshes()
+    assert again.points is mesh.points
+    assert upload.add(0, Part("nodes", "", "", np.full((1, 2), 3.0))) == 10
+    assert upload.meshes()[0].points[:, 0].tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3]
