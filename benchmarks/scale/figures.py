@@ -11,6 +11,9 @@ __all__ = ["Figures", "MachineLimits", "Seconds", "WireFigures", "timed"]
 
 T = TypeVar("T")
 
+#: Nothing takes less than the clock can tell, so that ratios exist.
+_TICK = max(time.get_clock_info("process_time").resolution, 1e-9)
+
 
 @dataclass(frozen=True, order=True)
 class Seconds:
@@ -29,7 +32,7 @@ def timed(task: Callable[[], T]) -> tuple[Seconds, T]:
     """Times of a task in this process, and its result."""
     wall, cpu = time.perf_counter(), time.process_time()
     result = task()
-    return Seconds(time.process_time() - cpu, time.perf_counter() - wall), result
+    return Seconds(max(time.process_time() - cpu, _TICK), time.perf_counter() - wall), result
 
 
 @dataclass(frozen=True)
@@ -104,13 +107,14 @@ class WireFigures(_Read):
     ----------
     setup : Seconds
         Opening a session and sending the mesh.
-    step, iteration : Seconds
+    first, step, iteration : Seconds
         From the displacement to the positions of all nodes, as in :class:`Figures`.
     step_share, iteration_share : float
         What part of the wall time the worker's motion did not take.
     """
 
     setup: Seconds
+    first: Seconds
     step: Seconds
     iteration: Seconds
     step_share: float

@@ -20,7 +20,11 @@ _QUALITY = (
 #: Below so many nodes the libraries' own allocations hide what a node takes.
 _SMALL = 10_000
 
-_WIRE = "| mesh, motion | set-up | step | iteration | wire's share | of an iteration |\n|---|" + "---:|" * 5 + "\n"
+_WIRE = (
+    "| mesh, motion | set-up | first step | step | iteration | wire's share | of an iteration |\n|---|"
+    + "---:|" * 6
+    + "\n"
+)
 
 
 def tables(results: Results) -> str:
@@ -70,7 +74,7 @@ def _quality(name: str, figures: Figures) -> str:
 def _over_wire(name: str, figures: WireFigures) -> str:
     """One line."""
     case = CASES[name]
-    times = " | ".join(_both(seconds) for seconds in (figures.setup, figures.step, figures.iteration))
+    times = " | ".join(_both(seconds) for seconds in (figures.setup, figures.first, figures.step, figures.iteration))
     shares = " | ".join(f"{100 * share:.0f} %" for share in (figures.step_share, figures.iteration_share))
     return f"| {case.mesh} {case.kind} | {times} | {shares} |\n"
 

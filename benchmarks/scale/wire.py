@@ -43,6 +43,7 @@ def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
     mover.session.close("discard")
     return WireFigures(
         setup,
+        steps[0][0],
         Seconds.shortest([seconds for seconds, _ in steps]),
         Seconds.shortest([seconds for seconds, _ in iterations]),
         statistics.median(share for _, share in steps),

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.scale import library
+from benchmarks.scale.__main__ import main
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.figures import Figures, MachineLimits, Seconds, WireFigures
 from benchmarks.scale.limits import machine_limits
@@ -31,6 +32,19 @@ def test_a_case_is_measured(folder: Path, kind: str) -> None:
     assert (figures.minimum > 0.2) == (kind == "steady")
     assert figures.step.cpu <= figures.first.cpu
     assert figures.resident_bytes > 1e7
+
+
+@pytest.mark.slow  # processes of their own, and a server that has to come to rest
+def test_the_command_line_measures_the_library_and_the_wire(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("benchmarks.scale.__main__.CASES", {"M1-steady": CASES["M1-steady"]})
+    main(["--out", str(tmp_path), "--meshes", str(folder), "--sizes", "M1", "--wire", "M1", "--repeat", "1"])
+    found = Results.load(tmp_path / "scale.json")
+    assert set(found.library) == set(found.wire) == {"M1-steady"}
+    assert all(0 < figures.step_share < 1 for figures in found.wire.values())
+    assert "| M1 steady | 723 | 104 |" in (tmp_path / "scale.md").read_text(encoding="utf-8")
+    assert (tmp_path / "scale.png").exists()
 
 
 def test_a_correction_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +85,9 @@ def results() -> Results:
     found = Results(MachineLimits(bandwidth=2.0e10, pair_rate=5.0e7), "A machine.")
     found.library["M3-steady"] = FIGURES
     found.library["M4-steady"] = replace(FIGURES, nodes=500_000, step=Seconds(0.8, 0.9))
-    found.wire["M3-steady"] = WireFigures(Seconds(0.9, 1.0), Seconds(0.1, 0.1), Seconds(0.05, 0.06), 0.05, 0.1)
+    found.wire["M3-steady"] = WireFigures(
+        Seconds(0.9, 1.0), Seconds(0.2, 0.3), Seconds(0.1, 0.1), Seconds(0.05, 0.06), 0.05, 0.1
+    )
     return found
 
 
@@ -89,7 +105,7 @@ def test_a_line_of_each_table(results: Results) -> None:
         "| M3 steady | 50000 | 6000 | 250 (260) | 90 (100) | 80 (85) | 40 (41) | 50 | 12 | 11 |  | 148 | 75 |" in lines
     )
     assert "| M3 steady | 270 | 200 | 100 | 0.430 | 0.440 | 0 | 5e-14 |" in lines
-    assert "| M3 steady | 900 (1000) | 100 (100) | 50 (60) | 5 % | 10 % |" in lines
+    assert "| M3 steady | 900 (1000) | 200 (300) | 100 (100) | 50 (60) | 5 % | 10 % |" in lines
 
 
 def test_results_survive_json(results: Results, tmp_path: Path) -> None:
