@@ -74,6 +74,8 @@ class MergedMesh:
     points : (n, d) array
         Reference coordinates, mesh length unit; read-only.
     global_ids : (n,) int64 array
+    id_order : (n,) int64 array
+        Canonical index of each node, ascending by global id: the order of the durable state.
     cells : CellTable
     patches : dict
         Name → Patch with canonical node indices, ascending; sorted by name.
@@ -85,16 +87,12 @@ class MergedMesh:
 
     points: Floats
     global_ids: Ints
+    id_order: Ints
     cells: CellTable
     patches: Mapping[str, Patch]
     node_maps: tuple[Ints, ...]
     moving_local: tuple[Ints, ...]
     cell_origins: tuple[_CellOrigin, ...]
-
-    @cached_property
-    def id_order(self) -> Ints:
-        """(n,) canonical index of each node, ascending by global id: the order of the durable state."""
-        return np.argsort(self.global_ids)
 
     @cached_property
     def moving(self) -> Ints:
@@ -200,12 +198,13 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
     """
     for number, partition in enumerate(partitions):
         _check_partition(partition, number)
-    points, global_ids, node_maps = _merge_nodes(partitions)
+    points, global_ids, id_order, node_maps = _merge_nodes(partitions)
     cells, origins = _merge_cells(partitions, node_maps)
     points.flags.writeable = False
     return MergedMesh(
         points=points,
         global_ids=global_ids,
+        id_order=id_order,
         cells=cells,
         patches=_merge_patches(partitions, node_maps),
         node_maps=node_maps,
@@ -259,8 +258,8 @@ def _check_range(indices: Ints, count: int, where: str, details: dict[str, objec
         )
 
 
-def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, tuple[Ints, ...]]:
-    """Points (n, d) and global ids (n,) in canonical order, and each partition's node map."""
+def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, Ints, tuple[Ints, ...]]:
+    """Points (n, d) and global ids (n,) in canonical order, its inverse by ids (n,), and each partition's node map."""
     all_points = joined([p.points for p in partitions])
     all_ids = joined([p.global_ids for p in partitions])
     ids, first, inverse = np.unique(all_ids, return_index=True, return_inverse=True)
@@ -271,7 +270,7 @@ def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, tup
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     ends = np.cumsum([len(p.points) for p in partitions])[:-1]
-    return points[order], ids[order], tuple(np.split(rank[inverse], ends))
+    return points[order], ids[order], rank, tuple(np.split(rank[inverse], ends))
 
 
 def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) -> None:

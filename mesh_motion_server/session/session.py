@@ -25,10 +25,10 @@ from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings
 from mesh_motion_server.session.partitions import MergedMesh, merge
 from mesh_motion_server.session.replies import RequestId
-from mesh_motion_server.session.same_bits import same_bits
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
 from mesh_motion_server.session.store import SessionFolder
+from mesh_motion_server.session.trial_points import answer
 from mesh_motion_server.session.uploads import MeshUpload, Part
 from mesh_motion_server.settings import ServerSettings
 
@@ -273,12 +273,8 @@ class Session:
                 "a displacement leads out of the floating-point range", code="INVALID_ARGUMENT.NONFINITE"
             )
         motion = built.model.move(self.coordinates("committed"), targets, self.factors)
-        displacement = motion.points - base
-        displacement[moving] = told
-        points = base + displacement
-        points.flags.writeable = False
-        # the sum may round to other coordinates than were judged, mostly in a frame the motion did not start from
-        judged = motion.corrected if same_bits(points, motion.points) else None
+        displacement, points, exact = answer(motion.points, base, moving, told)
+        judged = motion.corrected if exact else None
         trial = Trial(self.step + 1, self.iteration + 1, points, judged)
         self._swap(state=state, trial=trial, trial_lost=False)
         return MoveOutcome(trial.step, trial.iteration, motion, displacement)

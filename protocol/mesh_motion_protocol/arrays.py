@@ -1,7 +1,8 @@
 """Arrays as raw frames: little-endian, row by row, in chunks of :data:`.limits.FRAME_BYTES`.
 
 Raw frames instead of arrays inside msgpack: packing 100 MB took 0.007 ms instead of 233 ms. The dtype comes from a
-whitelist, never from ``np.dtype`` of a stranger's text, and received bytes are copied once into aligned memory.
+whitelist, never from ``np.dtype`` of a stranger's text, and received bytes are copied once into aligned memory, unless
+they lie in such memory already.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ Buffer = bytes | bytearray | memoryview
 #: Every dtype of the wire, and what a receiver makes of it.
 _NATIVE: dict[str, type[Any]] = {"<f8": np.float64, "<f4": np.float64, "<i8": np.int64, "<i4": np.int64}
 _ITEM_BYTES = {"<f8": 8, "<f4": 4, "<i8": 8, "<i4": 4}
+#: Least bytes of a frame whose memory becomes its array's: ZeroMQ puts several small frames into one block.
+_ADOPTED_BYTES = 1 << 20
 
 
 def declaration_of(array: NDArray[Any], spec: ArraySpec) -> dict[str, Any]:
@@ -73,24 +76,53 @@ def frame_count(nbytes: int) -> int:
 
 
 def array_of(declared: dict[str, Any], frames: Sequence[Buffer], spec: ArraySpec) -> NDArray[Any]:
-    """Put an array together from its frames: aligned, owned, native, widened to 8 bytes an item.
+    """Put an array together from its frames: aligned, writable, native, widened to 8 bytes an item.
+
+    The memory of an only frame that is large, writable and aligned becomes the array's; all others are copied.
 
     Raises
     ------
     ProtocolError
         INVALID_ARGUMENT.FRAMES if a chunk has not exactly the size it must have.
     """
-    raw = np.empty(math.prod(declared["shape"]), dtype=declared["dtype"])
+    shape, dtype = declared["shape"], declared["dtype"]
+    items = math.prod(shape)
+    _check_sizes(frames, items * _ITEM_BYTES[dtype], spec)
+    raw = _adopted(frames, dtype)
+    if raw is None:
+        raw = np.empty(items, dtype=dtype)
+        _fill(raw, frames)
+    native: NDArray[Any] = raw.reshape(shape).astype(_NATIVE[dtype], copy=False)
+    return native
+
+
+def _check_sizes(frames: Sequence[Buffer], nbytes: int, spec: ArraySpec) -> None:
+    """Every chunk is full, the last one has the rest."""
+    for number, frame in enumerate(frames):
+        size = min(FRAME_BYTES, nbytes - number * FRAME_BYTES)
+        if memoryview(frame).nbytes != size:
+            raise _wrong("FRAMES", f"a frame of {spec.name} must have {size} bytes, got {len(frame)}", spec)
+
+
+def _adopted(frames: Sequence[Buffer], dtype: str) -> NDArray[Any] | None:
+    """The only frame's memory as an array, where that is as good as a copy."""
+    if len(frames) != 1:
+        return None
+    view = memoryview(frames[0])
+    if view.readonly or not view.c_contiguous or view.nbytes < _ADOPTED_BYTES:
+        return None
+    array = np.frombuffer(view, dtype=dtype)
+    return array if array.flags.aligned else None
+
+
+def _fill(raw: NDArray[Any], frames: Sequence[Buffer]) -> None:
+    """Copy the frames into ``raw``, one after the other."""
     target = raw.data.cast("B") if raw.size else memoryview(b"")
     start = 0
     for frame in frames:
-        size = min(FRAME_BYTES, len(target) - start)
-        if memoryview(frame).nbytes != size:
-            raise _wrong("FRAMES", f"a frame of {spec.name} must have {size} bytes, got {len(frame)}", spec)
-        target[start : start + size] = memoryview(frame).cast("B")
-        start += size
-    native: NDArray[Any] = raw.reshape(declared["shape"]).astype(_NATIVE[declared["dtype"]], copy=False)
-    return native
+        source = memoryview(frame).cast("B")
+        target[start : start + source.nbytes] = source
+        start += source.nbytes
 
 
 def _check_shape(shape: Any, spec: ArraySpec) -> None:

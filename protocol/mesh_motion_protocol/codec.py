@@ -67,12 +67,12 @@ def _encode_arrays(message: Message, schema: MessageSchema) -> tuple[list[dict[s
 
 
 def decode(frames: Sequence[Buffer], *, message_bytes: int = MESSAGE_BYTES) -> Message:
-    """Read a message from frames; every array is an aligned copy that the caller owns.
+    """Read a message from frames; every array is aligned and writable, and the caller's.
 
     Parameters
     ----------
     frames : sequence of bytes-like
-        Frame 0 and the arrays' frames.
+        Frame 0 and the arrays' frames. Writable ones are given away: a large one becomes its array's memory.
     message_bytes : int
         Limit on all arrays together.
 

@@ -1,5 +1,7 @@
 """Messages to frames and back, with arrays of every kind, and frames of every wrong kind."""
 
+import tracemalloc
+
 import hypothesis.extra.numpy as hnp
 import msgpack
 import numpy as np
@@ -72,6 +74,41 @@ def test_received_arrays_are_aligned_owned_and_writable():
     assert moved.displacement.flags.owndata or moved.displacement.base.flags.owndata
     moved.displacement[:] = 2.0
     assert frames[1] == np.ones((5, 3)).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("rows", "make", "adopted"),
+    [
+        (100_000, bytearray, True),
+        (100_000, bytes, False),
+        (100_000, lambda frame: memoryview(bytearray(b"x" + bytes(frame)))[1:], False),
+        (1_000, bytearray, False),
+        (FRAME_BYTES // 16, bytearray, True),
+    ],
+    ids=["large", "read-only", "misaligned", "small", "a whole frame"],
+)
+def test_a_large_frame_becomes_its_array(rows, make, adopted):
+    sent = np.arange(2.0 * rows).reshape(rows, 2)
+    header, frame = encode(Move(**AT, step=1, displacement=sent))
+    given = make(frame)
+    tracemalloc.start()
+    moved = decode([header, given]).displacement
+    allocated = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.shares_memory(moved, np.frombuffer(given, dtype=np.uint8)) == adopted
+    assert moved.flags.aligned
+    assert moved.flags.writeable
+    assert (allocated < sent.nbytes) == adopted
+    np.testing.assert_array_equal(moved, sent)
+    assert moved.dtype == np.float64
+
+
+def test_four_byte_values_in_a_large_frame_are_widened():
+    sent = np.arange(1 << 20, dtype="<f4").reshape(-1, 2)
+    header, frame = encode(Move(**AT, step=1, displacement=sent))
+    moved = decode([header, bytearray(frame)]).displacement
+    assert moved.dtype == np.float64
+    np.testing.assert_array_equal(moved, sent)
 
 
 def test_narrow_arrays_are_widened():

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesh_motion_server.session.same_bits import same_bits
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.session.uploads import Part
@@ -65,14 +64,3 @@ def test_the_quality_is_that_of_the_committed_coordinates_bitwise(
         assert quality == session.model.summary(points)
     assert again if (shift, frame) == (-0.37, "reference") else not again
     session.close()
-
-
-def test_same_bits_tells_what_comparison_does_not() -> None:
-    rows = np.random.default_rng(1).normal(size=(40_000, 3))
-    other = rows.copy()
-    assert same_bits(rows, other)
-    other[-1, 2] = np.nextafter(other[-1, 2], 2.0)
-    assert not same_bits(rows, other)
-    assert same_bits(np.full((2, 3), np.nan), np.full((2, 3), np.nan))
-    assert not same_bits(np.zeros((2, 3)), np.negative(np.zeros((2, 3))))
-    assert not same_bits(rows, rows[:-1])

@@ -188,3 +188,9 @@ def test_the_origin_of_cells_takes_little_memory(kit: Any) -> None:
     assert sorted(cells) == list(range(len(whole.cells["triangle"])))
     rank = single.node_maps[0]
     np.testing.assert_array_equal(rank[whole.cells["triangle"][cells]], single.cells.blocks[0].nodes)
+
+
+def test_the_durable_order_is_ascending_by_global_id(kit: Any) -> None:
+    whole = replace(kit.grid_mesh(), global_ids=np.random.default_rng(3).permutation(100)[:25] * 7)
+    for mesh in (merge([whole]), merge(kit.split_mesh(whole, 3))):
+        np.testing.assert_array_equal(mesh.id_order, np.argsort(mesh.global_ids))
