@@ -27,8 +27,11 @@ __all__ = ["TwoScaleFactorization", "TwoScalePlan"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Coarse points; least support radius in gaps between them.
-_COARSE, _GAPS = 500, 4.0
+#: Coarse points by dimension. On the slab in a square 200 reach the quality of all 1300 boundary nodes to a hundredth,
+#: on the wing in a cube 500 that of all 17 900 near the wall to a twentieth, with more no better.
+_COARSE = {1: 100, 2: 200, 3: 500}
+#: Least support radius in gaps between them.
+_GAPS = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ class TwoScalePlan:
         basis: str,
         support_radius: float | None,
         polynomial: str = "auto",
-        count: int = _COARSE,
+        count: int | None = None,
     ) -> TwoScalePlan:
         """Choose ``count`` coarse points and the levels.
 
@@ -84,9 +87,11 @@ class TwoScalePlan:
             Control points of the reference mesh.
         moving : (n,) bool array
             Which of them move.
+        count : int, optional
+            Coarse points; by default by the dimension.
         """
         points, spacing = padded(reference), local_spacing(reference)
-        chosen = coarse_points(points, spacing, moving, count)
+        chosen = coarse_points(points, spacing, moving, count or _COARSE[reference.shape[1]])
         gap = float(cKDTree(points[chosen]).query(points)[0].max())
         return cls(chosen, gap, compact_levels(points, spacing, moving), basis, support_radius, polynomial)
 

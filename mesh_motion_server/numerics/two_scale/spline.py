@@ -109,6 +109,20 @@ def _sum_of_three(cell, cells, start, w, coefficients, out):  # type: ignore[no-
     out[0], out[1], out[2] = a, b, c
 
 
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, inline="always")
+def _sum_of_two(cell, cells, start, w, coefficients, out):  # type: ignore[no-untyped-def]
+    """:func:`_sum` of two components in two dimensions."""
+    a, b = 0.0, 0.0
+    ny = cells[1] + 3
+    w0, w1, w2, w3 = w[1, 0], w[1, 1], w[1, 2], w[1, 3]
+    for i in range(4):
+        r = start + (cell[0] + i) * ny + cell[1]
+        q = coefficients
+        a += w[0, i] * (w0 * q[r, 0] + w1 * q[r + 1, 0] + w2 * q[r + 2, 0] + w3 * q[r + 3, 0])
+        b += w[0, i] * (w0 * q[r, 1] + w1 * q[r + 1, 1] + w2 * q[r + 2, 1] + w3 * q[r + 3, 1])
+    out[0], out[1] = a, b
+
+
 @njit(cache=True, error_model="numpy", parallel=True)
 def spline_values(
     points: Floats, origin: Floats, inverse: Floats, cells: Indices, start: Indices, coefficients: Floats, out: Floats
@@ -125,6 +139,7 @@ def spline_values(
     """
     n, k = out.shape
     solid = k == 3 and cells[0, 2] > 0
+    plane = k == 2 and cells[0, 2] == 0 and cells[0, 1] > 0
     for block in prange((n + _BLOCK - 1) // _BLOCK):
         cell, t, w, total = np.empty(3, dtype=np.int64), np.empty(3), np.empty((3, 4)), np.empty(k)
         for i in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
@@ -133,6 +148,9 @@ def spline_values(
                 _value_weights(t[axis], w[axis])
             if solid:
                 _sum_of_three(cell, cells[b], start[b], w, coefficients, out[i])
+                continue
+            if plane:
+                _sum_of_two(cell, cells[b], start[b], w, coefficients, out[i])
                 continue
             _sum(cell, cells[b], start[b], w, coefficients, total)
             for c in range(k):
