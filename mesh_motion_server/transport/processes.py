@@ -17,10 +17,6 @@ __all__ = ["Child", "die_with_parent", "limit_address_space", "spawn", "wake_on_
 
 _PR_SET_PDEATHSIG = 1
 
-#: glibc gives each freed array back and fetches it anew, page by page: half a million nodes take 7000 page faults a
-#: Move, a tenth of its time. So arrays up to 32 MiB (glibc's bound) come from memory of which 128 MiB are kept.
-_MALLOC = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(128 << 20)}
-
 
 @dataclass(eq=False)
 class Child:
@@ -61,7 +57,7 @@ def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
         process = subprocess.Popen(
             [sys.executable, "-m", module, str(theirs.fileno()), *arguments],
             pass_fds=[theirs.fileno()],
-            env={"OMP_WAIT_POLICY": "passive"} | _MALLOC | os.environ | _thread_settings(threads),
+            env={"OMP_WAIT_POLICY": "passive"} | os.environ | _thread_settings(threads),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
         )
