@@ -282,9 +282,10 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
     assert endless(server.endpoint, 64 << 10) < 600 << 20
     assert connect(server.endpoint).ask(Probe, session=opened.session, token=opened.token).worker == "alive"
     assert server.children()[0] == gateway
-    for process in (pid, gateway):
+    # the message took the worker to some 380 MiB; idle it has 150 to 200, by what it has warmed up
+    for process, most in ((pid, 256 << 20), (gateway, 150 << 20)):
         server.wait_until(
-            lambda process=process: psutil.Process(process).memory_info().rss < 150 << 20, "memory is back"
+            lambda process=process, most=most: psutil.Process(process).memory_info().rss < most, "memory is back"
         )
 
 
