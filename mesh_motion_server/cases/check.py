@@ -24,6 +24,7 @@ from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_r
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.periodic_nodes import PeriodicNodes
+from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.two_scale.plans import AUTOMATIC_FROM
 
@@ -175,7 +176,7 @@ def _radius_warnings(radius: float | None, control: FloatArray) -> list[str]:
     """A support radius that connects no control points interpolates nothing but spikes."""
     if radius is None or len(control) < 2:
         return []
-    spacing = float(np.median(cKDTree(control).query(control, k=2)[0][:, 1]))
+    spacing = boundary_spacing(control)
     if radius >= 3.0 * spacing:
         return []
     return [f"support_radius = {radius:g} is little more than the spacing of the boundary nodes ({spacing:.3g})"]

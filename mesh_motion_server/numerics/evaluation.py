@@ -63,9 +63,10 @@ class LocalEvaluator:
         InvalidInput
             If the points' dimension is not the interpolant's.
         """
-        if isinstance(interpolant, TwoScaleInterpolant):
-            return self._in_two_scales(interpolant, points)
         out = np.empty((len(points), interpolant.weights.shape[1]))
+        if isinstance(interpolant, TwoScaleInterpolant):
+            values = interpolant.spline.values
+            return self._in_two_scales(interpolant, points, out, spline=values, level_sum=self.displacement)
         self._sum(sum_values, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial(points)
@@ -80,36 +81,31 @@ class LocalEvaluator:
             If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
         """
         require_gradient(interpolant.basis)
-        if isinstance(interpolant, TwoScaleInterpolant):
-            return self._gradient_in_two_scales(interpolant, points)
         out = np.empty((len(points), interpolant.weights.shape[1], interpolant.dimension))
+        if isinstance(interpolant, TwoScaleInterpolant):
+            gradients = interpolant.spline.gradients
+            return self._in_two_scales(interpolant, points, out, spline=gradients, level_sum=self.gradient)
         self._sum(sum_gradients, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial.gradient
         return out
 
-    def _in_two_scales(self, interpolant: TwoScaleInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values of the spline and its compact levels."""
-        out = np.empty((len(points), interpolant.weights.shape[1]))
-        places = padded(points)
-        with threads_for(_SPLINE_WORK * len(points), self._threads):
-            interpolant.spline.values(places, out)
-        for level in interpolant.levels:
-            near = level.layout.within_reach(places, threads=self._threads)
-            out[near] += self.displacement(level, points[near])
-        return out
-
-    def _gradient_in_two_scales(
-        self, interpolant: TwoScaleInterpolant, points: NDArray[np.float64]
+    def _in_two_scales(
+        self,
+        interpolant: TwoScaleInterpolant,
+        points: NDArray[np.float64],
+        out: NDArray[np.float64],
+        *,
+        spline: Callable[[NDArray[np.float64], NDArray[np.float64]], None],
+        level_sum: Callable[[Interpolant, NDArray[np.float64]], NDArray[np.float64]],
     ) -> NDArray[np.float64]:
-        """Gradients of the spline and its compact levels."""
-        out = np.empty((len(points), interpolant.weights.shape[1], interpolant.dimension))
+        """The spline's values or gradients in ``out`` (n, …), and those of the compact levels where they reach."""
         places = padded(points)
         with threads_for(_SPLINE_WORK * len(points), self._threads):
-            interpolant.spline.gradients(places, out)
+            spline(places, out)
         for level in interpolant.levels:
             near = level.layout.within_reach(places, threads=self._threads)
-            out[near] += self.gradient(level, points[near])
+            out[near] += level_sum(level, points[near])
         return out
 
     def _sum(

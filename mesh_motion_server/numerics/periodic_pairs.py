@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.rigid_transforms import Transform
 from mesh_motion_server.numerics.smooth_pieces import area_vectors
+from mesh_motion_server.numerics.spacing import local_spacing
 
 __all__ = ["PeriodicPair", "periodic_pairs"]
 
@@ -110,7 +111,7 @@ def _side(points: Array, facets: Mapping[str, Integers], name: str, nodes: Integ
     places = points[nodes]
     spacing = np.full(len(nodes), float(np.ptp(points, axis=0).max()))
     if len(nodes) > 1:
-        spacing = cKDTree(places).query(places, k=2)[0][:, 1]
+        spacing = local_spacing(places)
     inside = np.zeros(len(points), dtype=bool)
     inside[nodes] = True
     area = np.zeros(points.shape[1])

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.roles import BoundaryRoles
+from mesh_motion_server.numerics.spacing import local_spacing
 
 __all__ = ["candidate_support_radii", "suggest_enrichment_radius", "suggest_support_radius"]
 
@@ -56,8 +57,8 @@ def suggest_support_radius(points: NDArray[np.float64], roles: BoundaryRoles) ->
     radius = _DOMAIN_LENGTHS * float(np.ptp(points, axis=0).max())
     control = points[roles.all]
     if len(control) > 1:
-        distance = cKDTree(control).query(control, k=2)[0][:, 1]
-        radius = min(radius, _SPACINGS * float(np.percentile(distance, _CLOSE, method="lower")))
+        close = np.percentile(local_spacing(control), _CLOSE, method="lower")
+        radius = min(radius, _SPACINGS * float(close))
     return float(f"{radius:.2g}")
 
 

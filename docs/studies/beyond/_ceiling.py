@@ -7,15 +7,16 @@ twelve p-means up to p = 3000, each until nothing is gained. The best of the end
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.studies.beyond._cell_types import KINDS, graded
 from docs.studies.beyond._climb import climbed, shortest
-from docs.studies.beyond._motions import Body
+from docs.studies.beyond._motions import Body, stored
 from docs.studies.moved_bodies import Turn
 from docs.studies.study import Cell, Table
 from mesh_motion_server.numerics.blas import one_blas_thread
@@ -27,7 +28,7 @@ from mesh_motion_server.numerics.interpolant import factorize
 from mesh_motion_server.numerics.newton import Accuracy, newton
 from mesh_motion_server.numerics.trial_nodes import TrialMesh, region_quality, untangle
 
-__all__ = ["Ceiling", "ceiling", "draw_shares", "fresh_turns", "shares_table"]
+__all__ = ["Ceiling", "ceiling", "ceilings", "draw_shares", "shares_table"]
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +70,18 @@ class Ceiling:
     def share(self) -> float:
         """What the default correction reaches of it."""
         return self.reached / self.best
+
+
+def ceilings(meshes: Mapping[str, tuple[int, int]], quick: bool, *, starts: int, seed: int) -> dict[str, list[Ceiling]]:
+    """The ceilings of fresh motions of each mesh, as many as it has in the full study or, second, in the quick one."""
+    found = {}
+    for name, counts in meshes.items():
+        count = counts[1 if quick else 0]
+        if count:
+            body = graded(name) if name in KINDS else stored(name)
+            turns = fresh_turns(body, count, seed)
+            found[name] = [ceiling(body, turn, starts=1 if quick else starts) for turn in turns]
+    return found
 
 
 def fresh_turns(body: Body, count: int, seed: int) -> Iterator[Turn]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 from docs.studies import moved_bodies
-from docs.studies.beyond._ceiling import Ceiling, ceiling, draw_shares, fresh_turns, shares_table
-from docs.studies.beyond._cell_types import KINDS, graded
-from docs.studies.beyond._motions import Body, stored
+from docs.studies.beyond._ceiling import ceiling, ceilings, draw_shares, shares_table
+from docs.studies.beyond._motions import Body
 from docs.studies.moved_bodies import Turn
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 
@@ -29,13 +28,7 @@ _CAPTION = "Means over fresh random shifts and turns (seed 2026) that the standa
 
 
 def run(quick: bool) -> Outcome:
-    found: dict[str, list[Ceiling]] = {}
-    for name, counts in MESHES.items():
-        count = counts[1 if quick else 0]
-        if count:
-            body = graded(name) if name in KINDS else stored(name)
-            starts = 1 if quick else STARTS
-            found[name] = [ceiling(body, turn, starts=starts) for turn in fresh_turns(body, count, SEED)]
+    found = ceilings(MESHES, quick, starts=STARTS, seed=SEED)
     tables = [shares_table(found, _CAPTION)]
     if not quick:
         tables.append(_named())

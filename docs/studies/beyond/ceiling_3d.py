@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from docs.studies.beyond._ceiling import Ceiling, ceiling, draw_shares, fresh_turns, shares_table
-from docs.studies.beyond._cell_types import KINDS, graded
-from docs.studies.beyond._motions import stored
+from docs.studies.beyond._ceiling import ceilings, draw_shares, shares_table
 from docs.studies.study import Outcome, Picture, Study
 
 #: Mesh → motions of the full study, of the quick one.
@@ -18,13 +16,7 @@ _CAPTION = (
 
 
 def run(quick: bool) -> Outcome:
-    found: dict[str, list[Ceiling]] = {}
-    for name, counts in MESHES.items():
-        count = counts[1 if quick else 0]
-        if count:
-            body = graded(name) if name in KINDS else stored(name)
-            starts = 1 if quick else STARTS
-            found[name] = [ceiling(body, turn, starts=starts) for turn in fresh_turns(body, count, SEED)]
+    found = ceilings(MESHES, quick, starts=STARTS, seed=SEED)
     picture = Picture(
         lambda figure: draw_shares(figure, found), "Every motion, in the order of the best known.", (10, 3)
     )

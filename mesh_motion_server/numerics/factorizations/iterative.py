@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.centres import CentreLayout
+from mesh_motion_server.numerics.factorizations.conjugate_gradients import conjugate_gradients
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import sum_values
@@ -104,30 +105,19 @@ class ConjugateGradients:
 
     def _conjugate_gradients(self, rhs: Array, scale: Array) -> Array:
         """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""
-        x, r = np.zeros_like(rhs), rhs.copy()
-        z = self._precondition(r)
-        p, rz = z.copy(), np.sum(r * z, axis=0)
         best, since = np.inf, 0
-        for _ in range(_MAX_ITERATIONS):
-            ap = self._apply(p)
-            alpha = _ratio(rz, np.sum(p * ap, axis=0))
-            x += alpha * p
-            r -= alpha * ap
-            self.iterations += 1
-            error = _largest(r, scale)
+
+        def done(residual: Array) -> bool:
+            nonlocal best, since
+            error = _largest(residual, scale)
             best, since = (error, 0) if error < best / 2.0 else (best, since + 1)
-            if error <= _TOLERANCE or since >= _PATIENCE:
-                break
-            z = self._precondition(r)
-            rz, before = np.sum(r * z, axis=0), rz
-            p = z + _ratio(rz, before) * p
-        return x
+            return error <= _TOLERANCE or since >= _PATIENCE
 
-
-def _ratio(a: Array, b: Array) -> Array:
-    """``a / b`` by columns; 0 where a column is solved."""
-    safe = np.where(b > 0.0, b, 1.0)
-    return np.where(b > 0.0, a / safe, 0.0)
+        found = conjugate_gradients(
+            rhs, apply=self._apply, precondition=self._precondition, done=done, most=_MAX_ITERATIONS
+        )
+        self.iterations += found.iterations
+        return found.solution
 
 
 def _largest(residual: Array, scale: Array) -> float:

@@ -33,7 +33,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.spacing import local_spacing
 
 __all__ = ["BASIS", "boundary_spacing", "near_surface_radius"]
 
@@ -47,7 +48,7 @@ def boundary_spacing(points: NDArray[np.float64]) -> float:
     """Median distance of (n, d) points to their nearest neighbours, mesh length unit; 0 of a single point."""
     if len(points) < 2:
         return 0.0
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    return float(np.median(local_spacing(points)))
 
 
 def near_surface_radius(spacing: float, largest_error: float, widest: float) -> float:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import DisjointSet
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.spacing import local_spacing
+
 __all__ = ["MARGIN", "Box", "nested_boxes"]
 
 Floats = NDArray[np.float64]
@@ -69,7 +71,7 @@ def nested_boxes(coarse: Floats, low: Floats, high: Floats) -> list[Box]:
     boxes = [Box(0, spacing, np.zeros(3, dtype=np.int64), whole, -1)]
     if len(coarse) < 2:
         return boxes
-    closeness = np.asarray(cKDTree(coarse).query(coarse, k=2)[0][:, 1])
+    closeness = local_spacing(coarse)
     last = boxes
     for level in range(1, _MAX_LEVELS):
         fine = coarse[closeness < spacing / _RESOLUTION]

@@ -10,22 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-__all__ = ["coarse_points", "local_spacing"]
+__all__ = ["coarse_points"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _MOVING_SHARE = 0.6
-
-
-def local_spacing(points: Floats) -> Floats:
-    """(n,) distance of each of (n, d) points to its nearest neighbour, mesh length unit; infinite of a single one."""
-    if len(points) < 2:
-        return np.full(len(points), np.inf)
-    return np.asarray(cKDTree(points).query(points, k=2)[0][:, 1])
 
 
 def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int) -> Indices:

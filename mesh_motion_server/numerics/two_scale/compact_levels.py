@@ -26,6 +26,7 @@ from scipy.sparse import csr_array
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.assembly import sparse_matrix
 from mesh_motion_server.numerics.centres import CentreLayout
+from mesh_motion_server.numerics.factorizations.conjugate_gradients import conjugate_gradients
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import basis_named
@@ -155,31 +156,19 @@ class CompactSystem:
     def _conjugate_gradients(self, right: Floats) -> tuple[Floats, int]:
         """Solution (m, k); all columns advance together."""
         scale = float(np.max(np.abs(right), initial=0.0))
-        x, r = np.zeros_like(right), right.copy()
         if scale == 0.0:
-            return x, 0
-        z = self._precondition(r)
-        p, rz = z.copy(), np.sum(r * z, axis=0)
-        for iteration in range(1, _MAX_ITERATIONS + 1):
-            ap = product(self.matrix, p)
-            alpha = _ratio(rz, np.sum(p * ap, axis=0))
-            x += alpha * p
-            r -= alpha * ap
-            if float(np.max(np.abs(r))) <= _TOLERANCE * scale:
-                return x, iteration
-            z = self._precondition(r)
-            rz, before = np.sum(r * z, axis=0), rz
-            p = z + _ratio(rz, before) * p
-        reached = float(np.max(np.abs(r))) / scale
+            return np.zeros_like(right), 0
+        found = conjugate_gradients(
+            right,
+            apply=lambda vectors: product(self.matrix, vectors),
+            precondition=self._precondition,
+            done=lambda left: float(np.max(np.abs(left))) <= _TOLERANCE * scale,
+            most=_MAX_ITERATIONS,
+        )
+        reached = float(np.max(np.abs(found.residual))) / scale
         if reached > _ACCEPTED:
             raise NumericalError(
                 f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",
                 hint="separate boundary nodes that nearly coincide, or take another solver than 'two-scale'",
             )
-        return x, _MAX_ITERATIONS
-
-
-def _ratio(a: Floats, b: Floats) -> Floats:
-    """``a / b`` by columns; 0 where a column is solved."""
-    safe = np.where(b > 0.0, b, 1.0)
-    return np.where(b > 0.0, a / safe, 0.0)
+        return found.solution, found.iterations

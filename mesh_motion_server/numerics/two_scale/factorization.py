@@ -16,8 +16,9 @@ from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.kernels import Basis, basis_named
+from mesh_motion_server.numerics.spacing import local_spacing
 from mesh_motion_server.numerics.two_scale.boxes import nested_boxes
-from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points, local_spacing
+from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points
 from mesh_motion_server.numerics.two_scale.compact_levels import CompactLevel, CompactSystem, compact_levels
 from mesh_motion_server.numerics.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.two_scale.nested_grid import NestedGrid

@@ -16,7 +16,8 @@ from mesh_motion_server.numerics.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points, local_spacing
+from mesh_motion_server.numerics.spacing import local_spacing
+from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points
 from mesh_motion_server.numerics.two_scale.compact_levels import compact_levels
 from mesh_motion_server.numerics.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
 from mesh_motion_server.numerics.two_scale.plans import AUTOMATIC_FROM, TwoScalePlans
