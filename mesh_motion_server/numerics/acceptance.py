@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.correction import CorrectionSettings
+from mesh_motion_server.numerics.correction_problem import CorrectionSettings
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality_summary import QualitySummary
 

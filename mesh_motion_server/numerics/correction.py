@@ -28,9 +28,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.correction_problem import (
+    IN_TIME,
+    PLACEMENTS,
+    TARGETS,
+    CorrectionProblem,
+    CorrectionSettings,
+    check_placement,
+    goal,
+    target_quality,
+)
 from mesh_motion_server.numerics.enrichment.coefficients import optimised_enrichment, optimised_placement
 from mesh_motion_server.numerics.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_server.numerics.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
@@ -42,11 +51,8 @@ from mesh_motion_server.numerics.enrichment.placement import (
     local_minima,
     minima_placement,
 )
-from mesh_motion_server.numerics.enrichment.space import FUNCTIONS, EnrichmentSpace
+from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.equal_stretch import equal_stretch
-from mesh_motion_server.numerics.evaluation import Evaluator
-from mesh_motion_server.numerics.interpolant import Factorization
-from mesh_motion_server.numerics.node_constraint import NodeConstraint
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime, travel
 from mesh_motion_server.numerics.trial_nodes import Polished, Stage, TrialMesh, polish, reach
 
@@ -64,148 +70,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-TARGETS = ("auto", "threshold", "maximum")
-
-PLACEMENTS = {
-    "none": ("auto",),
-    "imposed-gradient": ("auto", "middle", "minima"),
-    "explicit": ("auto",),
-    "enrichment": ("auto", "spread", "minima", "boundary"),
-    "optimised": ("auto",),
-}
-"""Where each correction can put its enrichment points; see :mod:`.enrichment.placement`. "middle" of a gap is 1D's."""
-
-IN_TIME = ("independent", "smooth")
-
-SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
-"""Free nodes, by dimension, up to which "auto" goes for the maximum: about a second there, of hexahedra several."""
-
 _WORST = 10  # cells that a refusal names
-_VALID = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class CorrectionProblem:
-    """A predicted motion.
-
-    Attributes
-    ----------
-    start : (n, d) array, mesh length unit
-        Positions that the standard motion starts from.
-    standard : (n, d) array, mesh length unit
-        Where it would put the nodes.
-    held : (n,) bool array
-        Nodes that no correction may move.
-    cells : CellTable
-    reference_sizes : (m,) array, length^d
-    factorization : Factorization
-        Of the boundary at ``start``.
-    evaluator : Evaluator
-    reference : (n, d) array, mesh length unit, optional
-        Nodes of the reference mesh, the ideal shape of cells that are no simplices; ``start`` by default.
-    constraint : NodeConstraint, optional
-        Held nodes that ``optimised`` may move: along their surface, or in pairs.
-    smooth : SmoothInTime, optional
-        The prepared correction of this mesh, for ``in_time`` "smooth"; made anew by default.
-    near : (n, d) array, mesh length unit, optional
-        Positions near the corrected ones, from which ``in_time`` "smooth" begins: only the time depends on them.
-    valid : (n, d) array, mesh length unit, optional
-        A valid mesh with the held nodes where ``standard`` has them, where one was found already: ``optimised`` begins
-        from it instead of untangling ``standard``, and the other corrections leave it as it is.
-    known : float, optional
-        Smallest quality of ``standard``, where it has been judged already and no cell is inverted.
-    """
-
-    start: Floats
-    standard: Floats
-    held: NDArray[np.bool_]
-    cells: CellTable
-    reference_sizes: Floats
-    factorization: Factorization
-    evaluator: Evaluator
-    reference: Floats | None = None
-    constraint: NodeConstraint | None = None
-    smooth: SmoothInTime | None = None
-    near: Floats | None = None
-    valid: Floats | None = None
-    known: float | None = None
-
-    @property
-    def begin(self) -> Floats:
-        """Where a correction that is not smooth in time begins (n, d)."""
-        return self.standard if self.valid is None else self.valid
-
-
-@dataclass(frozen=True)
-class CorrectionSettings:
-    """Which correction, and how far.
-
-    Attributes
-    ----------
-    correction : str
-        One of :data:`CORRECTIONS`, or "none".
-    quality_metric : str
-    quality_threshold : float
-        A motion that is at least this good is left alone.
-    target : {"auto", "threshold", "maximum"}
-        Stop at the threshold, or go for the best minimum quality; "auto": the maximum where it costs little.
-    enrichment_radius : float, mesh length unit
-        R_l.
-    max_enrichment_points : int
-        Bounds the enrichment, not the freed nodes.
-    enrichment_function : {"auto", "H1", "H2", "H3"}
-        "auto": H1, and of the optimised enrichment H1 and H2 together.
-    enrichment_placement : str
-        One of the correction's :data:`PLACEMENTS`.
-    explicit_decomposition : {"eigen", "polar", "svd", "qr"}
-        What a correction of single cells goes by.
-    in_time : {"independent", "smooth"}
-        "smooth" knows no threshold and no target: it is always active.
-
-    Raises
-    ------
-    InvalidInput
-        On an unknown correction, target or in_time, or a placement or in_time that the correction has not.
-    """
-
-    correction: str = "optimised"
-    quality_metric: str = "size-skew"
-    quality_threshold: float = 0.2
-    target: str = "auto"
-    enrichment_radius: float = 0.0
-    max_enrichment_points: int = 20
-    enrichment_function: str = "auto"
-    enrichment_placement: str = "auto"
-    explicit_decomposition: str = "eigen"
-    in_time: str = "independent"
-
-    def __post_init__(self) -> None:
-        for name, known in (("correction", ("none", *CORRECTIONS)), ("target", TARGETS), ("in_time", IN_TIME)):
-            if getattr(self, name) not in known:
-                raise InvalidInput(f"unknown {name} {getattr(self, name)!r}; known are {', '.join(known)}")
-        check_placement(self.correction, self.enrichment_placement)
-        if self.in_time == "smooth" and self.correction != "optimised":
-            raise InvalidInput(f"in_time 'smooth' expects correction 'optimised', got {self.correction!r}")
-
-    @property
-    def functions(self) -> tuple[str, ...]:
-        """The enrichment functions at every point of an optimised enrichment."""
-        return FUNCTIONS if self.enrichment_function == "auto" else (self.enrichment_function,)
-
-    @property
-    def function(self) -> str:
-        """The enrichment function of the thesis' corrections."""
-        return "H1" if self.enrichment_function == "auto" else self.enrichment_function
-
-
-def check_placement(correction: str, placement: str, dimension: int = 1) -> None:
-    """Raise InvalidInput where a correction cannot put its enrichment points so."""
-    known = [name for name in PLACEMENTS[correction] if dimension == 1 or name != "middle"]
-    if placement not in known:
-        raise InvalidInput(
-            f"enrichment_placement = {placement!r} is not for correction = {correction!r} in {dimension}D; "
-            f"there it is one of {', '.join(known)}"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,10 +134,10 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
     if settings.in_time == "smooth":
         return _smooth_in_time(problem, settings, mesh)
-    if p.known is not None and p.valid is None and (settings.correction == "none" or p.known >= _goal(settings)):
+    if p.known is not None and p.valid is None and (settings.correction == "none" or p.known >= goal(settings)):
         return _judged(problem, settings, _Found(p.begin), "none", p.known)
     quality = mesh.quality(p.begin)
-    if settings.correction == "none" or (p.valid is None and quality.min() >= _goal(settings)):
+    if settings.correction == "none" or (p.valid is None and quality.min() >= goal(settings)):
         return _judged(problem, settings, _Found(p.begin), "none", float(quality.min()))
     found = _Found(p.begin)
     if p.valid is None or settings.correction == "optimised":
@@ -336,19 +201,6 @@ def _refusal(quality: Floats, settings: CorrectionSettings) -> NumericalError:
     )
 
 
-def _target(problem: CorrectionProblem, settings: CorrectionSettings) -> float:
-    """The quality at which a correction stops; inf for the best it can."""
-    free = int(np.count_nonzero(~problem.held))
-    small = free <= SMALL_MESH[problem.start.shape[1]]
-    maximum = settings.target == "maximum" or (settings.target == "auto" and small)
-    return float("inf") if maximum else _goal(settings)
-
-
-def _goal(settings: CorrectionSettings) -> float:
-    """The threshold, or where that lets inverted cells pass, just a valid mesh."""
-    return max(settings.quality_threshold, _VALID)
-
-
 def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
     """Free trial nodes: all for the maximum, a growing region for the threshold."""
     if problem.start.shape[1] == 1:
@@ -356,7 +208,7 @@ def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
     mesh = mesh.released(problem.constraint)
     if mesh.held.all() or not _could_be_valid(problem.begin, mesh):
         return _Found(problem.begin)
-    target = _target(problem, settings)
+    target = target_quality(problem, settings)
     found: Polished
     if np.isfinite(target):
         found = reach(problem.begin, mesh, target)
@@ -377,18 +229,18 @@ def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: 
         return _Found(problem.standard)
     p = problem
     space = EnrichmentSpace(_placement(problem, settings, mesh), p.factorization, p.evaluator, settings.functions)
-    found = optimised_enrichment(mesh, p.start, p.standard, space, target=_target(problem, settings))
+    found = optimised_enrichment(mesh, p.start, p.standard, space, target=target_quality(problem, settings))
     return _Found(found.points, found.enrichment_points, 0, found.iterations)
 
 
 def _placement(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Placement:
     """The enrichment points of an optimised enrichment."""
     p, quality = problem, mesh.quality(problem.standard)
-    count, radius, goal = settings.max_enrichment_points, settings.enrichment_radius, _goal(settings)
+    count, radius, least = settings.max_enrichment_points, settings.enrichment_radius, goal(settings)
     if settings.enrichment_placement == "minima":
-        return minima_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=goal)
+        return minima_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=least)
     if settings.enrichment_placement == "boundary":
-        return boundary_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=goal, held=p.held)
+        return boundary_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=least, held=p.held)
     return optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
 
 
@@ -418,7 +270,7 @@ def _imposed_gradient(problem: CorrectionProblem, settings: CorrectionSettings, 
         mesh,
         ImposedSettings(
             enrichment_radius=settings.enrichment_radius,
-            threshold=_goal(settings),
+            threshold=goal(settings),
             max_points=settings.max_enrichment_points,
             function=settings.function,
             decomposition=settings.explicit_decomposition,
@@ -432,7 +284,7 @@ def _imposed_slopes(problem: CorrectionProblem, settings: CorrectionSettings, me
     p, quality = problem, mesh.quality(problem.standard)
     boundary = np.flatnonzero(p.held)
     if settings.enrichment_placement == "minima":
-        worst = local_minima(p.cells, quality, _goal(settings))[: settings.max_enrichment_points]
+        worst = local_minima(p.cells, quality, goal(settings))[: settings.max_enrichment_points]
         points = p.cells.centres(p.start, worst)
     else:
         points = gap_middle(p.start, p.cells, quality, p.held)

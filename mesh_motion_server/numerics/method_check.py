@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.correction import check_placement
+from mesh_motion_server.numerics.correction_problem import check_placement
 from mesh_motion_server.numerics.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method

@@ -16,6 +16,7 @@ from mesh_motion_server.numerics.correction import (
     CorrectionSettings,
     correct,
 )
+from mesh_motion_server.numerics.correction_problem import SMALL_MESH
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import factorize
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
@@ -114,7 +115,7 @@ def test_targets() -> None:
 
 def test_auto_stops_at_the_threshold_on_a_large_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = case("3D box 0.25 + bend")
-    monkeypatch.setitem(correct.__globals__["SMALL_MESH"], 3, 100)
+    monkeypatch.setitem(SMALL_MESH, 3, 100)
     auto, threshold = correct(problem, settings()), correct(problem, settings(target="threshold"))
     assert np.array_equal(auto.points, threshold.points)
 

@@ -33,7 +33,7 @@ from mesh_motion_server.numerics.prediction import PREDICTORS, DisplacementField
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.correction import CorrectionProblem
+    from mesh_motion_server.numerics.correction_problem import CorrectionProblem
 
 __all__ = ["ExplicitResult", "ExplicitSettings", "Iterate", "explicit_iterations"]
 

@@ -33,7 +33,7 @@ from mesh_motion_server.numerics.enrichment.stretch_correction import CELL_CORRE
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.correction import CorrectionProblem
+    from mesh_motion_server.numerics.correction_problem import CorrectionProblem
 
 __all__ = ["ImposedJacobians", "ImposedSettings", "cell_gradients", "impose", "imposed_jacobians"]
 

@@ -147,6 +147,57 @@ def _shape_term(shape, ideal, inverse_norm, j, longer, slack, det):  # type: ign
     return 1.0
 
 
+@njit(cache=True, error_model="numpy")
+def _displace(points, nodes, middle, coefficients, y, moved):  # type: ignore[no-untyped-def]
+    """moved (n_nodes, d) = displacements of a cell's nodes by its group's polynomial; y (d,) is workspace."""
+    for k in range(nodes.size):
+        for i in range(y.size):
+            y[i] = points[nodes[k], i] - middle[i]
+        _polynomial(y, coefficients, moved[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _columns(points, nodes, corner, moved, epsilon, j, lengths, longer):  # type: ignore[no-untyped-def]
+    """Fill a corner's Jacobian j (d, d), |J_i| and |J_i| + δ_i (d,); their products, and Σ δ²."""
+    d = j.shape[0]
+    origin = corner[0]
+    product, product_longer, slack = 1.0, 1.0, 0.0
+    for a in range(d):
+        end = corner[a + 1]
+        before, after = 0.0, 0.0
+        for i in range(d):
+            edge = points[nodes[end], i] - points[nodes[origin], i]
+            j[i, a] = edge + moved[end, i] - moved[origin, i]
+            before += edge * edge
+            after += j[i, a] * j[i, a]
+        delta = epsilon * np.sqrt(before)
+        lengths[a] = np.sqrt(after)
+        longer[a] = lengths[a] + delta
+        product *= lengths[a]
+        product_longer *= longer[a]
+        slack += delta * delta
+    return product, product_longer, slack
+
+
+@njit(cache=True, error_model="numpy")
+def _corner_sums(points, nodes, corners, shape, ideal, inverse_norm, moved, epsilon, j, lengths, longer):  # type: ignore[no-untyped-def]
+    """Σ det with its least and largest value, Σ f_k with its largest, and whether no corner might be inverted."""
+    total, total_low, total_high, terms, terms_high, certain = 0.0, 0.0, 0.0, 0.0, 0.0, True
+    for c in range(len(corners)):
+        product, product_longer, slack = _columns(points, nodes, corners[c], moved, epsilon, j, lengths, longer)
+        det = _determinant(j)
+        off = product_longer - product
+        total += det
+        total_low += det - off
+        total_high += det + off
+        terms += _shape_term(shape, ideal, inverse_norm, j, lengths, 0.0, abs(det))
+        if det - off > 0.0:
+            terms_high += _shape_term(shape, ideal, inverse_norm, j, longer, np.sqrt(slack), det - off)
+        else:
+            certain = False
+    return total, total_low, total_high, terms, terms_high, certain
+
+
 @njit(cache=True, error_model="numpy", parallel=True)
 def _bound(  # type: ignore[no-untyped-def]
     points,
@@ -176,38 +227,10 @@ def _bound(  # type: ignore[no-untyped-def]
             modelled[0, e], modelled[1, e], least[0, e], least[1, e] = np.nan, np.nan, -np.inf, -np.inf
             if not epsilon < np.inf:
                 continue
-            for k in range(n_nodes):
-                for i in range(d):
-                    y[i] = points[nodes[e, k], i] - middles[g, i]
-                _polynomial(y, coefficients[g], moved[k])
-            total, total_low, total_high, terms, terms_high, certain = 0.0, 0.0, 0.0, 0.0, 0.0, True
-            for c in range(n_corners):
-                origin = corners[c, 0]
-                product, product_longer, slack = 1.0, 1.0, 0.0
-                for a in range(d):
-                    end = corners[c, a + 1]
-                    before, after = 0.0, 0.0
-                    for i in range(d):
-                        edge = points[nodes[e, end], i] - points[nodes[e, origin], i]
-                        j[i, a] = edge + moved[end, i] - moved[origin, i]
-                        before += edge * edge
-                        after += j[i, a] * j[i, a]
-                    delta = epsilon * np.sqrt(before)
-                    lengths[a] = np.sqrt(after)
-                    longer[a] = lengths[a] + delta
-                    product *= lengths[a]
-                    product_longer *= longer[a]
-                    slack += delta * delta
-                det = _determinant(j)
-                off = product_longer - product
-                total += det
-                total_low += det - off
-                total_high += det + off
-                terms += _shape_term(shape, ideal, inverse_norm, j, lengths, 0.0, abs(det))
-                if det - off > 0.0:
-                    terms_high += _shape_term(shape, ideal, inverse_norm, j, longer, np.sqrt(slack), det - off)
-                else:
-                    certain = False
+            _displace(points, nodes[e], middles[g], coefficients[g], y, moved)
+            total, total_low, total_high, terms, terms_high, certain = _corner_sums(
+                points, nodes[e], corners, shape, ideal, inverse_norm, moved, epsilon, j, lengths, longer
+            )
             tau = total / reference[e]
             size = min(abs(tau), 1.0 / abs(tau))
             modelled[0, e] = size if tau > 0.0 else -size
