@@ -2,6 +2,9 @@
 
 Nodes are numbered along a space-filling curve and cells by their first node, for every system alike, so that none pays
 for a generator's numbering.
+
+M1, M6, M2 and M7 have about 1 k, 10 k, 100 k and 1 M nodes in two dimensions, M3, M4 and M5 50 k, 500 k and 5 M in
+three; M5 is a mesh a little finer than M4, refined once.
 """
 
 from __future__ import annotations
@@ -15,10 +18,12 @@ import gmsh
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.peers.refinement import refined_tetrahedra
+
 __all__ = ["MESHES", "BenchmarkMesh", "load_or_build"]
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = NDArray[np.integer]
 
 #: Gmsh's element number, nodes and our name.
 _GMSH_TYPES = {2: (3, "triangle"), 4: (4, "tetra")}
@@ -33,7 +38,7 @@ class BenchmarkMesh:
     Attributes
     ----------
     points : (n, d) array
-    cells : dict of (m, k) int64 arrays
+    cells : dict of (m, k) int64 or int32 arrays
     moving, fixed : (k,), (f,) int64 arrays
         Nodes of the body and of the box.
     """
@@ -78,6 +83,13 @@ def wing(*, body_size: float, growth: float) -> BenchmarkMesh:
     return _mesh_of_model(3, _WING)
 
 
+def refined_wing(*, body_size: float, growth: float) -> BenchmarkMesh:
+    """The tetrahedra of such a mesh as eight each."""
+    coarse = wing(body_size=body_size, growth=growth)
+    points, nodes = refined_tetrahedra(coarse.points, coarse.cells["tetra"])
+    return _renumbered(points, {"tetra": nodes}, _WING)
+
+
 def hexahedral_wing(*, divisions: tuple[tuple[int, int, int], ...]) -> BenchmarkMesh:
     """Hexahedra of a Cartesian grid around the same wing; ``divisions``: before, along and behind it on each axis."""
     lines = [_graded_lines(span, counts) for span, counts in zip(_WING, divisions, strict=True)]
@@ -94,9 +106,15 @@ def hexahedral_wing(*, divisions: tuple[tuple[int, int, int], ...]) -> Benchmark
 #: Name → what it is, and how it is built.
 MESHES: dict[str, tuple[str, Callable[[], BenchmarkMesh]]] = {
     "M1": ("slab in a square, 723 nodes", lambda: slab(outer_size=0.0446, body_size=0.04)),
+    "M6": ("slab in a square, 10 k nodes", lambda: slab(outer_size=0.0109, body_size=0.0109)),
     "M2": ("slab in a square, 98 k nodes", lambda: slab(outer_size=0.00345, body_size=0.00345)),
+    "M7": ("slab in a square, 1.0 M nodes", lambda: slab(outer_size=0.00108, body_size=0.00108)),
     "M3": ("wing in a cube, 50 k nodes, tetrahedra", lambda: wing(body_size=0.0155, growth=0.0078)),
     "M4": ("wing in a cube, 495 k nodes, tetrahedra", lambda: wing(body_size=0.0070, growth=-0.003)),
+    "M5": (
+        "wing in a cube, 4.9 M nodes, tetrahedra of a mesh refined once",
+        lambda: refined_wing(body_size=0.0065, growth=-0.003),
+    ),
     "H1": (
         "wing in a cube, 22 k nodes, hexahedra",
         lambda: hexahedral_wing(divisions=((9, 16, 9), (10, 3, 10), (9, 8, 9))),
@@ -164,9 +182,12 @@ def _mesh_of_model(dimension: int, body: tuple[tuple[float, float], ...]) -> Ben
 
 def _renumbered(points: Floats, cells: dict[str, Ints], body: tuple[tuple[float, float], ...]) -> BenchmarkMesh:
     """Used nodes along a Z-order curve, cells by their smallest node, patches by coordinates."""
-    used = np.unique(np.concatenate([nodes.ravel() for nodes in cells.values()]))
+    named = np.zeros(len(points), dtype=bool)
+    for nodes in cells.values():
+        named[nodes] = True
+    used = np.flatnonzero(named)
     order = used[np.argsort(_z_order(points[used]), kind="stable")]
-    new = np.full(len(points), -1, dtype=np.int64)
+    new = np.full(len(points), -1, dtype=np.int32)
     new[order] = np.arange(len(order))
     points = np.ascontiguousarray(points[order])
     sorted_cells = {}
@@ -181,7 +202,7 @@ def _renumbered(points: Floats, cells: dict[str, Ints], body: tuple[tuple[float,
     return BenchmarkMesh(points, sorted_cells, np.flatnonzero(near_body), np.flatnonzero(on_box))
 
 
-def _z_order(points: Floats) -> Ints:
+def _z_order(points: Floats) -> NDArray[np.int64]:
     """(n,) Morton codes with 20 bits an axis."""
     low, high = points.min(axis=0), points.max(axis=0)
     scaled = ((points - low) / (high - low) * (2**20 - 1)).astype(np.int64)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 __all__ = ["Task", "step_file"]
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = NDArray[np.integer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Task:
     ----------
     points : (n, d) array
         Reference coordinates.
-    cells : dict of (m, k) int64 arrays
+    cells : dict of (m, k) int64 or int32 arrays
         Connectivity by cell type, in the node order of VTK.
     moving, fixed : (k,), (f,) int64 arrays
         Nodes that are displaced, and boundary nodes that stay.

@@ -18,7 +18,7 @@ __all__ = ["CASES", "MESHES", "Case"]
 _STEADY_PARTS = 50
 
 #: Meshes, smallest first in each dimension, and the large motion of each.
-MESHES: dict[str, str] = {"M1": "T1", "M2": "T1", "M3": "T3", "M4": "T3"}
+MESHES: dict[str, str] = {"M1": "T1", "M6": "T1", "M2": "T1", "M7": "T1", "M3": "T3", "M4": "T3", "M5": "T3"}
 
 _METHODS: dict[str, dict[str, Any]] = {
     "steady": {},
@@ -46,6 +46,11 @@ class Case:
     def name(self) -> str:
         """``M3-steady``."""
         return f"{self.mesh}-{self.kind}"
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return 2 if MESHES[self.mesh] == "T1" else 3
 
     @property
     def method(self) -> dict[str, Any]:

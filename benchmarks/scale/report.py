@@ -47,14 +47,13 @@ def _cost(results: Results, name: str) -> str:
     """One line."""
     figures, case = results.library[name], CASES[name]
     exponent = growth(results, name)
-    dimension = 2 if case.mesh in ("M1", "M2") else 3
     times = [figures.setup, figures.first, figures.step, figures.iteration]
     phases = [figures.solve, figures.displace, figures.predict]
     cells = [
         *(_both(seconds) for seconds in times),
         *(_milliseconds(seconds.cpu) for seconds in phases),
         "" if exponent is None else f"{exponent:.2f}",
-        _digits(figures.step.cpu / results.limits.pass_seconds(figures, dimension)),
+        _digits(figures.step.cpu / results.limits.pass_seconds(figures, case.dimension)),
         _digits(results.limits.dense_seconds(figures) / figures.step.cpu),
     ]
     return f"| {case.mesh} {case.kind} | {figures.nodes} | {figures.boundary} | {' | '.join(cells)} |\n"
