@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, phi, wendland_c2
+from mesh_motion_server.numerics.kernel_maps import map_phi
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
 from mesh_motion_server.numerics.threads import threads_for
@@ -26,14 +26,10 @@ def _fill_block(code: int, rows: Array, columns: Array, inverse_radius: float, o
     """``out[i, j] = φ(|rows[i] − columns[:, j]|/R)``."""
     for i in prange(rows.shape[0]):
         x, y, z = rows[i, 0], rows[i, 1], rows[i, 2]
-        if code == WENDLAND_C2:
-            for j in range(columns.shape[1]):
-                dx, dy, dz = x - columns[0, j], y - columns[1, j], z - columns[2, j]
-                out[i, j] = wendland_c2(math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
-        else:
-            for j in range(columns.shape[1]):
-                dx, dy, dz = x - columns[0, j], y - columns[1, j], z - columns[2, j]
-                out[i, j] = phi(code, math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
+        for j in range(columns.shape[1]):
+            dx, dy, dz = x - columns[0, j], y - columns[1, j], z - columns[2, j]
+            out[i, j] = math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius
+        map_phi(code, out[i])
 
 
 def dense_block(basis: Basis, support_radius: float, rows: Array, columns: Array) -> Array:
@@ -85,8 +81,9 @@ def _fill_rows(
                 xi = math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius
                 if xi < 1.0:
                     columns[at] = j
-                    entries[at] = phi(code, xi)
+                    entries[at] = xi
                     at += 1
+        map_phi(code, entries[pointers[i] : at])
 
 
 def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.kernel_functions import CODES, phi, slope
+from mesh_motion_server.numerics.kernel_functions import CODES
+from mesh_motion_server.numerics.kernel_maps import map_phi, map_slope
 
 __all__ = ["BASES", "DEFAULT_BASIS", "Basis", "basis_named", "checked_radius", "slopes", "values"]
 
@@ -187,29 +187,15 @@ def checked_radius(radius: float | None, basis: Basis) -> float:
     return float(radius)
 
 
-@njit(cache=True, error_model="numpy")
-def _map_phi(code: int, xi: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    for i in range(xi.size):
-        out[i] = phi(code, xi[i])
-
-
-@njit(cache=True, error_model="numpy")
-def _map_slope(code: int, xi: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    for i in range(xi.size):
-        out[i] = slope(code, xi[i])
-
-
 def values(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
     """φ(ξ) of an array of ξ ≥ 0, same shape."""
-    flat = np.ascontiguousarray(xi, dtype=np.float64)
-    out = np.empty_like(flat)
-    _map_phi(basis.code, flat.ravel(), out.ravel())
+    out = np.array(xi, dtype=np.float64, order="C")
+    map_phi(basis.code, out.reshape(-1))
     return out
 
 
 def slopes(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
     """φ'(ξ)/ξ of an array of ξ ≥ 0, same shape; ``∇φ = slopes(ξ) (x − x_j) / R²``."""
-    flat = np.ascontiguousarray(xi, dtype=np.float64)
-    out = np.empty_like(flat)
-    _map_slope(basis.code, flat.ravel(), out.ravel())
+    out = np.array(xi, dtype=np.float64, order="C")
+    map_slope(basis.code, out.reshape(-1))
     return out

@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, phi, slope, wendland_c2, wendland_c2_slope
+from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, wendland_c2, wendland_c2_slope
+from mesh_motion_server.numerics.kernel_maps import map_phi, map_slope
 
 __all__ = ["MAX_RUNS", "TILE", "centre_runs", "mark_reached", "sum_gradients", "sum_values"]
 
@@ -92,10 +93,11 @@ def _phi_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignore[
         for j in range(cx.size):
             dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
             tile[j] = wendland_c2(math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
-    else:
-        for j in range(cx.size):
-            dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
-            tile[j] = phi(code, math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
+        return
+    for j in range(cx.size):
+        dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
+        tile[j] = math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius
+    map_phi(code, tile)
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)
@@ -108,13 +110,16 @@ def _slope_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignor
             tile[0, j] = factor * dx
             tile[1, j] = factor * dy
             tile[2, j] = factor * dz
-    else:
-        for j in range(cx.size):
-            dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
-            factor = slope(code, math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
-            tile[0, j] = factor * dx
-            tile[1, j] = factor * dy
-            tile[2, j] = factor * dz
+        return
+    for j in range(cx.size):
+        dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
+        tile[0, j] = math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius
+    map_slope(code, tile[0, : cx.size])
+    for j in range(cx.size):
+        factor = tile[0, j]
+        tile[0, j] = factor * (x - cx[j])
+        tile[1, j] = factor * (y - cy[j])
+        tile[2, j] = factor * (z - cz[j])
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)
