@@ -125,6 +125,8 @@ def factorize(
         On unusable points, two that coincide, an unknown or unusable name, or names that do not fit together.
     NumericalError
         If the matrix is singular to working precision.
+    ResourceError
+        If its factors would take too much memory (:mod:`~mesh_motion_server.numerics.factorizations.memory_bound`).
     """
     row = basis_named(basis)
     radius = checked_radius(support_radius, row)

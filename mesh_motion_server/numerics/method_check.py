@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.correction_problem import check_placement
+from mesh_motion_server.numerics.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method
@@ -53,6 +54,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         the enrichment points that the correction has not, a correction that cannot be smooth in time, a boundary
         layer with a predictor that needs gradients, or sub-steps without a correction; with periodic patches on a basis
         without compact support, a polynomial, a reduction, or the solvers "iterative" and "two-scale".
+    ResourceError
+        If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
     imposed = (
         method.correction == "imposed-gradient" and points.shape[1] == 1
@@ -77,6 +80,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
             f"{method.basis!r} with polynomial {method.polynomial!r}",
             hint="basis = 'wendland-c2' and polynomial = 'auto', or reduction = 'none'",
         )
+    if method.reduction == "none" and (method.solver == "dense" or basis.needs_polynomial):
+        check_dense(len(roles.prescribed))
     check_placement(method.correction, method.enrichment_placement, points.shape[1])
     if method.correction_in_time == "smooth":
         _check_smooth(method)

@@ -21,6 +21,18 @@ def walls(count: int) -> Floats:
     return grid[np.any((grid == 0.0) | (grid == 1.0), axis=1)]
 
 
+def graded_sphere(count: int, ratio: float) -> Floats:
+    """(count, 3) points on a sphere whose spacing varies by ``ratio`` from pole to pole."""
+    k = (np.arange(count) + 0.5) / count
+    height = np.linspace(-1.0, 1.0, 20_001)  # a band of height dz holds points in proportion to dz / spacing²
+    density = ratio ** -(height + 1.0)
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(height))])
+    z = np.interp(k, total / total[-1], height)
+    turn = np.pi * (1.0 + 5.0**0.5) * np.arange(count)
+    flat = np.sqrt(1.0 - z**2)
+    return 0.5 + 0.1 * np.stack([np.cos(turn) * flat, np.sin(turn) * flat, z], axis=1)
+
+
 def graded_circle(count: int, ratio: float) -> Floats:
     """(count, 2) points on a circle whose spacing varies by ``ratio``."""
     spacing = ratio ** (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count))

@@ -16,7 +16,8 @@ N      m    dense          sparse        iterative
 ====== ==== ============== ============= =============
 
 A dense factor takes 4 N² bytes (10 160 points: 0.4 GB, 18 216: 1.3 GB). A factorization serves all coupling iterations
-of a step and the enrichment's many columns, so a direct one is preferred as long as it fits comfortably.
+of a step and the enrichment's many columns, so a direct one is preferred as long as it fits comfortably. What would
+take more than :data:`~.memory_bound.FACTOR_BYTES` is refused.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from mesh_motion_server.numerics.centres import CentreLayout, padded
 from mesh_motion_server.numerics.factorizations import LinearSolver
 from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.factorizations.iterative import ConjugateGradients
+from mesh_motion_server.numerics.factorizations.memory_bound import check_dense, check_sparse
 from mesh_motion_server.numerics.factorizations.sparse import SparseFactor
 from mesh_motion_server.numerics.kernels import Basis
 
@@ -41,7 +43,7 @@ SOLVERS = ("auto", "dense", "sparse", "iterative")
 _DENSE_ORDER = 10_000
 #: Smallest order worth another solver than the dense one, which takes no time there.
 _SPARSE_ORDER = 1_500
-#: Longest rows and most entries for which a sparse factor is made; it takes up to eight times the matrix' memory.
+#: Longest rows and most entries for which a sparse factor is made; :mod:`~.memory_bound` says what it takes.
 _SPARSE_ROW, _SPARSE_ENTRIES = 300.0, 3e6
 
 
@@ -56,6 +58,8 @@ def choose_solver(
         If the solver is "sparse" and the basis has no compact support.
     NumericalError
         If the matrix is singular to working precision.
+    ResourceError
+        If the factors of the named solver would take too much memory; "auto" chooses another one.
     """
     name = _automatic(layout, support_radius) if solver == "auto" else solver
     if name == "iterative":
@@ -65,11 +69,18 @@ def choose_solver(
             raise InvalidInput(
                 f"the basis {basis.name!r} has no compact support: its matrix is full", hint="solver = 'dense'"
             )
+        check_sparse(layout.n_centres, _mean_row(layout, support_radius))
         return SparseFactor(sparse_matrix(layout, basis, support_radius), layout.order)
+    check_dense(layout.n_centres)
     rows = padded(points)
     return PanelCholesky(
         len(rows), lambda first, last: dense_block(basis, support_radius, rows[first:], rows[first:last])
     )
+
+
+def _mean_row(layout: CentreLayout, support_radius: float) -> float:
+    """Nonzero entries of a row; where a search does not pay, all of them."""
+    return float(layout.n_centres) if layout.is_direct else mean_row_entries(layout, support_radius)
 
 
 def _automatic(layout: CentreLayout, support_radius: float) -> str:

@@ -20,6 +20,7 @@ from mesh_motion_server.numerics.assembly import dense_block
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.centres import CentreLayout, padded
 from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
+from mesh_motion_server.numerics.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import sum_values
 
@@ -38,11 +39,17 @@ class NullSpaceCholesky:
     support_radius : float
     polynomial_matrix : (nc, d + 1) array
         P, of full rank.
+
+    Raises
+    ------
+    ResourceError
+        If the factor would take too much memory.
     """
 
     name = "dense"
 
     def __init__(self, control_points: Array, basis: Basis, support_radius: float, polynomial_matrix: Array) -> None:
+        check_dense(len(control_points))
         self._basis, self._radius = basis, support_radius
         self._layout = CentreLayout.build(control_points, basis, support_radius)
         self._points = padded(control_points)

@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from two_scale_boundaries import boundary, graded_circle, sphere, square, walls
+from scipy.spatial import cKDTree
+from two_scale_boundaries import boundary, graded_circle, graded_sphere, sphere, square, walls
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
@@ -28,7 +29,9 @@ EVALUATOR = LocalEvaluator()
 CASES = {
     "3D": boundary(sphere(1500, 0.15), walls(12)),
     "2D, spacing × 30": boundary(graded_circle(900, 30.0), square(40)),
+    "3D, spacing × 30": boundary(graded_sphere(4000, 30.0), walls(12)),
     "3D, domain of 50 bodies": boundary(sphere(1200, 0.01), walls(10)),
+    "2D, domain of 50 bodies": boundary(0.5 + 0.1 * (graded_circle(900, 1.0) - 0.5), square(40)),
 }
 
 
@@ -74,10 +77,14 @@ def test_the_field_is_near_the_one_of_all_centres(name: str) -> None:
     direction = rng.normal(size=(400, d))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     places = centre + size * direction * rng.uniform(0.55, 1.5, (400, 1))
+    distance, nearest = cKDTree(points).query(places)
+    places = places[distance >= local_spacing(points)[nearest]]
+    assert len(places) > 200
+    count, tolerance = (500, 0.06) if name == "3D, spacing × 30" else (250, 0.03)  # few of its points lie widely
     exact = factorize(points, basis="wendland-c2", support_radius=2.5).solve(values)
-    found = EVALUATOR.displacement(_prepared(points, moving).solve(values), places)
+    found = EVALUATOR.displacement(_prepared(points, moving, count=count).solve(values), places)
     difference = np.abs(found - EVALUATOR.displacement(exact, places)).max()
-    assert difference <= 0.03 * np.abs(values).max()
+    assert difference <= tolerance * np.abs(values).max()
 
 
 def test_more_coarse_points_come_nearer() -> None:
