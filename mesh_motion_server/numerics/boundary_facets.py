@@ -1,21 +1,24 @@
 """The boundary of a mesh: facets that belong to exactly one cell.
 
-A facet is a node in 1D, an edge in 2D, a triangle or quad in 3D. Facets are recognised by their node numbers: they
-are put into one bucket per smallest node (a counting sort), and each bucket, a few dozen facets, is sorted by the
-other nodes. That takes two passes over the facets and no hashing, and the result does not depend on threads.
+A facet is a node in 1D, an edge in 2D, a triangle or quad in 3D. Facets are recognised by their node numbers
+(:mod:`.facet_matching`) in three passes over the cells, without a table of their nodes, and the result does not depend
+on threads.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.facet_buckets import count_cells, place_cells
+from mesh_motion_server.numerics.facet_matching import NODES_PER_ITEM, unmatched_facets
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.thread_share import threads_for
 
@@ -35,29 +38,61 @@ LOCAL_FACETS: dict[str, tuple[tuple[int, ...], ...]] = {
 }
 _FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
-_NODES_PER_ITEM = 1024  # buckets per work item of the parallel loop
-_CELLS_PER_THREAD = 4096  # fewer are done before a thread is awake
-_INSERTION_SORT = 48  # longest bucket sorted by insertion: a node of a good mesh has about 25 facets
-_LONGEST_RUN = 64  # quads with three nodes in common: in a valid mesh at most two
-
 _KEPT: WeakKeyDictionary[CellTable, dict[str, Ints]] = WeakKeyDictionary()
 
-# what becomes of a facet
-_BOUNDARY, _INSIDE, _CROWDED = 1, 2, 3
 
+@dataclass(frozen=True, eq=False)
+class _Facets:
+    """All facets of a mesh as the kernels ask for them.
 
-@dataclass(frozen=True)
-class _FacetTable:
-    """All facets of a mesh, block after block, cell after cell.
-
-    nodes : (F, k) int32 array, ascending in each row, filled up with -1 at the end
-    side : (F,) bool array, from which side the cell sees the facet: two cells that share it differ
-    first : number of the first facet of each block, and F
+    nodes : (k,) array, of all cells, one after the other
+    blocks : (b + 1, 4) array, where each block's nodes begin, its first cell, nodes per cell, whether it is a simplex;
+        the ends
+    local : (b, f, 4) array, local nodes of the facets; of a simplex last the facet without each local node
+    sizes : (b, f) array, how many nodes they have; 0 for no facet
     """
 
-    nodes: NDArray[np.int32]
-    side: NDArray[np.bool_]
-    first: tuple[int, ...]
+    nodes: Ints
+    blocks: Ints
+    local: Ints
+    sizes: Ints
+
+    @classmethod
+    def of(cls, cells: CellTable) -> Self:
+        """Describe them."""
+        tables = [LOCAL_FACETS[block.type.name] for block in cells]
+        local = np.zeros((len(tables), 1 + max(map(len, tables)), 4), dtype=np.int64)
+        sizes = np.zeros(local.shape[:2], dtype=np.int64)
+        blocks = np.zeros((len(tables) + 1, 4), dtype=np.int64)
+        for b, (block, table) in enumerate(zip(cells, tables, strict=True)):
+            for f, facet in enumerate(table):
+                local[b, f, : len(facet)], sizes[b, f] = facet, len(facet)
+                if block.type.is_simplex:
+                    (omitted,) = set(range(block.type.n_nodes)) - set(facet)
+                    local[b, -1, omitted] = f
+            blocks[b, 2:] = block.type.n_nodes, block.type.is_simplex
+            blocks[b + 1, :2] = blocks[b, :2] + (block.nodes.size, len(block))
+        return cls(read_only(_joined([block.nodes.reshape(-1) for block in cells])), blocks, local, sizes)
+
+    def by_smallest_node(self) -> tuple[Ints, NDArray[np.integer]]:
+        """Starts (n + 1,) of the cells that have a facet with each smallest node, and these cells (e,)."""
+        counts = np.zeros(int(self.nodes.max()) + 2, dtype=np.int64)
+        for part in self._parts():
+            count_cells(*part, counts[1:])
+        starts = np.cumsum(counts, out=counts)
+        # as short as the numbers allow: this is what a session's memory peaks with
+        order = np.empty(int(starts[-1]), dtype=np.int32 if self.blocks[-1, 1] < 2**31 else np.int64)
+        place = starts[:-1].copy()
+        for part, first in zip(self._parts(), self.blocks[:, 1], strict=False):
+            place_cells(*part, first, place, order)
+        return starts, order
+
+    def _parts(self) -> Iterator[tuple[Ints, tuple[int, int], Ints, Ints]]:
+        """Nodes, kind of cell, local nodes of the facets and how many they are, block after block."""
+        for (begin, _, *kind), end, local, sizes in zip(
+            self.blocks.tolist(), self.blocks[1:, 0], self.local, self.sizes, strict=False
+        ):
+            yield self.nodes[begin:end], (kind[0], kind[1]), local, sizes[sizes > 0]
 
 
 def boundary_facets(cells: CellTable) -> dict[str, Ints]:
@@ -93,18 +128,16 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
 
 def _found(cells: CellTable) -> dict[str, Ints]:
     """The boundary's facets, by type."""
-    table = _facet_table(cells)
-    n = int(table.nodes.max()) + 1
-    # as short as the numbers allow: this is what a session's memory peaks with
-    order = np.empty(len(table.nodes), dtype=np.int32 if len(table.nodes) < 2**31 else np.int64)
-    starts = _buckets(table.nodes, n, order)
-    multiplicity = np.empty(len(table.nodes), dtype=np.int8)
-    with threads_for(n // _NODES_PER_ITEM):
-        _count_equal(table.nodes, table.side, starts, order, n, multiplicity)
-    crowded = np.flatnonzero(multiplicity > _INSIDE)
-    if len(crowded):
-        raise _crowded_facet(cells, table, int(crowded[0]))
-    return _collect(cells, table, np.flatnonzero(multiplicity == _BOUNDARY))
+    facets = _Facets.of(cells)
+    starts, order = facets.by_smallest_node()
+    unmatched = np.zeros(len(order), dtype=np.uint8)
+    with threads_for(len(starts) // NODES_PER_ITEM):
+        least = unmatched_facets(facets.nodes, facets.blocks, facets.local, facets.sizes, starts, order, unmatched)
+    if least.min() < 8 * len(cells):
+        raise _crowded_facet(cells, int(least.min()))
+    entries = np.flatnonzero(unmatched)
+    row, facet = np.nonzero(unmatched[entries, None] >> np.arange(8, dtype=np.uint8) & 1)
+    return _collect(cells, np.sort(8 * order[entries].astype(np.int64)[row] + facet))
 
 
 def boundary_nodes(cells: CellTable) -> Ints:
@@ -113,130 +146,18 @@ def boundary_nodes(cells: CellTable) -> Ints:
     return np.unique(np.concatenate([none, *(nodes.ravel() for nodes in boundary_facets(cells).values())]))
 
 
-def _facet_table(cells: CellTable) -> _FacetTable:
-    """Sorted nodes of every facet of every cell."""
-    local = [LOCAL_FACETS[block.type.name] for block in cells]
-    width = max(len(facet) for facets in local for facet in facets)
-    first = np.cumsum([0, *(len(block) * len(facets) for block, facets in zip(cells, local, strict=True))])
-    nodes, side = np.empty((int(first[-1]), width), dtype=np.int32), np.empty(int(first[-1]), dtype=np.bool_)
-    for block, facets, start, stop in zip(cells, local, first, first[1:], strict=False):
-        padded = np.array([facet + (-1,) * (width - len(facet)) for facet in facets], dtype=np.int64)
-        with threads_for(len(block) // _CELLS_PER_THREAD):
-            _sorted_facets(read_only(block.nodes), padded, nodes[start:stop], side[start:stop])
-    return _FacetTable(nodes, side, tuple(int(f) for f in first))
+def _joined(pieces: list[Ints]) -> Ints:
+    """The pieces one behind the other; an only piece itself."""
+    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
 
 
-@njit(cache=True, parallel=True)
-def _sorted_facets(cells, local, out, side):  # type: ignore[no-untyped-def]
-    """Nodes of each facet of the cells (m, n_nodes), ascending, -1 for a place that the facet has not."""
-    facets, width = local.shape
-    for e in prange(cells.shape[0]):
-        for f in range(facets):
-            row = out[e * facets + f]
-            for i in range(width):
-                node = cells[e, local[f, i]] if local[f, i] >= 0 else -1
-                place = i
-                while place > 0 and 0 <= node < row[place - 1]:
-                    row[place] = row[place - 1]
-                    place -= 1
-                row[place] = node
-            side[e * facets + f] = _side(cells[e], local[f], row[0])
-
-
-@njit(cache=True)
-def _side(cell, local, smallest):  # type: ignore[no-untyped-def]
-    """Whether, going round the facet from its smallest node, the smaller neighbour comes first."""
-    size = 0
-    while size < local.size and local[size] >= 0:
-        size += 1
-    if size == 1:
-        return local[0] == 0
-    place = 0
-    while cell[local[place]] != smallest:
-        place += 1
-    if size == 2:
-        return place == 0
-    return cell[local[(place + 1) % size]] < cell[local[(place - 1) % size]]
-
-
-@njit(cache=True)
-def _buckets(nodes, n, order):  # type: ignore[no-untyped-def]
-    """Counting sort of the facets by their smallest node: (n + 1,) starts; the facets' numbers go to ``order`` (F,)."""
-    starts = np.zeros(n + 1, dtype=np.int64)
-    for f in range(nodes.shape[0]):
-        starts[nodes[f, 0] + 1] += 1
-    for i in range(n):
-        starts[i + 1] += starts[i]
-    place = starts[:-1].copy()
-    for f in range(nodes.shape[0]):
-        node = nodes[f, 0]
-        order[place[node]] = f
-        place[node] += 1
-    return starts
-
-
-@njit(cache=True)
-def _sorting(keys):  # type: ignore[no-untyped-def]
-    """Permutation that sorts the keys of a bucket."""
-    if keys.size > _INSERTION_SORT:
-        return np.argsort(keys)
-    order = np.arange(keys.size)
-    for i in range(1, keys.size):
-        j = i
-        while j > 0 and keys[order[j - 1]] > keys[i]:
-            order[j] = order[j - 1]
-            j -= 1
-        order[j] = i
-    return order
-
-
-@njit(cache=True)
-def _count_bucket(nodes, side, facets, n, multiplicity):  # type: ignore[no-untyped-def]
-    """Whether each facet of one bucket occurs once, twice from different sides, or otherwise."""
-    width = nodes.shape[1]
-    keys = np.zeros(facets.size, dtype=np.int64)
-    for i in range(facets.size):
-        for column in range(1, min(width, 3)):
-            keys[i] = keys[i] * n + nodes[facets[i], column]
-    order = _sorting(keys)
-    first = 0
-    while first < facets.size:
-        last = first + 1
-        while last < facets.size and keys[order[last]] == keys[order[first]]:
-            last += 1
-        for i in range(first, last):
-            multiplicity[facets[order[i]]] = _fate(nodes, side, facets, order[first:last], order[i])
-        first = last
-
-
-@njit(cache=True)
-def _fate(nodes, side, facets, run, own):  # type: ignore[no-untyped-def]
-    """_BOUNDARY, _INSIDE or _CROWDED, for one facet of a run of facets with the same first three nodes."""
-    if run.size > _LONGEST_RUN:
-        return _CROWDED
-    equal, same_side = 0, 0
-    for other in run:
-        if nodes.shape[1] < 4 or nodes[facets[other], 3] == nodes[facets[own], 3]:
-            equal += 1
-            same_side += side[facets[other]] == side[facets[own]]
-    return _CROWDED if same_side > 1 else min(equal, _CROWDED)
-
-
-@njit(cache=True, parallel=True)
-def _count_equal(nodes, side, starts, order, n, multiplicity):  # type: ignore[no-untyped-def]
-    """How often each facet occurs, bucket by bucket."""
-    for item in prange((n + _NODES_PER_ITEM - 1) // _NODES_PER_ITEM):
-        for node in range(item * _NODES_PER_ITEM, min(n, (item + 1) * _NODES_PER_ITEM)):
-            _count_bucket(nodes, side, order[starts[node] : starts[node + 1]], n, multiplicity)
-
-
-def _collect(cells: CellTable, table: _FacetTable, facets: Ints) -> dict[str, Ints]:
-    """Node arrays of the given facets, by facet type, oriented outwards."""
+def _collect(cells: CellTable, facets: Ints) -> dict[str, Ints]:
+    """Node arrays of the facets with these numbers, ascending, by facet type, oriented outwards."""
     found: dict[str, list[Ints]] = {}
-    for block, first, last in zip(cells, table.first, table.first[1:], strict=False):
-        here = facets[(facets >= first) & (facets < last)] - first
+    for block, first, last in zip(cells, cells.offsets, cells.offsets[1:], strict=False):
+        here = facets[(facets >= 8 * first) & (facets < 8 * last)] - 8 * first
         local = LOCAL_FACETS[block.type.name]
-        rows, places = here // len(local), here % len(local)
+        rows, places = here // 8, here % 8
         for size in sorted({len(facet) for facet in local}):
             columns = np.array([facet if len(facet) == size else (0,) * size for facet in local])
             chosen = np.array([len(facet) == size for facet in local])[places]
@@ -246,23 +167,28 @@ def _collect(cells: CellTable, table: _FacetTable, facets: Ints) -> dict[str, In
     return {name: nodes for name, nodes in joined.items() if len(nodes)}
 
 
-def _crowded_facet(cells: CellTable, table: _FacetTable, facet: int) -> InvalidInput:
+def _crowded_facet(cells: CellTable, facet: int) -> InvalidInput:
     """The error for a facet of too many cells."""
-    nodes = [int(node) for node in table.nodes[facet] if node >= 0]
-    same = np.flatnonzero((table.nodes == table.nodes[facet]).all(axis=1))
-    numbers = [_owner(cells, table, int(f)) for f in same]
-    listed = ", ".join(map(str, numbers[:4])) + (", …" if len(same) > 4 else "")
+    block, row = cells.locate(facet // 8)
+    nodes = sorted(block.nodes[row, list(LOCAL_FACETS[block.type.name][facet % 8])].tolist())
+    numbers = _cells_with(cells, nodes)
+    listed = ", ".join(map(str, numbers[:4])) + (", …" if len(numbers) > 4 else "")
     return InvalidInput(
-        f"the facet with the nodes {nodes} belongs to {len(same)} cells ({listed}); expected one cell on the boundary, "
-        "two inside, on different sides",
+        f"the facet with the nodes {nodes} belongs to {len(numbers)} cells ({listed}); expected one cell on the "
+        "boundary, two inside, on different sides",
         code="INVALID_ARGUMENT.MESH_DEGENERATE",
         hint="remove duplicate or overlapping cells",
         details={"facet": nodes, "cells": numbers[:16]},
     )
 
 
-def _owner(cells: CellTable, table: _FacetTable, facet: int) -> int:
-    """Number of the cell that a facet of the table belongs to."""
-    block = int(np.searchsorted(table.first, facet, side="right")) - 1
-    per_cell = len(LOCAL_FACETS[cells.blocks[block].type.name])
-    return cells.offsets[block] + (facet - table.first[block]) // per_cell
+def _cells_with(cells: CellTable, nodes: list[int]) -> list[int]:
+    """Numbers of the cells that have a facet with these nodes, once for each."""
+    found: list[int] = []
+    for block, first in zip(cells, cells.offsets, strict=False):
+        rows = np.flatnonzero((block.nodes == nodes[0]).any(axis=1))
+        for facet in LOCAL_FACETS[block.type.name]:
+            if len(facet) == len(nodes):
+                same = (np.sort(block.nodes[rows][:, facet], axis=1) == nodes).all(axis=1)
+                found += (first + rows[same]).tolist()
+    return sorted(found)
