@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -74,7 +74,7 @@ class _Facets:
             blocks[b + 1, :2] = blocks[b, :2] + (block.nodes.size, len(block))
         return cls(read_only(_joined([block.nodes.reshape(-1) for block in cells])), blocks, local, sizes)
 
-    def by_smallest_node(self) -> tuple[Ints, NDArray[np.integer]]:
+    def by_smallest_node(self) -> tuple[Ints, NDArray[Any]]:
         """Starts (n + 1,) of the cells that have a facet with each smallest node, and these cells (e,)."""
         counts = np.zeros(int(self.nodes.max()) + 2, dtype=np.int64)
         for part in self._parts():

@@ -10,6 +10,7 @@ __all__ = ["first_coincident_pair"]
 
 # rounding of coordinates that were written as text with 12 digits or transformed, relative to the extent
 _SAME_PLACE = 1e-12
+_TINY = np.finfo(np.float64).tiny
 
 
 def first_coincident_pair(points: NDArray[np.float64], extent: float) -> tuple[int, int] | None:
@@ -31,8 +32,10 @@ def first_coincident_pair(points: NDArray[np.float64], extent: float) -> tuple[i
     if exact is not None:
         return exact
     # distinct points only from here on: a tree over many identical ones would take quadratic time
-    distance, neighbour = cKDTree(points).query(points, k=2)
-    close = np.flatnonzero(distance[:, 1] <= _SAME_PLACE * extent)
+    limit = _SAME_PLACE * extent
+    # nothing is looked for further away than twice the limit, which is most of the search
+    distance, neighbour = cKDTree(points).query(points, k=2, distance_upper_bound=max(2 * limit, _TINY))
+    close = np.flatnonzero(distance[:, 1] <= limit)
     if not len(close):
         return None
     first = int(close[0])

@@ -26,7 +26,7 @@ _BEYOND = np.int64(1) << 62  # larger than any node: the third and fourth of a c
 
 
 @njit(cache=True)
-def _simplex_facets(nodes, cell, count, node, omitted, n, keys, tags, size, tag):  # type: ignore[no-untyped-def]
+def _simplex_facets(nodes, cell, count, node, omitted, n, keys, fourth, tags, size, tag):  # type: ignore[no-untyped-def]
     """Append the facets of a simplex whose smallest node is ``node``; the new size.
 
     ``omitted`` (4,) is the number of the facet without each local node. That one goes along with the nodes in two bits
@@ -44,6 +44,8 @@ def _simplex_facets(nodes, cell, count, node, omitted, n, keys, tags, size, tag)
     odd ^= c < b
     b, c = min(b, c), max(b, c)
     second, third, last = b >> 2, c >> 2, d >> 2
+    if fourth.size:
+        fourth[size : size + 3] = -1
     if node == a >> 2:
         keys[size] = 0 if count == 2 else third if count == 3 else third * n + last
         tags[size] = tag + 2 * omitted[b & 3] + odd
@@ -129,45 +131,49 @@ def unmatched_facets(nodes, blocks, local, sizes, starts, order, unmatched):  # 
         for node in range(begin, end):
             size = 0
             for entry in range(starts[node], starts[node + 1]):
-                block = 0
-                while order[entry] >= blocks[block + 1, 1]:
-                    block += 1
-                per_cell, table, tag = blocks[block, 2], local[block], 16 * entry
-                cell = blocks[block, 0] + (order[entry] - blocks[block, 1]) * per_cell
+                block, cell = _where(blocks, np.int64(order[entry]))
+                tag, table = 16 * entry, local[block]
                 if blocks[block, 3]:
-                    before, size = size, _simplex_facets(nodes, cell, per_cell, node, table[-1], n, keys, tags, size, tag)
-                    if fourth.size:
-                        fourth[before:size] = -1
+                    count = blocks[block, 2]
+                    size = _simplex_facets(nodes, cell, count, node, table[-1], n, keys, fourth, tags, size, tag)
                 else:
                     size = _facets(nodes, cell, node, table, sizes[block], n, keys, fourth, tags, size, tag)
-            if size > _PAIRWISE:
-                ascending = np.argsort(keys[:size])
-                keys[:size], tags[:size] = keys[:size][ascending], tags[:size][ascending]
-                if quads:
-                    fourth[:size] = fourth[:size][ascending]
-            first = 0
-            while first < size:
-                last = _end_of_run(keys, first, size)
-                if last - first <= _LONGEST_RUN:
-                    crowded = _match(keys, fourth, tags, equal, first, last, unmatched)
-                else:
-                    crowded = tags[first:last].min()
-                if crowded < _NONE:
-                    entry, facet = crowded >> 4, (crowded >> 1) & 7
-                    least[item] = min(least[item], 8 * np.int64(order[entry]) + facet)
-                first = last
+            crowded = _match_all(keys[:size], fourth[:size], tags[:size], equal, unmatched)
+            if crowded < _NONE:
+                least[item] = min(least[item], 8 * np.int64(order[crowded >> 4]) + ((crowded >> 1) & 7))
     return least
 
 
 @njit(cache=True)
-def _end_of_run(keys, first, size):  # type: ignore[no-untyped-def]
-    """Where the facets end that are compared with each other: all of few, of many those with an equal key."""
+def _where(blocks, number):  # type: ignore[no-untyped-def]
+    """The block of a cell, and where its nodes begin."""
+    block = 0
+    while number >= blocks[block + 1, 1]:
+        block += 1
+    return block, blocks[block, 0] + (number - blocks[block, 1]) * blocks[block, 2]
+
+
+@njit(cache=True)
+def _match_all(keys, fourth, tags, equal, unmatched):  # type: ignore[no-untyped-def]
+    """:func:`_match` for all facets with one smallest node: of many only those with an equal key are compared."""
+    size = keys.size
     if size <= _PAIRWISE:
-        return size
-    last = first + 1
-    while last < size and keys[last] == keys[first]:
-        last += 1
-    return last
+        return _match(keys, fourth, tags, equal, 0, size, unmatched)
+    ascending = np.argsort(keys)
+    keys[:], tags[:] = keys[ascending], tags[ascending]
+    if fourth.size:
+        fourth[:] = fourth[ascending]
+    first, crowded = 0, _NONE
+    while first < size:
+        last = first + 1
+        while last < size and keys[last] == keys[first]:
+            last += 1
+        if last - first > _LONGEST_RUN:
+            crowded = min(crowded, tags[first:last].min())
+        else:
+            crowded = min(crowded, _match(keys, fourth, tags, equal, first, last, unmatched))
+        first = last
+    return crowded
 
 
 @njit(cache=True)

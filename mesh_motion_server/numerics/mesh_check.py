@@ -11,6 +11,7 @@ them. That is rarely wanted at a wall, hence the warning.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,20 +21,39 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.coincidence import first_coincident_pair
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality, quality_extremes, reference_sizes
 from mesh_motion_server.numerics.patch_check import check_patches, patch_warnings
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.numerics.support_radius import suggest_support_radius
 
-__all__ = ["check_mesh", "suggest_support_radius"]
+__all__ = ["CheckedMesh", "check_mesh", "checked_mesh", "suggest_support_radius"]
 
 # A skew that only rounding keeps from 0; cells of a boundary layer with aspect ratio 10⁶ are at 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
 
 
+class CheckedMesh(NamedTuple):
+    """What is found out about a usable mesh.
+
+    Attributes
+    ----------
+    warnings : list of str
+    reference_sizes : (m,) array
+        Of :func:`~mesh_motion_server.numerics.metrics.reference_sizes`, all positive.
+    """
+
+    warnings: list[str]
+    reference_sizes: NDArray[np.float64]
+
+
 def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
-    """Refuse an unusable mesh, and list what looks odd about a usable one.
+    """Refuse an unusable mesh, and list what looks odd about a usable one: parameters and errors as below."""
+    return checked_mesh(points, cells, patches).warnings
+
+
+def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
+    """Refuse an unusable mesh, and say of a usable one what looks odd.
 
     Parameters
     ----------
@@ -43,7 +63,7 @@ def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[s
 
     Returns
     -------
-    list of str
+    CheckedMesh
         Warnings: orphan nodes, patch nodes inside the mesh, boundary nodes without a patch, patches that share nodes.
 
     Raises
@@ -55,11 +75,11 @@ def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[s
     """
     _check_points(points, cells.dimension)
     _check_indices(len(points), cells)
-    _check_geometry(points, cells)
+    sizes = _checked_sizes(points, cells)
     check_patches(len(points), patches)
     boundary = boundary_nodes(cells)
     _check_coincidence(points, np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()])))
-    return [*_orphans(len(points), cells), *patch_warnings(boundary, patches)]
+    return CheckedMesh([*_orphans(len(points), cells), *patch_warnings(boundary, patches)], sizes)
 
 
 def _check_points(points: NDArray[np.float64], dimension: int) -> None:
@@ -117,12 +137,19 @@ def _check_indices(n: int, cells: CellTable) -> None:
             )
 
 
-def _check_geometry(points: NDArray[np.float64], cells: CellTable) -> None:
-    """Every corner determinant positive, no cell flat."""
-    quality = cell_quality(points, cells, reference_sizes(points, cells))
+def _checked_sizes(points: NDArray[np.float64], cells: CellTable) -> NDArray[np.float64]:
+    """Reference sizes (m,), after every corner determinant was found positive and no cell flat."""
+    sizes = reference_sizes(points, cells)
+    extremes = quality_extremes(points, cells, sizes, "skew")  # in one pass that stores nothing
+    if extremes.inverted or not extremes.minimum > _FLAT_SKEW:
+        _refuse_geometry(points, cells, sizes)
+    return sizes
+
+
+def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> None:
+    """Name the first bad cell."""
+    quality = cell_quality(points, cells, sizes)
     bad = quality.inverted | ~(quality.skew > _FLAT_SKEW)
-    if not bad.any():
-        return
     cell, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
     block, row = cells.locate(cell)
     corners = points[block.nodes[row][block.type.corner_array]]

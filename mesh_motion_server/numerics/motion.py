@@ -30,10 +30,10 @@ from mesh_motion_server.numerics.correction import Correction, CorrectionProblem
 from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.led_motion import led_motion
-from mesh_motion_server.numerics.mesh_check import check_mesh
+from mesh_motion_server.numerics.mesh_check import checked_mesh
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
+from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, summarize
 from mesh_motion_server.numerics.prediction import predict
 from mesh_motion_server.numerics.radius_choice import PredictedMotion, best_predicted, with_other_radii, with_radii
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
@@ -108,7 +108,7 @@ class MotionModel:
     constraint : BoundaryConstraint or None
         Which of the held nodes the optimised correction may move nevertheless, and how.
     warnings : tuple of str
-        What :func:`check_mesh` noticed.
+        What :func:`checked_mesh` noticed.
     evaluator : Evaluator
     smooth : SmoothInTime or None
         What ``correction_in_time`` "smooth" prepares.
@@ -142,9 +142,9 @@ class MotionModel:
         Raises
         ------
         InvalidInput
-            When the mesh or a patch is unusable (see :func:`check_mesh`), or the method does not fit the mesh.
+            When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        warnings = check_mesh(points, cells, patches)
+        warnings, sizes = checked_mesh(points, cells, patches)
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
@@ -156,7 +156,6 @@ class MotionModel:
         standard_motion = StandardMotion.build(points, cells, patches, method, evaluator)
         if standard_motion.layer is None and method.boundary_layer_thickness is not None:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
-        sizes = reference_sizes(points, cells)
         smooth, told = None, held_with(held, standard_motion.layer)
         if method.correction_in_time == "smooth" and not told.all():
             smooth = SmoothInTime.build(TrialMesh(points, cells, sizes, told, method.quality_metric))

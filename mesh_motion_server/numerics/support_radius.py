@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.centres import bounding_box
 from mesh_motion_server.numerics.roles import BoundaryRoles
 from mesh_motion_server.numerics.spacing import local_spacing
 
@@ -39,6 +40,8 @@ _SPACINGS = 2.0e4
 _CLOSE = 5.0  # percentile of the distances between neighbours that stands for the close ones
 _CANDIDATES = (0.625, 1.0, 1.75)  # diameters of the largest ball; R is far above them unless rounding bounds it
 _SAMPLE = 20_000  # nodes that the largest ball is looked for at
+_EACH = 16  # of these each so many is looked at first
+_ROUNDING = 1e-9
 
 
 def suggest_support_radius(points: NDArray[np.float64], roles: BoundaryRoles) -> float:
@@ -54,7 +57,7 @@ def suggest_support_radius(points: NDArray[np.float64], roles: BoundaryRoles) ->
     float, mesh length unit
         Rounded to two digits, so that it reads well in a case file and does not depend on rounding.
     """
-    radius = _DOMAIN_LENGTHS * float(np.ptp(points, axis=0).max())
+    radius = _DOMAIN_LENGTHS * float(np.ptp(bounding_box(points), axis=0).max())
     control = points[roles.all]
     if len(control) > 1:
         close = np.percentile(local_spacing(control), _CLOSE, method="lower")
@@ -104,6 +107,16 @@ def candidate_support_radii(
 
 
 def _widest_ball(points: NDArray[np.float64], roles: BoundaryRoles) -> float:
-    """Diameter of the largest ball about a node (of a sample) that no control point lies in; 0: all are controls."""
+    """Diameter of the largest ball about a node (of a sample) that no control point lies in; 0: all are controls.
+
+    From one node to another the distance to the nearest control point grows by no more than their distance: a node
+    whose neighbour in the sample is nearer by more than that to a control point need not be looked at.
+    """
     sample = points[:: max(len(points) // _SAMPLE, 1)]
-    return 2.0 * float(cKDTree(points[roles.all]).query(sample)[0].max())
+    tree = cKDTree(points[roles.all])
+    known = np.repeat(np.arange(0, len(sample), _EACH), _EACH)[: len(sample)]
+    distance = tree.query(sample[::_EACH])[0]
+    widest = float(distance.max())
+    bound = distance[known // _EACH] + np.sqrt(np.sum((sample - sample[known]) ** 2, axis=1))
+    left = sample[bound >= (1 - _ROUNDING) * widest]
+    return 2.0 * max(widest, float(tree.query(left)[0].max(initial=0.0)))

@@ -1,5 +1,8 @@
 """The boundary is closed, outward and complete for every cell type; facets of three cells are refused."""
 
+from collections import Counter
+
+import numba
 import numpy as np
 import pytest
 
@@ -122,3 +125,52 @@ def test_facets_are_found_once_for_a_cell_table_and_forgotten_with_it() -> None:
     kept = len(module._KEPT)
     del cells
     assert len(module._KEPT) == kept - 1
+
+
+def mixed_layers(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Hexahedra, wedges and pyramids of two tetrahedra each in a row, with nodes in random order."""
+    grid = np.arange(5 * 4 * 4).reshape(5, 4, 4)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    boxes = np.stack([grid[i : i + 4, j : j + 3, k : k + 3].ravel() for i, j, k in corners], axis=1)
+    rename = rng.permutation(grid.size)
+    boxes = rename[boxes[rng.permutation(len(boxes))]]
+    third = len(boxes) // 3
+    wedges = np.concatenate([boxes[:third, [0, 1, 3, 4, 5, 7]], boxes[:third, [1, 2, 3, 5, 6, 7]]])
+    top = grid.size + np.arange(third)[:, None]  # a node in the middle of each box
+    around = boxes[third : 2 * third]
+    sides = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    pyramids = [np.hstack([around[:, side[::-1]], top]) for side in sides]
+    split = pyramids.pop()
+    tetra = np.concatenate([split[:, [0, 1, 2, 4]], split[:, [0, 2, 3, 4]]])
+    return {
+        "hexahedron": boxes[2 * third :],
+        "wedge": wedges,
+        "pyramid": np.concatenate(pyramids),
+        "tetra": tetra,
+    }
+
+
+def counted_one_by_one(cells: CellTable) -> dict[str, list[list[int]]]:
+    """Facets whose nodes no other facet has, by looking at all of them."""
+    facets = [
+        [row[i] for i in facet]
+        for block in cells
+        for row in block.nodes.tolist()
+        for facet in LOCAL_FACETS[block.type.name]
+    ]
+    times = Counter(tuple(sorted(facet)) for facet in facets)
+    single = [facet for facet in facets if times[tuple(sorted(facet))] == 1]
+    names = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
+    return {names[size]: [f for f in single if len(f) == size] for size in sorted({len(f) for f in single})}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_many_cells_of_all_types_have_the_facets_that_one_by_one_counting_finds(threads):
+    cells = CellTable.from_arrays(mixed_layers(np.random.default_rng(5)))
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(threads, before))
+    try:
+        found = boundary_facets(cells)
+    finally:
+        numba.set_num_threads(before)
+    assert {name: nodes.tolist() for name, nodes in found.items()} == counted_one_by_one(cells)
