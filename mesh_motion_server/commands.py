@@ -65,6 +65,12 @@ EndpointOption = Annotated[
     str | None,
     typer.Option(metavar="ENDPOINT", help="A running server: tcp://HOST:PORT or ipc:///PATH.", show_default=False),
 ]
+DistributedOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SCHEDULER", help="Dask workers compute: tcp://HOST:PORT of their scheduler.", show_default=False
+    ),
+]
 
 
 @app.command(short_help="Drive a session through a case.")
@@ -72,6 +78,7 @@ def play(
     case: CaseArgument,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives the results; made if missing.")],
     endpoint: EndpointOption = None,
+    distributed: DistributedOption = None,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the VTU series.")] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
@@ -86,8 +93,10 @@ def play(
     """
     from mesh_motion_server.cases.play import play as play_case
 
+    if endpoint is not None and distributed is not None:
+        raise typer.BadParameter("a running server has its own; give one of --endpoint and --distributed")
     with _expected_errors(), _progress(quiet) as advance:
-        played = play_case(case, out, endpoint=endpoint, every=every, progress=advance)
+        played = play_case(case, out, endpoint=endpoint, every=every, progress=advance, distributed=distributed)
     for warning in played.warnings:
         complain(f"warning: {warning}")
     if not quiet:
@@ -216,6 +225,7 @@ def serve(
     insecure: Annotated[bool, typer.Option(help="Listen where other machines reach it, unprotected.")] = False,
     ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
     threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
+    distributed: DistributedOption = None,
     settings_file: Annotated[
         Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
     ] = None,
@@ -235,7 +245,12 @@ def serve(
     levels = ("debug", "info", "warning", "error")
     if log_level not in levels:
         raise typer.BadParameter(f"one of {', '.join(levels)}", param_hint="--log-level")
-    given = {"endpoint": endpoint, "state_folder": str(state) if state else None, "threads": threads}
+    given = {
+        "endpoint": endpoint,
+        "state_folder": str(state) if state else None,
+        "threads": threads,
+        "distributed": distributed,
+    }
     settings = _server_settings(settings_file, {key: value for key, value in given.items() if value is not None})
     status = serve_sessions(settings, insecure=insecure, ready_file=ready_file, level=log_level)
     raise typer.Exit(status)

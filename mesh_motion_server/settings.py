@@ -22,6 +22,7 @@ __all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durab
 DURABILITY_LEVELS = ("full",)
 
 _Length = Annotated[float, Field(gt=0)]
+_File = Annotated[Path | None, Field(strict=False)]
 
 
 class _Strict(BaseModel):
@@ -88,7 +89,12 @@ class MethodSettings(_Strict):
 
 
 class ServerSettings(_Strict):
-    """How the server runs: where it listens, where it keeps sessions, and every limit."""
+    """How the server runs: where it listens, where it keeps sessions, where it computes, and every limit.
+
+    ``distributed`` is the Dask scheduler of the cluster that holds the meshes' partitions (as many as
+    ``distributed_partitions``, 0: one a worker). Whoever reaches that scheduler can run code on the cluster: only the
+    operator names it, and ``tls://`` with the three files protects it.
+    """
 
     endpoint: str = "tcp://127.0.0.1:7440"
     state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")
@@ -108,6 +114,13 @@ class ServerSettings(_Strict):
     handshake_seconds: _Length = 5.0
     idle_seconds: _Length = 3600.0
     drain_seconds: _Length = 30.0
+    distributed: Annotated[str, Field(pattern=r"^(tcp|tls)://.+:[0-9]+$")] | None = None
+    distributed_partitions: Annotated[int, Field(ge=0)] = 0
+    distributed_fallback: Literal["refuse", "local"] = "refuse"
+    distributed_patience_seconds: _Length = 30.0
+    distributed_tls_ca_file: _File = None
+    distributed_tls_certificate: _File = None
+    distributed_tls_key: _File = None
 
     def limits(self) -> dict[str, int]:
         """What WELCOME announces: names and units as in SPEC.md."""

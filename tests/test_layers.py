@@ -13,7 +13,8 @@ PACKAGES = {
     "mesh_motion_protocol": ROOT / "protocol" / "mesh_motion_protocol",
     "mesh_motion_client": ROOT / "adapters" / "python" / "mesh_motion_client",
 }
-LAYERS = ["numerics", "session", "service", "transport"]
+LAYERS = ["numerics", "distributed", "session", "service", "transport"]
+ENGINE = ("dask", "distributed")
 HEAVY = ("scipy", "numba", "pydantic", "mesh_motion_server")
 
 
@@ -28,11 +29,12 @@ def forbidden(module: str) -> tuple[str, ...]:
         return ()
     if inner[0] == "files":
         return tuple(f"{package}.{layer}" for layer in LAYERS[1:])
+    engine = () if inner[0] == "distributed" else ENGINE
     above = [f"{package}.{layer}" for layer in LAYERS[LAYERS.index(inner[0]) + 1 :]]
     beside = [f"{package}.files", f"{package}.cases", f"{package}.cli", "mesh_motion_client"]
     if inner[0] == "numerics":
-        return (*above, *beside, "zmq", "msgpack", "pydantic", "logging", "structlog", "mesh_motion_protocol")
-    return (*above, *beside) if inner[0] == "transport" else (*above, *beside, "zmq")
+        return (*above, *beside, *engine, "zmq", "msgpack", "pydantic", "logging", "structlog", "mesh_motion_protocol")
+    return (*above, *beside, *engine) if inner[0] == "transport" else (*above, *beside, *engine, "zmq")
 
 
 def imported(module: str, tree: ast.AST) -> list[str]:
@@ -71,6 +73,9 @@ def test_imports_point_to_the_left(module: str, path: Path) -> None:
     [
         ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.numerics.seeded", "def f():\n    import zmq"),
+        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.distributed import crew"),
+        ("mesh_motion_server.distributed.seeded", "from mesh_motion_server.session import state"),
+        ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),
         ("mesh_motion_server.service.seeded", "from ..transport import gateway"),
         ("mesh_motion_protocol.seeded", "from scipy.spatial import cKDTree"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),

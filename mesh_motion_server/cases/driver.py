@@ -5,7 +5,7 @@ Tests put a stand-in behind :class:`Driver`; everything else talks to a server o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -71,7 +71,9 @@ class Driver(Protocol):
 
 
 @contextmanager
-def open_session(case: Case, mesh: MeshFile, endpoint: str | None) -> Iterator[Driver]:
+def open_session(
+    case: Case, mesh: MeshFile, endpoint: str | None, server_options: Sequence[str] = ()
+) -> Iterator[Driver]:
     """Open a session for a case; it is discarded at the end, since a played case is not resumed.
 
     Parameters
@@ -80,11 +82,13 @@ def open_session(case: Case, mesh: MeshFile, endpoint: str | None) -> Iterator[D
     mesh : MeshFile
     endpoint : str or None
         None: a private server that ends with the session.
+    server_options : sequence of str
+        Of ``mesh-motion serve``, for a private server.
     """
     patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
     settings = case.content.method.model_dump(exclude_unset=True)
     with (
-        connect(endpoint) as server,
+        connect(endpoint, server_options=server_options) as server,
         server.open(Mesh(mesh.points, mesh.cells, patches), settings, label=case.name) as session,
     ):
         try:

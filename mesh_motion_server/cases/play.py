@@ -74,7 +74,13 @@ class Played:
 
 
 def play(
-    case_file: Path, folder: Path, *, endpoint: str | None = None, every: int = 1, progress: Progress | None = None
+    case_file: Path,
+    folder: Path,
+    *,
+    endpoint: str | None = None,
+    every: int = 1,
+    progress: Progress | None = None,
+    distributed: str | None = None,
 ) -> Played:
     """Play a case and write its results.
 
@@ -89,6 +95,8 @@ def play(
         Write every so many steps to the VTU series; the last one always.
     progress : callable, optional
         Called with the steps done, the number of steps and the record of the step just done.
+    distributed : str, optional
+        For a private server: the Dask scheduler of the workers that it computes on.
 
     Raises
     ------
@@ -102,7 +110,8 @@ def play(
     case = read_case(case_file)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
-    with result_folder(folder) as work, open_session(case, mesh, endpoint) as driver:
+    options = () if distributed is None else ("--distributed", distributed)
+    with result_folder(folder) as work, open_session(case, mesh, endpoint, options) as driver:
         run = _Run(case, mesh, program, driver, VtuSeries(work, SERIES), every)
         for step in run.steps():
             if progress is not None:

@@ -18,11 +18,12 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import require_gradient
+from mesh_motion_server.numerics.quality_summary import QualitySummary
 from mesh_motion_server.numerics.summation import sum_gradients, sum_values
 from mesh_motion_server.numerics.threads import checked_threads, threads_for
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 
-__all__ = ["Evaluator", "LocalEvaluator"]
+__all__ = ["Evaluator", "Judge", "LocalEvaluator"]
 
 #: A spline's value in evaluations of a basis function.
 _SPLINE_WORK = 64.0
@@ -37,6 +38,14 @@ class Evaluator(Protocol):
 
     def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points."""
+        ...
+
+
+class Judge(Protocol):
+    """Says how good a mesh is whose nodes it may already have."""
+
+    def summary(self, points: NDArray[np.float64], metric: str) -> QualitySummary:
+        """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
         ...
 
 

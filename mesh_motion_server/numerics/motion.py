@@ -27,7 +27,7 @@ from mesh_motion_server.numerics.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_server.numerics.boundary_layer_fallback import fitting_layer, given_way, move_with_layer
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, correct
-from mesh_motion_server.numerics.evaluation import Evaluator, LocalEvaluator
+from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.led_motion import led_motion
 from mesh_motion_server.numerics.mesh_check import checked_mesh
@@ -63,7 +63,7 @@ class Motion:
     seconds : dict
         Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
     caches : dict
-        ``{"factorization": "reused" | "made"}``.
+        ``{"factorization": "reused" | "made"}``, and what a model adds to it.
     control_points : (nc,) int64 array
         Nodes that the standard motion was interpolated from.
     support_radius : float
@@ -79,7 +79,7 @@ class Motion:
     correction: Correction
     reached: bool
     seconds: dict[str, float]
-    caches: dict[str, str]
+    caches: dict[str, str | int]
     control_points: NDArray[np.int64]
     support_radius: float
     warnings: list[str]
@@ -112,6 +112,8 @@ class MotionModel:
     evaluator : Evaluator
     smooth : SmoothInTime or None
         What ``correction_in_time`` "smooth" prepares.
+    judge : Judge or None
+        What judges whole meshes; None: this machine.
     """
 
     points: NDArray[np.float64]
@@ -126,6 +128,7 @@ class MotionModel:
     evaluator: Evaluator
     smooth: SmoothInTime | None = None
     other_radii: tuple[StandardMotion, ...] = ()
+    judge: Judge | None = None
 
     @classmethod
     def build(
@@ -136,6 +139,7 @@ class MotionModel:
         method: Method,
         *,
         evaluator: Evaluator | None = None,
+        judge: Judge | None = None,
     ) -> MotionModel:
         """Check the mesh and prepare what every motion needs.
 
@@ -174,10 +178,13 @@ class MotionModel:
             with_other_radii(standard_motion, given.enrichment_radius)
             if method.support_radius_choice == "motion"
             else (),
+            judge,
         )
 
     def summary(self, points: NDArray[np.float64]) -> QualitySummary:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
+        if self.judge is not None:
+            return self.judge.summary(points, self.method.quality_metric)
         quality = cell_quality(points, self.cells, self.reference_sizes)
         return summarize(quality, points, self.cells, metric=self.method.quality_metric)
 

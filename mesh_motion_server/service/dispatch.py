@@ -23,7 +23,7 @@ from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.execution import Execution
 from mesh_motion_server.service.failures import error_reply, known_error
 from mesh_motion_server.service.holders import Holders
-from mesh_motion_server.session.model import ModelBuilder, build_motion_model, check_basis
+from mesh_motion_server.session.model import ModelBuilder, check_basis, model_builder
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.state import State
@@ -69,9 +69,9 @@ class SessionHost:
         *,
         limits: ServerSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
-        build_model: ModelBuilder = build_motion_model,
+        build_model: ModelBuilder | None = None,
     ) -> SessionHost:
-        """A new session.
+        """A new session; its model is built as the limits say, unless ``build_model`` does.
 
         Raises
         ------
@@ -83,6 +83,7 @@ class SessionHost:
         check_durability(spec.durability)
         check_basis(spec.settings.basis)
         limits = limits or ServerSettings()
+        build_model = build_model or model_builder(limits)
         session = Session(store.create(spec), limits, build_model)
         return cls(session, store, limits=limits, clock=clock)
 
@@ -95,7 +96,7 @@ class SessionHost:
         *,
         limits: ServerSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
-        build_model: ModelBuilder = build_motion_model,
+        build_model: ModelBuilder | None = None,
     ) -> SessionHost:
         """A stored session, at its last committed step and under a new epoch.
 
@@ -107,6 +108,7 @@ class SessionHost:
             If what is stored does not verify, or the disk fails.
         """
         limits = limits or ServerSettings()
+        build_model = build_model or model_builder(limits)
         folder = store.open(session, token)
         try:
             reopened = Session.reopen(folder, limits, build_model)

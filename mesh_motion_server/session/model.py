@@ -14,8 +14,18 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.session.numbering import UploadView, upload_view
 from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.settings import ServerSettings
 
-__all__ = ["Model", "ModelBuilder", "build_motion_model", "check_basis", "checked_model", "checked_warnings"]
+__all__ = [
+    "Model",
+    "ModelBuilder",
+    "build_motion_model",
+    "check_basis",
+    "checked_model",
+    "checked_warnings",
+    "model_builder",
+    "release",
+]
 
 
 class Model(Protocol):
@@ -54,6 +64,42 @@ def build_motion_model(
     from mesh_motion_server.numerics.motion import MotionModel  # noqa: PLC0415
 
     return MotionModel.build(points, cells, patches, method)
+
+
+def model_builder(settings: ServerSettings) -> ModelBuilder:
+    """What builds models as the server's settings say: on this machine, or on the workers of a cluster."""
+    if settings.distributed is None:
+        return build_motion_model
+    # imported here: an extra
+    from mesh_motion_server.distributed.connection import Connection, require_dask  # noqa: PLC0415
+    from mesh_motion_server.distributed.model import DistributedModel  # noqa: PLC0415
+
+    require_dask()
+    address = settings.distributed
+
+    def build(
+        points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch], method: Method
+    ) -> DistributedModel:
+        connection = Connection(
+            address,
+            settings.distributed_patience_seconds,
+            settings.distributed_tls_ca_file,
+            settings.distributed_tls_certificate,
+            settings.distributed_tls_key,
+        )
+        partitions, fallback = settings.distributed_partitions or None, settings.distributed_fallback
+        return DistributedModel.build(
+            points, cells, patches, method, connection=connection, partitions=partitions, fallback=fallback
+        )
+
+    return build
+
+
+def release(model: Model) -> None:
+    """Give back what a model holds on other machines, if it does."""
+    close: Callable[[], None] | None = getattr(model, "close", None)
+    if close is not None:
+        close()
 
 
 def check_basis(name: str) -> None:

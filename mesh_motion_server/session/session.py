@@ -22,7 +22,7 @@ from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit
-from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings
+from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings, release
 from mesh_motion_server.session.partitions import MergedMesh, merge
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
@@ -353,6 +353,7 @@ class Session:
         self._swap(state=State.CLOSED, trial=None)
         self.factors.clear()
         if self._built is not None:
+            release(self._built.model)
             self._built.journal.close()
         self._folder.release()
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from mesh_motion_client.errors import Unavailable
@@ -28,6 +29,8 @@ class EmbeddedServer:
         Where sessions are stored; None: with the endpoint, and deleted at the end.
     timeout : float
         Seconds to become ready, and to stop.
+    options : sequence of str
+        Further options of ``mesh-motion serve``.
 
     Raises
     ------
@@ -35,7 +38,7 @@ class EmbeddedServer:
         If the server does not become ready; the message has its last words.
     """
 
-    def __init__(self, state: str | os.PathLike[str] | None, timeout: float) -> None:
+    def __init__(self, state: str | os.PathLike[str] | None, timeout: float, options: Sequence[str] = ()) -> None:
         self._timeout = timeout
         self._folder = tempfile.TemporaryDirectory(prefix="mesh-motion-", ignore_cleanup_errors=True)
         folder = Path(self._folder.name)
@@ -47,7 +50,7 @@ class EmbeddedServer:
         reader, self._lifeline = os.pipe()
         with open(self._log, "wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "mesh_motion_server", "serve", *arguments],
+                [sys.executable, "-m", "mesh_motion_server", "serve", *arguments, *options],
                 env=os.environ | {_LIFELINE: str(reader)},
                 pass_fds=[reader],
                 stdin=subprocess.DEVNULL,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -198,9 +198,16 @@ class Server:
         )
 
     @classmethod
-    def embedded(cls, state: str | os.PathLike[str] | None, *, timeout: float, compute_timeout: float) -> Server:
+    def embedded(
+        cls,
+        state: str | os.PathLike[str] | None,
+        *,
+        timeout: float,
+        compute_timeout: float,
+        options: Sequence[str] = (),
+    ) -> Server:
         """A private server in a process of its own."""
-        embedded = EmbeddedServer(state, timeout)
+        embedded = EmbeddedServer(state, timeout, options)
         try:
             server = cls(embedded.endpoint, timeout=timeout, compute_timeout=compute_timeout)
         except MeshMotionError:
@@ -216,6 +223,7 @@ def connect(
     timeout: float = 60.0,
     compute_timeout: float = 1800.0,
     state: str | os.PathLike[str] | None = None,
+    server_options: Sequence[str] = (),
 ) -> Server:
     """Connect to a server.
 
@@ -229,6 +237,8 @@ def connect(
         Seconds for what does: build, move, commit, resume.
     state : path, optional
         For a private server: where it stores its sessions; None: nowhere lasting.
+    server_options : sequence of str
+        For a private server: further options of ``mesh-motion serve``.
 
     Raises
     ------
@@ -242,7 +252,7 @@ def connect(
     ...     session.commit()
     """
     if endpoint is None:
-        return Server.embedded(state, timeout=timeout, compute_timeout=compute_timeout)
+        return Server.embedded(state, timeout=timeout, compute_timeout=compute_timeout, options=server_options)
     return Server(endpoint, timeout=timeout, compute_timeout=compute_timeout)
 
 

@@ -1,0 +1,250 @@
+"""What runs on a worker: a partition with positions by version, and the tasks on it.
+
+Versions are numbered by the session that holds the partition; 0 is the reference mesh, which is always there. A task
+that needs a version which this worker does not have (the partition was rebuilt, or Dask took it elsewhere) has no
+answer, and is asked again with the positions themselves.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.distributed.order_statistics import BinContent, content
+from mesh_motion_server.distributed.packing import unpack
+from mesh_motion_server.distributed.split import MeshPartition
+from mesh_motion_server.distributed.summaries import PartialSummary, Questions, part_of
+from mesh_motion_server.numerics.centres import bounding_box
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.metrics import CellQuality, cell_quality
+from mesh_motion_server.numerics.motion_field import Stage
+from mesh_motion_server.numerics.paths import RigidMotion
+
+__all__ = [
+    "Answer",
+    "HeldPartition",
+    "Positions",
+    "Step",
+    "VersionLost",
+    "advance",
+    "displace",
+    "gradient",
+    "judge",
+    "own_positions",
+    "perform",
+    "questioned",
+]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class VersionLost(Exception):
+    """The worker does not have the version of the positions that it was asked about."""
+
+
+@dataclass(frozen=True, eq=False)
+class Positions:
+    """Where the nodes of a partition are: a version that the worker has, but for some rows.
+
+    Attributes
+    ----------
+    version : int or None
+        None: the values are the positions of all rows.
+    rows : (k,) int64 array or None
+    values : (k, d) array, mesh length unit
+    """
+
+    version: int | None
+    rows: Ints | None = None
+    values: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One stage of a motion as it travels.
+
+    Attributes
+    ----------
+    rigid : RigidMotion or None
+    interpolants : bytes
+        The levels, from :func:`~mesh_motion_server.distributed.packing.pack`.
+    rows : (k,) int64 array
+        Nodes that are told where to be, as rows of the partition.
+    values : (k, d) array, mesh length unit
+    """
+
+    rigid: RigidMotion | None
+    interpolants: bytes
+    rows: Ints
+    values: Floats
+
+    def positions(self, points: Floats) -> Floats:
+        """(p, d) where the stage puts points (p, d)."""
+        first, *further = unpack(self.interpolants)
+        moved = Stage(self.rigid, first, tuple(further)).positions(points, LocalEvaluator())
+        moved[self.rows] = self.values
+        return moved
+
+
+@dataclass(eq=False)
+class HeldPartition:
+    """A partition on a worker.
+
+    Attributes
+    ----------
+    mesh : MeshPartition
+    versions : dict of int to (p, d) array
+        Positions; only those that the last question said to keep.
+    quality : CellQuality or None
+        Of the version judged last, for questions about it.
+    """
+
+    mesh: MeshPartition
+    versions: dict[int, Floats] = field(default_factory=dict)
+    quality: CellQuality | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What travels is the mesh; versions are a worker's own."""
+        return {"mesh": self.mesh, "versions": {}, "quality": None}
+
+    def __sizeof__(self) -> int:
+        """For Dask, which places and spills by it: with three versions."""
+        return self.mesh.nbytes + 3 * self.mesh.points.nbytes
+
+    def at(self, where: Positions) -> Floats:
+        """(p, d) positions.
+
+        Raises
+        ------
+        VersionLost
+            If they are not here.
+        """
+        if where.version is None:
+            return _given(where.values)
+        found = self.mesh.points if where.version == 0 else self.versions.get(where.version)
+        if found is None:
+            raise VersionLost(f"version {where.version}")
+        if where.rows is None or not len(where.rows):
+            return found
+        found = found.copy()
+        found[where.rows] = _given(where.values)
+        return found
+
+    def store(self, version: int, positions: Floats, keep: tuple[int, ...]) -> None:
+        """Keep a version, and of the others only those in ``keep``."""
+        self.versions = {number: old for number, old in self.versions.items() if number in keep}
+        self.versions[version] = positions
+
+
+def _given(values: Floats | None) -> Floats:
+    """Values that came over the wire."""
+    if values is None:
+        raise VersionLost("no values")
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a task on a worker has to say.
+
+    Attributes
+    ----------
+    value : object or None
+        None where a version is lost.
+    seconds : float
+        Processor time it took.
+    """
+
+    value: Any
+    seconds: float
+
+
+def perform(held: HeldPartition, task: Callable[..., Any], *arguments: Any) -> Answer:
+    """Run one of the tasks below."""
+    begin = time.thread_time()
+    try:
+        value = task(held, *arguments)
+    except VersionLost:
+        value = None
+    return Answer(value, time.thread_time() - begin)
+
+
+def displace(
+    held: HeldPartition, where: Positions, start: int, packed: bytes, moved: int, keep: tuple[int, ...]
+) -> tuple[Floats, Floats]:
+    """Displace the nodes; keeps where they were as version ``start`` and where they are as ``moved``.
+
+    Returns
+    -------
+    (o, d) displacement of its own nodes and (2, d) box of the new positions, mesh length unit.
+    """
+    points = held.at(where)
+    found = LocalEvaluator().displacement(unpack(packed)[0], points)
+    positions = points + found
+    held.store(start, points, keep)
+    held.store(moved, positions, (*keep, start))
+    return found[held.mesh.own], bounding_box(positions)
+
+
+def gradient(held: HeldPartition, where: Positions, packed: bytes) -> Floats:
+    """(o, k, d) gradients of an interpolant at its own nodes."""
+    points = held.at(where)[held.mesh.own]
+    return LocalEvaluator().gradient(unpack(packed)[0], points)
+
+
+def judge(
+    held: HeldPartition, where: Positions, version: int, metric: str, keep: tuple[int, ...]
+) -> tuple[PartialSummary, Floats]:
+    """Quality of its cells at positions that are kept as a version; and the (2, d) box of these."""
+    points = held.at(where)
+    held.store(version, points, keep)
+    return _judged(held, points, metric), bounding_box(points)
+
+
+def advance(
+    held: HeldPartition, start: Positions, steps: tuple[Step, ...], version: int, metric: str, keep: tuple[int, ...]
+) -> tuple[PartialSummary, Floats]:
+    """As :func:`judge` for where some stages take the nodes."""
+    points = held.at(start)
+    for step in steps:
+        points = step.positions(points)
+    return judge(held, Positions(None, None, points), version, metric, keep)
+
+
+def questioned(
+    held: HeldPartition,
+    questions: Questions,
+    where: Positions | None,
+    version: int,
+    metric: str,
+    keep: tuple[int, ...],
+) -> tuple[BinContent, ...]:
+    """What the qualities judged last have in bins; or those at given positions, judged first.
+
+    Raises
+    ------
+    VersionLost
+        If none are here, and no positions are given.
+    """
+    if where is not None:
+        judge(held, where, version, metric, keep)
+    if held.quality is None:
+        raise VersionLost("no quality")
+    return tuple(content(held.quality.metric(name), way) for name, way in questions)
+
+
+def own_positions(held: HeldPartition, where: Positions) -> Floats:
+    """(o, d) positions of its own nodes, mesh length unit."""
+    return held.at(where)[held.mesh.own]
+
+
+def _judged(held: HeldPartition, points: Floats, metric: str) -> PartialSummary:
+    held.quality = cell_quality(points, held.mesh.cells, held.mesh.reference_sizes)
+    centres: Callable[[Ints], Floats] = lambda numbers: held.mesh.cells.centres(points, numbers)  # noqa: E731
+    return part_of(held.quality, held.mesh.cell_numbers, centres, metric=metric)

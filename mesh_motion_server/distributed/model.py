@@ -1,0 +1,110 @@
+"""A session's model whose partitions lie on workers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.distributed.connection import Connection
+from mesh_motion_server.distributed.evaluator import DistributedEvaluator
+from mesh_motion_server.distributed.fallback import LocalWhenAlone
+from mesh_motion_server.distributed.traffic import Traffic
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.factor_source import FactorSource
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import QualitySummary
+from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.roles import Patch
+
+__all__ = ["FALLBACKS", "DistributedModel"]
+
+Floats = NDArray[np.float64]
+
+FALLBACKS = ("refuse", "local")
+"""What becomes of a motion when no worker answers: an error, after which the session goes on, or computing here."""
+
+
+@dataclass(frozen=True, eq=False)
+class DistributedModel:
+    """A :class:`~mesh_motion_server.numerics.motion.MotionModel` with what it computes on workers.
+
+    Attributes
+    ----------
+    model : MotionModel
+    evaluator : DistributedEvaluator
+    connection : Connection
+    """
+
+    model: MotionModel
+    evaluator: DistributedEvaluator
+    connection: Connection
+
+    @classmethod
+    def build(
+        cls,
+        points: Floats,
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        method: Method,
+        *,
+        connection: Connection,
+        partitions: int | None = None,
+        fallback: str = "refuse",
+    ) -> DistributedModel:
+        """Check the mesh and prepare its motions; nothing is sent yet.
+
+        Parameters
+        ----------
+        points, cells, patches, method
+            As for :meth:`MotionModel.build`.
+        connection : Connection
+            Of this model alone.
+        partitions : int, optional
+        fallback : {"refuse", "local"}
+
+        Raises
+        ------
+        InvalidInput
+            As :meth:`MotionModel.build`.
+        """
+        evaluator = DistributedEvaluator(connection, points, cells, partitions=partitions)
+        used = LocalWhenAlone(evaluator, points, cells) if fallback == "local" else evaluator
+        model = MotionModel.build(points, cells, patches, method, evaluator=used, judge=used)
+        return cls(model, evaluator, connection)
+
+    @property
+    def method(self) -> Method:
+        """With both radii filled in."""
+        return self.model.method
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the mesh check noticed."""
+        return self.model.warnings
+
+    def summary(self, points: Floats) -> QualitySummary:
+        """Quality of the mesh with its nodes at ``points`` (n, d)."""
+        return self.model.summary(points)
+
+    def move(self, committed: Floats, targets: Floats, factors: FactorSource | None = None) -> Motion:
+        """As :meth:`MotionModel.move`; its ``caches`` tell the bytes on the wire too."""
+        before = self.evaluator.traffic.copy()
+        motion = self.model.move(committed, targets, factors)
+        return replace(motion, caches=motion.caches | _told(self.evaluator.traffic.since(before)))
+
+    def close(self) -> None:
+        """Free the partitions and leave the cluster. Idempotent."""
+        self.evaluator.close()
+        self.connection.close()
+
+
+def _told(traffic: Traffic) -> dict[str, str | int]:
+    """Bytes of a motion as a reply has them."""
+    return {
+        "bytes_to_workers": traffic.sent.total(),
+        "bytes_from_workers": traffic.received.total(),
+        "partitions_rebuilt": traffic.rebuilt,
+    }

@@ -1,0 +1,128 @@
+"""Exact percentiles of values that lie on many machines, at a cost on the wire that does not grow with their number.
+
+Each machine counts its values in 2048 bins of an interval; the counts add up, and say in which bin the value of a rank
+lies. That bin is divided in its turn, until so few different values are left in it that they travel themselves. A bin
+is told by the way that leads to it and not by its limits, so that all machines agree on what is in it to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.read_only import read_only
+
+__all__ = ["BINS", "WHOLE", "BinContent", "Way", "content", "merged_counts", "narrowed"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BINS = 2048
+#: Different values in a bin that travel one by one.
+_FEW = 512
+#: After so many divisions a bin of [-1, 1] is narrower than the distance of two numbers: it has one value, or zeros.
+_DEEPEST = 6
+
+Way = tuple[tuple[float, float, int], ...]
+"""How a bin is reached from all values: (lower limit, bins per unit, bin) of each division."""
+
+WHOLE: Way = ()
+"""All values."""
+
+
+@dataclass(frozen=True, eq=False)
+class BinContent:
+    """What a machine has in a bin.
+
+    Attributes
+    ----------
+    bins : (c,) uint16 array, counts : (c,) uint32 array
+        Parts of the bin that have values, and how many.
+    values, repeated : (v,) arrays or None
+        The different values, ascending, and how often each occurs, where they are few.
+    """
+
+    bins: NDArray[np.uint16]
+    counts: NDArray[np.uint32]
+    values: Floats | None
+    repeated: Ints | None
+
+
+@njit(cache=True)
+def _bin(value: float, low: float, scale: float) -> int:
+    """Part of a bin that a value lies in; not falling in the value, whatever is rounded."""
+    place = (value - low) * scale
+    if not place > 0.0:  # -inf too
+        return 0
+    return BINS - 1 if place >= BINS else int(place)
+
+
+@njit(cache=True)
+def _count(values: Floats, low: float, scale: float, counts: Ints) -> None:
+    """Add the values to the counts (BINS,) of their bins."""
+    for value in values:
+        counts[_bin(value, low, scale)] += 1
+
+
+@njit(cache=True)
+def _select(values: Floats, low: float, scale: float, wanted: int, out: Floats) -> int:
+    """Copy the values of one bin to ``out``; how many there are."""
+    found = 0
+    for value in values:
+        if _bin(value, low, scale) == wanted:
+            out[found] = value
+            found += 1
+    return found
+
+
+def content(values: Floats, way: Way) -> BinContent:
+    """What the values (m,) of a metric have in the bin at the end of a way."""
+    values = read_only(values)
+    for low, scale, wanted in way:
+        out = np.empty(len(values))
+        values = read_only(out[: _select(values, low, scale, wanted, out)])
+    low, scale = _division(way)
+    counts = np.zeros(BINS, dtype=np.int64)
+    _count(values, low, scale, counts)
+    filled = np.flatnonzero(counts)
+    few = len(values) <= _FEW or len(way) >= _DEEPEST or (len(filled) == 1 and values.min() == values.max())
+    different, repeated = np.unique(values, return_counts=True) if few else (None, None)
+    return BinContent(filled.astype(np.uint16), counts[filled].astype(np.uint32), different, repeated)
+
+
+def _division(way: Way) -> tuple[float, float]:
+    """Lower limit of a bin, and bins per unit of its parts."""
+    if not way:
+        return -1.0, 0.5 * BINS
+    low, scale, wanted = way[-1]
+    return low + wanted / scale, scale * BINS
+
+
+def merged_counts(contents: Sequence[BinContent]) -> Ints:
+    """(BINS,) counts of all machines."""
+    total = np.zeros(BINS, dtype=np.int64)
+    for one in contents:
+        total[one.bins] += one.counts
+    return total
+
+
+def narrowed(way: Way, rank: int, contents: Sequence[BinContent]) -> tuple[Way, int] | float:
+    """One division further on the way to the value of a rank among those of a bin, counted from 0.
+
+    Returns
+    -------
+    (way, rank) of the part that holds it, or the value.
+    """
+    if all(one.values is not None for one in contents):
+        values = np.concatenate([one.values for one in contents if one.values is not None])
+        repeated = np.concatenate([one.repeated for one in contents if one.repeated is not None])
+        order = np.argsort(values, kind="stable")
+        return float(values[order][np.searchsorted(np.cumsum(repeated[order]), rank, side="right")])
+    below = np.cumsum(merged_counts(contents))
+    part = int(np.searchsorted(below, rank, side="right"))
+    low, scale = _division(way)
+    return (*way, (low, scale, part)), rank - (int(below[part - 1]) if part else 0)

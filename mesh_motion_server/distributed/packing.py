@@ -1,0 +1,171 @@
+"""An interpolant on the wire: the part of it that reaches a box, which is what a partition needs.
+
+The value at a point of the box is bitwise that of the whole interpolant: of its grid of centres those cells travel,
+whole and in their order, that a sum in the box visits; of a spline the coefficients that a point of the box uses. Basis
+functions travel by name.
+"""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.centres import CentreLayout
+from mesh_motion_server.numerics.interpolant import Interpolant
+from mesh_motion_server.numerics.kernels import basis_named
+from mesh_motion_server.numerics.polynomial import Polynomial
+from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_server.numerics.two_scale.nested_grid import NestedSpline
+
+__all__ = ["pack", "unpack"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def pack(interpolants: tuple[AnyInterpolant, ...], box: Floats) -> bytes:
+    """What is needed of interpolants to evaluate them in a box (2, d), mesh length unit."""
+    return pickle.dumps(tuple(_packed(interpolant, box) for interpolant in interpolants), protocol=5)
+
+
+def unpack(packed: bytes) -> tuple[AnyInterpolant, ...]:
+    """The inverse of :func:`pack`; never for bytes that a stranger may have sent."""
+    return tuple(part.unpacked() for part in pickle.loads(packed))
+
+
+def _packed(interpolant: AnyInterpolant, box: Floats) -> _Sum | _TwoScales:
+    if isinstance(interpolant, TwoScaleInterpolant):
+        levels = tuple(_Sum.of(level, box) for level in interpolant.levels)
+        return _TwoScales(_Spline.of(interpolant.spline, box), levels, interpolant.basis.name)
+    return _Sum.of(interpolant, box)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """An :class:`Interpolant` with its centres in the layout's order; ``cell`` says in which cell each one lies."""
+
+    basis: str
+    radius: float
+    centres: Floats
+    weights: Floats
+    cell: NDArray[np.int32]
+    grid: tuple[Floats, float, Ints, float]
+    polynomial: Polynomial | None
+
+    @classmethod
+    def of(cls, interpolant: Interpolant, box: Floats) -> _Sum:
+        layout = interpolant.layout
+        cell = np.repeat(np.arange(len(layout.starts) - 1, dtype=np.int32), np.diff(layout.starts))
+        kept = np.flatnonzero(_visited(layout, box)[cell])
+        return cls(
+            interpolant.basis.name,
+            interpolant.support_radius,
+            layout.coordinates[: interpolant.dimension, kept],
+            interpolant.weights[layout.order[kept]],
+            cell[kept],
+            (layout.origin, layout.inverse_side, layout.shape, layout.fraction),
+            interpolant.polynomial,
+        )
+
+    def unpacked(self) -> Interpolant:
+        origin, inverse_side, shape, fraction = self.grid
+        d, count = self.centres.shape
+        coordinates = np.zeros((3, count))
+        coordinates[:d] = self.centres
+        cells = int(np.prod(shape))
+        starts = np.zeros(cells + 1, dtype=np.int64)
+        np.cumsum(np.bincount(self.cell, minlength=cells), out=starts[1:])
+        layout = CentreLayout(np.arange(count), coordinates, origin, inverse_side, shape, starts, fraction)
+        points = np.ascontiguousarray(self.centres.T)
+        basis = basis_named(self.basis)
+        return Interpolant(points, self.weights, basis, self.radius, layout, self.polynomial)
+
+
+def _visited(layout: CentreLayout, box: Floats) -> NDArray[np.bool_]:
+    """Of each cell of a layout, x fastest, whether the sum at a point of the box visits it: one cell around the box."""
+    low, high = np.zeros(3), np.zeros(3)
+    low[: box.shape[1]], high[: box.shape[1]] = box
+    first, last = (np.floor((corner - layout.origin) * layout.inverse_side) for corner in (low, high))
+    inside = [
+        (np.arange(count) >= a - 1) & (np.arange(count) <= b + 1)
+        for count, a, b in zip(layout.shape, first, last, strict=True)
+    ]
+    return np.asarray(inside[2][:, None, None] & inside[1][:, None] & inside[0]).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class _Spline:
+    """A :class:`NestedSpline` without its coefficients, of each box the ranges that travel, and these."""
+
+    frame: NestedSpline
+    ranges: Ints
+    blocks: tuple[Floats, ...]
+
+    @classmethod
+    def of(cls, spline: NestedSpline, box: Floats) -> _Spline:
+        low, high = np.zeros(3), np.zeros(3)
+        low[: spline.dimension], high[: spline.dimension] = box
+        ranges = np.stack([_range(spline, number, low, high) for number in range(len(spline.origin))])
+        blocks = tuple(_block(spline, number, ranges[number]) for number in range(len(spline.origin)))
+        return cls(replace(spline, coefficients=spline.coefficients[:0]), ranges, blocks)
+
+    def unpacked(self) -> NestedSpline:
+        frame = self.frame
+        layers = _layers(frame.cells)
+        coefficients = np.zeros((int(np.prod(layers, axis=1).sum()), self.blocks[0].shape[-1]))
+        for number, block in enumerate(self.blocks):
+            if block.size:
+                _view(coefficients, frame.start[number], layers[number])[_slices(self.ranges[number])] = block
+        return replace(frame, coefficients=coefficients)
+
+
+def _layers(cells: Ints) -> Ints:
+    """(b, 3) coefficients along each axis of boxes with ``cells`` (b, 3)."""
+    return np.where(cells > 0, cells + 3, 1)
+
+
+def _range(spline: NestedSpline, number: int, low: Floats, high: Floats) -> Ints:
+    """(2, 3) first and last + 1 coefficient of a box along each axis that points from ``low`` to ``high`` use.
+
+    The last box, the domain's, has every point that no other holds, at its rim where it lies beyond. A layer more on
+    each side allows for rounding.
+    """
+    cells = spline.cells[number]
+    place = (np.stack([low, high]) - spline.origin[number]) * spline.inverse_spacing[number]
+    if number < len(spline.origin) - 1 and (np.any(place[1] < -1.0) or np.any(place[0] > cells + 1.0)):
+        return np.zeros((2, 3), dtype=np.int64)
+    first, last = np.clip(np.floor(place), 0, np.maximum(cells - 1, 0)).astype(np.int64)
+    return np.stack([np.maximum(first - 1, 0), np.minimum(last + 5, _layers(cells))])
+
+
+def _block(spline: NestedSpline, number: int, within: Ints) -> Floats:
+    """Coefficients of a box in a range."""
+    layers = _layers(spline.cells[number])
+    return np.ascontiguousarray(_view(spline.coefficients, spline.start[number], layers)[_slices(within)])
+
+
+def _view(coefficients: Floats, start: int, layers: Ints) -> Floats:
+    """(x, y, z, k) view of a box' coefficients."""
+    own = coefficients[int(start) : int(start) + int(np.prod(layers))]
+    return own.reshape(*(int(n) for n in layers), coefficients.shape[1])
+
+
+def _slices(within: Ints) -> tuple[slice, ...]:
+    return tuple(slice(int(a), int(b)) for a, b in within.T)
+
+
+@dataclass(frozen=True, eq=False)
+class _TwoScales:
+    """A :class:`TwoScaleInterpolant`."""
+
+    spline: _Spline
+    levels: tuple[_Sum, ...]
+    basis: str
+
+    def unpacked(self) -> TwoScaleInterpolant:
+        levels: Any = tuple(level.unpacked() for level in self.levels)
+        return TwoScaleInterpolant(self.spline.unpacked(), levels, basis_named(self.basis), 0)

@@ -1,0 +1,152 @@
+"""The quality of a mesh from that of its partitions: each says its part in some kilobytes, and these are joined.
+
+Minimum, percentiles, worst cells and the number of inverted ones are those of the whole mesh to the last bit; a mean is
+a sum in another order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.distributed.order_statistics import WHOLE, BinContent, Way, content, narrowed
+from mesh_motion_server.numerics.metrics import CellQuality
+from mesh_motion_server.numerics.quality_summary import Distribution, QualitySummary, WorstCell, smallest
+
+__all__ = ["PartialSummary", "Questions", "joined", "part_of"]
+
+Floats = NDArray[np.float64]
+
+Questions = tuple[tuple[str, Way], ...]
+"""Metrics, and the bin of each that is asked for."""
+
+_PERCENTILES = (1, 5, 50)
+_WORST = 10
+
+
+@dataclass(frozen=True, eq=False)
+class PartialSummary:
+    """What one partition says of its cells.
+
+    Attributes
+    ----------
+    cells, inverted : int
+    sums, minima : dict of str to float
+        By metric.
+    contents : dict of str to BinContent
+        All values of each metric in bins.
+    worst : tuple of WorstCell
+        Its worst cells, numbered as in the mesh.
+    """
+
+    cells: int
+    inverted: int
+    sums: dict[str, float]
+    minima: dict[str, float]
+    contents: dict[str, BinContent]
+    worst: tuple[WorstCell, ...]
+
+
+def metric_names(metric: str) -> tuple[str, ...]:
+    """The metrics that a summary by ``metric`` speaks of."""
+    return tuple(dict.fromkeys(("size", "skew", "size-skew", metric)))
+
+
+def part_of(
+    quality: CellQuality, numbers: NDArray[np.int64], centres: Callable[[NDArray[np.int64]], Floats], *, metric: str
+) -> PartialSummary:
+    """The part of a partition in a summary.
+
+    Parameters
+    ----------
+    quality : CellQuality
+        Of its m cells.
+    numbers : (m,) int64 array
+        Their numbers in the mesh.
+    centres : callable
+        Centres (s, d) of its cells (s,), mesh length unit.
+    metric : str
+        Ranks the worst cells.
+    """
+    values = {name: quality.metric(name) for name in metric_names(metric)}
+    worst = smallest(values[metric], _WORST)
+    return PartialSummary(
+        cells=len(quality),
+        inverted=int(np.count_nonzero(quality.inverted)),
+        sums={name: float(own.sum()) for name, own in values.items()},
+        minima={name: float(own.min()) for name, own in values.items()},
+        contents={name: content(own, WHOLE) for name, own in values.items()},
+        worst=tuple(
+            WorstCell(
+                number=int(numbers[cell]),
+                centre=tuple(float(x) for x in centre),
+                value=float(values[metric][cell]),
+                size=float(values["size"][cell]),
+                skew=float(values["skew"][cell]),
+                size_skew=float(values["size-skew"][cell]),
+            )
+            for cell, centre in zip(worst, centres(worst), strict=True)
+        ),
+    )
+
+
+def joined(
+    parts: Sequence[PartialSummary], metric: str, ask: Callable[[Questions], Sequence[Sequence[BinContent]]]
+) -> QualitySummary:
+    """The summary of the whole mesh.
+
+    Parameters
+    ----------
+    parts : sequence of PartialSummary
+    metric : str
+        As in the parts.
+    ask : callable
+        Asks all partitions for bins; the contents of each question, partition by partition.
+    """
+    cells = sum(part.cells for part in parts)
+    percentiles = _percentiles(parts, metric, cells, ask)
+    found = {
+        name: Distribution(
+            min(part.minima[name] for part in parts),
+            sum(part.sums[name] for part in parts) / cells,
+            *(percentiles[name, p] for p in _PERCENTILES),
+        )
+        for name in metric_names(metric)
+    }
+    worst = sorted((cell for part in parts for cell in part.worst), key=lambda cell: (cell.value, cell.number))
+    return QualitySummary(
+        metric_name=metric,
+        metric=found[metric],
+        size=found["size"],
+        skew=found["skew"],
+        size_skew=found["size-skew"],
+        inverted=sum(part.inverted for part in parts),
+        cells=cells,
+        worst=tuple(worst[:_WORST]),
+    )
+
+
+def _percentiles(
+    parts: Sequence[PartialSummary],
+    metric: str,
+    cells: int,
+    ask: Callable[[Questions], Sequence[Sequence[BinContent]]],
+) -> dict[tuple[str, int], float]:
+    """The value with rank ⌊p (m − 1) / 100⌋ in ascending order, by metric and p."""
+    found: dict[tuple[str, int], float] = {}
+    open_ways: dict[tuple[str, int], tuple[Way, int]] = {}
+    known: dict[tuple[str, Way], Sequence[BinContent]] = {}
+    for name in metric_names(metric):
+        known[name, WHOLE] = [part.contents[name] for part in parts]
+        open_ways |= {(name, p): (WHOLE, p * (cells - 1) // 100) for p in _PERCENTILES}
+    while open_ways:
+        steps = {key: narrowed(way, rank, known[key[0], way]) for key, (way, rank) in open_ways.items()}
+        found |= {key: step for key, step in steps.items() if isinstance(step, float)}
+        open_ways = {key: step for key, step in steps.items() if not isinstance(step, float)}
+        questions = tuple(dict.fromkeys((name, way) for (name, _), (way, _) in open_ways.items()))
+        if questions:
+            known = dict(zip(questions, ask(questions), strict=True))
+    return found

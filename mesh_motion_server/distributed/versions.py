@@ -1,0 +1,119 @@
+"""Positions that both sides know, and how others are told by the rows in which they differ.
+
+Between two tasks few rows change: the boundary nodes are put where they were told to be, a correction moves some more.
+So what travels are these rows, and the workers' own results stand for the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.distributed.held import Positions
+from mesh_motion_server.numerics.centres import bounding_box
+
+__all__ = ["Told", "Version", "Versions"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Rows that are compared to see which version is nearest.
+_SAMPLE = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Version:
+    """Positions of all nodes, as the workers have them.
+
+    Attributes
+    ----------
+    number : int
+    points : (n, d) array, mesh length unit
+        Never changed afterwards.
+    boxes : tuple of (2, d) arrays
+        Of each partition's nodes.
+    """
+
+    number: int
+    points: Floats
+    boxes: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Positions in terms of a version.
+
+    Attributes
+    ----------
+    version : Version
+    points : (n, d) array
+    rows : (k,) int64 array
+        Nodes, ascending, that are not where the version has them.
+    """
+
+    version: Version
+    points: Floats
+    rows: Ints
+
+    def to(self, nodes: Ints, *, whole: bool) -> Positions:
+        """For a partition with these nodes (p,), ascending.
+
+        With ``whole`` it may have lost all versions but the reference.
+        """
+        if (whole and self.version.number) or self._mostly_others:
+            return Positions(None, None, self.points[nodes])
+        places = np.searchsorted(nodes, self.rows)
+        here = nodes[np.minimum(places, len(nodes) - 1)] == self.rows
+        return Positions(self.version.number, places[here], self.points[self.rows[here]])
+
+    @property
+    def _mostly_others(self) -> bool:
+        """Whether the rows would take more bytes than all positions."""
+        return len(self.rows) * 2 > len(self.points)
+
+    def box(self, number: int, nodes: Ints) -> Floats:
+        """(2, d) box of a partition's nodes."""
+        if self._mostly_others:
+            return bounding_box(self.points[nodes])
+        told = self.to(nodes, whole=False).values
+        box = self.version.boxes[number]
+        if told is None or not len(told):
+            return box
+        moved = bounding_box(told)
+        return np.stack([np.minimum(box[0], moved[0]), np.maximum(box[1], moved[1])])
+
+
+class Versions:
+    """The versions that are known: the reference mesh, and a few others."""
+
+    def __init__(self, reference: Version) -> None:
+        self._known = {"reference": reference}
+        self._last = reference.number
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Of those that workers have to keep."""
+        return tuple(version.number for version in self._known.values())
+
+    def next(self) -> int:
+        """A number for a new version."""
+        self._last += 1
+        return self._last
+
+    def know(self, name: str, number: int, points: Floats, boxes: Sequence[Floats]) -> None:
+        """A new version; it takes the place of the last one of this name. ``points`` must not change any more."""
+        self._known[name] = Version(number, points, tuple(boxes))
+
+    def told(self, points: Floats) -> Told:
+        """Positions (n, d) in terms of the nearest version."""
+        stride = max(len(points) // _SAMPLE, 1)
+        some = points[::stride]
+        nearest = min(self._known.values(), key=lambda version: np.count_nonzero(version.points[::stride] != some))
+        differs = points != nearest.points
+        rows = differs[:, 0].copy()
+        for axis in range(1, points.shape[1]):
+            rows |= differs[:, axis]
+        return Told(nearest, points, np.flatnonzero(rows))

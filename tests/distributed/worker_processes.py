@@ -1,0 +1,51 @@
+"""Dask workers as processes of this machine."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mesh_motion_server.distributed.connection import Connection
+
+#: Workers import the packages of this checkout, whichever are installed.
+_ROOT = Path(__file__).parents[2]
+_ENVIRONMENT = {
+    "PYTHONPATH": os.pathsep.join(str(_ROOT / folder) for folder in (".", "protocol", "adapters/python")),
+    "OMP_WAIT_POLICY": "passive",
+    **dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
+}
+
+
+@contextmanager
+def worker_processes(count: int) -> Iterator[Any]:
+    """A cluster with ``count`` workers of one thread; Dask's own words about killed ones are left out."""
+    distributed = pytest.importorskip("distributed", reason="pip install 'mesh-motion-server[dask]'")
+    with pytest.importorskip("dask").config.set({"distributed.nanny.pre-spawn-environ": _ENVIRONMENT}):
+        cluster = distributed.LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+        )
+        try:
+            yield cluster
+        finally:
+            cluster.close(timeout=20)
+
+
+@contextmanager
+def connected(cluster: Any, patience: float = 10.0) -> Iterator[Connection]:
+    """A connection to a cluster of this machine."""
+    connection = Connection(cluster.scheduler_address, patience)
+    try:
+        yield connection
+    finally:
+        connection.close()
