@@ -24,13 +24,20 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.simplex_kernels import cube_root, tetra_quality, triangle_quality
+
 __all__ = [
     "ANGLES",
     "BLOCK",
+    "CHUNK",
     "LENGTH",
     "MEAN_RATIO",
     "METRIC_CODES",
+    "chosen_quality",
     "column_quality",
+    "evaluate",
+    "gather",
+    "metric_value",
     "metric_values",
     "node_extremes",
     "node_quality",
@@ -48,23 +55,10 @@ LENGTH, MEAN_RATIO, ANGLES = 0, 1, 2
 #: Number of each quality metric in the compiled kernels.
 METRIC_CODES = {"size": 0, "skew": 1, "size-skew": 2, "size-skew-root": 3, "size-skew-product": 4}
 
-# cells side by side: the corner Jacobians of 128 tetrahedra are 9 KiB, those of 128 hexahedra 72 KiB
+#: Cells side by side: the corner Jacobians of 128 tetrahedra are 9 KiB, those of 128 hexahedra 72 KiB
 CHUNK = 128
 # cells per work item of a parallel loop; fixed, so that no result depends on the number of threads
 BLOCK = 64 * CHUNK
-
-_CUBE_ROOT_BITS = 0x2A9F7893782DA1CE  # makes bits(x)/3 a guess of the bits of ∛x, 4 % off at most
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _cube_root(x: float) -> float:
-    """∛x for x > 0 to 2 ulp, in operations that vectorise (Halley's iteration triples the correct digits)."""
-    bits = np.float64(x).view(np.int64)
-    r: float = np.int64(np.float64(bits) * (1.0 / 3.0) + _CUBE_ROOT_BITS).view(np.float64)
-    for _ in range(3):
-        cube = r * r * r
-        r = r * ((cube + 2.0 * x) / (2.0 * cube + x))
-    return r
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,12 +74,20 @@ def _gather_nodes(points, nodes, corners, first, count, jacobians):  # type: ign
                     jacobians[c, i, j, s] = points[np.uint64(node), i] - points[np.uint64(origin), i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _gather_tetra(points, nodes, first, count, jacobians):  # type: ignore[no-untyped-def]
-    """As _gather_nodes for tetrahedra, unrolled: this loop is most of the time of a large mesh."""
+    """As _gather_nodes for tetrahedra, unrolled: this loop is much of the time of a large mesh.
+
+    Unsigned indices spare the test for negative ones.
+    """
     for s in range(count):
-        a, b = np.uint64(nodes[first + s, 0]), np.uint64(nodes[first + s, 1])
-        c, e = np.uint64(nodes[first + s, 2]), np.uint64(nodes[first + s, 3])
+        cell = np.uint64(first + s)
+        a, b, c, e = (
+            np.uint64(nodes[cell, 0]),
+            np.uint64(nodes[cell, 1]),
+            np.uint64(nodes[cell, 2]),
+            np.uint64(nodes[cell, 3]),
+        )
         for i in range(3):
             x = points[a, i]
             jacobians[0, i, 0, s] = points[b, i] - x
@@ -93,19 +95,21 @@ def _gather_tetra(points, nodes, first, count, jacobians):  # type: ignore[no-un
             jacobians[0, i, 2, s] = points[e, i] - x
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _gather_triangle(points, nodes, first, count, jacobians):  # type: ignore[no-untyped-def]
     """As _gather_nodes for triangles, unrolled."""
     for s in range(count):
-        a, b, c = np.uint64(nodes[first + s, 0]), np.uint64(nodes[first + s, 1]), np.uint64(nodes[first + s, 2])
+        cell = np.uint64(first + s)
+        a, b, c = np.uint64(nodes[cell, 0]), np.uint64(nodes[cell, 1]), np.uint64(nodes[cell, 2])
         for i in range(2):
             x = points[a, i]
             jacobians[0, i, 0, s] = points[b, i] - x
             jacobians[0, i, 1, s] = points[c, i] - x
 
 
-@njit(cache=True, error_model="numpy")
-def _gather(points, nodes, corners, first, count, jacobians):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", inline="always")
+def gather(points, nodes, corners, first, count, jacobians):  # type: ignore[no-untyped-def]
+    """As _gather_nodes, by the fastest loop for the cell type."""
     if nodes.shape[1] == 4 and points.shape[1] == 3:
         _gather_tetra(points, nodes, first, count, jacobians)
     elif nodes.shape[1] == 3 and points.shape[1] == 2:
@@ -156,7 +160,7 @@ def _mean_ratio(jacobians, corner, count, gram, ideal_det, det, out):  # type: i
             l12 = a[0, 1, s] * a[0, 2, s] + a[1, 1, s] * a[1, 2, s] + a[2, 1, s] * a[2, 2, s]
             q = gram[0, 0] * l00 + gram[1, 1] * l11 + gram[2, 2] * l22
             q += 2.0 * (gram[0, 1] * l01 + gram[0, 2] * l02 + gram[1, 2] * l12)
-            root = _cube_root(abs(det[s]) / ideal_det)
+            root = cube_root(abs(det[s]) / ideal_det)
             out[s] = q / (3.0 * root * root) if det[s] != 0.0 else np.inf
 
 
@@ -174,7 +178,7 @@ def _angles(jacobians, corner, count, ideal_sine, det, out):  # type: ignore[no-
             l00 = a[0, 0, s] * a[0, 0, s] + a[1, 0, s] * a[1, 0, s] + a[2, 0, s] * a[2, 0, s]
             l11 = a[0, 1, s] * a[0, 1, s] + a[1, 1, s] * a[1, 1, s] + a[2, 1, s] * a[2, 1, s]
             l22 = a[0, 2, s] * a[0, 2, s] + a[1, 2, s] * a[1, 2, s] + a[2, 2, s] * a[2, 2, s]
-            root = _cube_root(ideal_sine * np.sqrt(l00) * np.sqrt(l11) * np.sqrt(l22) / abs(det[s]))
+            root = cube_root(ideal_sine * np.sqrt(l00) * np.sqrt(l11) * np.sqrt(l22) / abs(det[s]))
             out[s] = root * root if det[s] != 0.0 else np.inf
 
 
@@ -209,11 +213,17 @@ def _finish(reference, first, count, corners, work, size, skew, inverted):  # ty
 
 
 @njit(cache=True, error_model="numpy")
-def _evaluate(  # type: ignore[no-untyped-def]
+def evaluate(  # type: ignore[no-untyped-def]
     jacobians, first, count, shape, ideal, reference, work, size, skew, inverted
 ):
     """Size, skew and inverted of the chunk in the buffer; work is (5, CHUNK)."""
     corners = jacobians.shape[0]
+    if corners == 1 and shape == MEAN_RATIO:
+        if jacobians.shape[1] == 3:
+            tetra_quality(jacobians, first, count, ideal, reference, size, skew, inverted)
+        else:
+            triangle_quality(jacobians, first, count, ideal, reference, size, skew, inverted)
+        return
     for i in range(3):
         for s in range(count):
             work[i, s] = 0.0
@@ -228,7 +238,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _metric_value(size: float, skew: float, code: int) -> float:
+def metric_value(size: float, skew: float, code: int) -> float:
     """One quality metric of one cell; -inf stays -inf."""
     if code == 0 or size == -np.inf:
         return size
@@ -251,7 +261,7 @@ def metric_values(size: Floats, skew: Floats, code: int) -> Floats:
     out = np.empty(m)
     for b in prange((m + BLOCK - 1) // BLOCK):
         for e in range(b * BLOCK, min(m, (b + 1) * BLOCK)):
-            out[e] = _metric_value(size[e], skew[e], code)
+            out[e] = metric_value(size[e], skew[e], code)
     return out
 
 
@@ -264,7 +274,7 @@ def node_sizes(points: Floats, nodes: Ints, corners: Ints, out: Floats) -> None:
         det = np.empty(CHUNK)
         for first in range(b * BLOCK, min(m, (b + 1) * BLOCK), CHUNK):
             count = min(CHUNK, m - first)
-            _gather(points, nodes, corners, first, count, jacobians)
+            gather(points, nodes, corners, first, count, jacobians)
             for c in range(corners.shape[0]):
                 _determinants(jacobians, c, count, det)
                 for s in range(count):
@@ -283,9 +293,32 @@ def node_quality(  # type: ignore[no-untyped-def]
         for first in range(b * BLOCK, min(m, (b + 1) * BLOCK), CHUNK):
             count = min(CHUNK, m - first)
             last = first + count
-            _gather(points, nodes, corners, first, count, jacobians)
-            _evaluate(
+            gather(points, nodes, corners, first, count, jacobians)
+            evaluate(
                 jacobians, first, count, shape, ideal, reference, work,
+                size[first:last], skew[first:last], inverted[first:last],
+            )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def chosen_quality(  # type: ignore[no-untyped-def]
+    points, nodes, corners, shape, ideal, reference, chosen, size, skew, inverted
+):
+    """As node_quality of the cells with the numbers ``chosen`` only, in that order."""
+    m, d = chosen.size, points.shape[1]
+    for b in prange((m + BLOCK - 1) // BLOCK):
+        jacobians = np.empty((corners.shape[0], d, d, CHUNK))
+        work, own, told = np.empty((5, CHUNK)), np.empty((CHUNK, nodes.shape[1]), np.int64), np.empty(CHUNK)
+        for first in range(b * BLOCK, min(m, (b + 1) * BLOCK), CHUNK):
+            count = min(CHUNK, m - first)
+            last = first + count
+            for s in range(count):
+                told[s] = reference[chosen[first + s]]
+                for j in range(nodes.shape[1]):
+                    own[s, j] = nodes[chosen[first + s], j]
+            gather(points, own, corners, 0, count, jacobians)
+            evaluate(
+                jacobians, 0, count, shape, ideal, told, work,
                 size[first:last], skew[first:last], inverted[first:last],
             )  # fmt: skip
 
@@ -303,7 +336,7 @@ def transformed_quality(  # type: ignore[no-untyped-def]
         for first in range(b * BLOCK, min(m, (b + 1) * BLOCK), CHUNK):
             count = min(CHUNK, m - first)
             last = first + count
-            _gather(points, nodes, corners, first, count, before)
+            gather(points, nodes, corners, first, count, before)
             for c in range(corners.shape[0]):
                 for i in range(d):
                     for j in range(d):
@@ -312,7 +345,7 @@ def transformed_quality(  # type: ignore[no-untyped-def]
                         for k in range(d):
                             for s in range(count):
                                 jacobians[c, i, j, s] += gradients[first + s, i, k] * before[c, k, j, s]
-            _evaluate(
+            evaluate(
                 jacobians, first, count, shape, ideal, reference, work,
                 size[first:last], skew[first:last], inverted[first:last],
             )  # fmt: skip
@@ -335,7 +368,7 @@ def column_quality(edges, columns, shape, ideal, reference, size, skew, inverted
                         for i in range(d):
                             value = edges[abs(column) - 1, i]
                             jacobians[c, i, j, s] = value if column > 0 else -value
-            _evaluate(
+            evaluate(
                 jacobians, first, count, shape, ideal, reference, work,
                 size[first:last], skew[first:last], inverted[first:last],
             )  # fmt: skip
@@ -356,10 +389,10 @@ def node_extremes(  # type: ignore[no-untyped-def]
         lowest, cell, count_inverted = np.inf, b * BLOCK, 0
         for first in range(b * BLOCK, min(m, (b + 1) * BLOCK), CHUNK):
             count = min(CHUNK, m - first)
-            _gather(points, nodes, corners, first, count, jacobians)
-            _evaluate(jacobians, first, count, shape, ideal, reference, work, size, skew, inverted)
+            gather(points, nodes, corners, first, count, jacobians)
+            evaluate(jacobians, first, count, shape, ideal, reference, work, size, skew, inverted)
             for s in range(count):
-                value = _metric_value(size[s], skew[s], code)
+                value = metric_value(size[s], skew[s], code)
                 count_inverted += inverted[s]
                 if value < lowest:
                     lowest, cell = value, first + s

@@ -103,6 +103,10 @@ class CellQuality:
     def __len__(self) -> int:
         return len(self.size)
 
+    def subset(self, numbers: Ints | slice) -> CellQuality:
+        """Of the cells with the given numbers only, in that order."""
+        return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers])
+
     def metric(self, name: str) -> Floats:
         """Values (m,) of one of :data:`QUALITY_METRICS`.
 
@@ -238,10 +242,12 @@ def subset_quality(
     chosen = np.asarray(numbers, dtype=np.int64)
     out = empty_quality(len(chosen))
     for block, rows in block_slices(cells):
+        if len(cells.blocks) == 1:
+            _chosen_quality(positions, block, chosen, reference_sizes, out)
+            break
         here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
         part = empty_quality(len(here))
-        nodes = block.nodes[chosen[here] - rows.start]
-        _block_quality(positions, block.type, nodes, reference_sizes[chosen[here]], part, slice(0, len(here)))
+        _chosen_quality(positions, block, chosen[here] - rows.start, reference_sizes[rows], part)
         out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
     return out
 
@@ -291,4 +297,21 @@ def _block_quality(
             out.size[rows],
             out.skew[rows],
             out.inverted[rows],
+        )
+
+
+def _chosen_quality(points: Floats, block: CellBlock, chosen: Ints, reference: Floats, out: CellQuality) -> None:
+    """Quality of the cells of a block with the given numbers (s,) in it."""
+    with threads_for(work_items(len(chosen))):
+        kernels.chosen_quality(
+            points,
+            read_only(block.nodes),
+            block.type.corner_array,
+            shape_code(block.type),
+            ideal_corner(block.type.name),
+            read_only(reference),
+            read_only(chosen),
+            out.size,
+            out.skew,
+            out.inverted,
         )

@@ -31,9 +31,10 @@ from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvalua
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.led_motion import led_motion
 from mesh_motion_server.numerics.mesh_check import checked_mesh
+from mesh_motion_server.numerics.mesh_summary import mesh_summary
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, summarize
+from mesh_motion_server.numerics.metrics import QualitySummary, summarize
 from mesh_motion_server.numerics.prediction import predict
 from mesh_motion_server.numerics.radius_choice import PredictedMotion, best_predicted, with_other_radii, with_radii
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
@@ -185,8 +186,7 @@ class MotionModel:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
         if self.judge is not None:
             return self.judge.summary(points, self.method.quality_metric)
-        quality = cell_quality(points, self.cells, self.reference_sizes)
-        return summarize(quality, points, self.cells, metric=self.method.quality_metric)
+        return mesh_summary(points, self.cells, self.reference_sizes, metric=self.method.quality_metric)
 
     def move(
         self,

@@ -1,36 +1,39 @@
 """What a report says about the quality of a mesh: extremes, mean, percentiles and the worst cells.
 
-All values lie in [-1, 1] (or are -inf), so a histogram finds the bin of each percentile in one threaded pass, and only
-the values in that bin are sorted: exact percentiles of millions of cells for the price of reading them twice.
+A :class:`~mesh_motion_server.numerics.quality_tally.Tally` of each metric says in which bins the percentiles and the
+worst cells are; only the cells in those bins are looked at once more.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.read_only import read_only
-from mesh_motion_server.numerics.thread_share import threads_for
+from mesh_motion_server.numerics.quality_tally import Tally
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.metrics import CellQuality
 
-__all__ = ["Distribution", "QualitySummary", "WorstCell", "distribution", "smallest", "summarize"]
+__all__ = [
+    "Distribution",
+    "QualitySummary",
+    "WorstCell",
+    "distribution",
+    "reported_metrics",
+    "smallest",
+    "summarize",
+    "summary_of",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_BINS = 2048
-# work items of the parallel pass: fixed, so that the mean does not depend on the number of threads
-_PARTS = 64
 _PERCENTILES = (1, 5, 50)
-# fewer are done before a thread is awake
-_VALUES_PER_THREAD = 50_000
 
 
 @dataclass(frozen=True)
@@ -102,93 +105,21 @@ class QualitySummary:
     worst: tuple[WorstCell, ...]
 
 
-@njit(cache=True)
-def _bin(value: float) -> int:
-    """Histogram bin of a value in [-1, 1]; -inf goes to the first."""
-    return 0 if not value > -1.0 else min(_BINS - 1, int((value + 1.0) * (0.5 * _BINS)))
-
-
-@njit(cache=True, parallel=True)
-def _fill_histogram(values, counts, sums, minima, maxima):  # type: ignore[no-untyped-def]
-    """Counts (PARTS, BINS) from zero, and sum, minimum and maximum of each part."""
-    m = values.size
-    for part in prange(_PARTS):
-        total, least, most = 0.0, np.inf, -np.inf
-        for e in range(part * m // _PARTS, (part + 1) * m // _PARTS):
-            counts[part, _bin(values[e])] += 1
-            total += values[e]
-            least, most = min(least, values[e]), max(most, values[e])
-        sums[part], minima[part], maxima[part] = total, least, most
-
-
-@njit(cache=True, parallel=True)
-def _gather_bins(values, wanted, starts, out):  # type: ignore[no-untyped-def]
-    """Numbers of the values in the wanted bins; those of a part go to out from its start on."""
-    m = values.size
-    for part in prange(_PARTS):
-        place = starts[part]
-        for e in range(part * m // _PARTS, (part + 1) * m // _PARTS):
-            if wanted[_bin(values[e])]:
-                out[place] = e
-                place += 1
-
-
-class _Histogram(NamedTuple):
-    """(PARTS, BINS) counts, and sum, minimum and maximum of each part."""
-
-    counts: Ints
-    sums: Floats
-    minima: Floats
-    maxima: Floats
-
-
-def _histogram(values: Floats) -> _Histogram:
-    counts = np.zeros((_PARTS, _BINS), dtype=np.int64)
-    sums, minima, maxima = np.empty(_PARTS), np.empty(_PARTS), np.empty(_PARTS)
-    with threads_for(len(values) // _VALUES_PER_THREAD):
-        _fill_histogram(values, counts, sums, minima, maxima)
-    return _Histogram(counts, sums, minima, maxima)
-
-
-def _in_bins(values: Floats, wanted: NDArray[np.bool_], counts: Ints) -> Ints:
-    """Numbers, ascending, of the values in the wanted bins; counts as from _histogram."""
-    starts = np.concatenate([[0], np.cumsum(counts[:, wanted].sum(axis=1))])
-    out = np.empty(starts[-1], dtype=np.int64)
-    with threads_for(len(values) // _VALUES_PER_THREAD):
-        _gather_bins(values, wanted, starts, out)
-    return out
+def reported_metrics(metric: str) -> list[str]:
+    """The metrics whose distributions a report has, that of the session at the end if it is none of the others."""
+    return list(dict.fromkeys(("size", "skew", "size-skew", metric)))
 
 
 def distribution(values: Floats) -> Distribution:
     """Minimum, mean and percentiles of the values (m,), m ≥ 1, of a quality metric."""
-    values = read_only(values)
-    return _distribution(values, _histogram(values))
-
-
-def _distribution(values: Floats, histogram: _Histogram) -> Distribution:
-    least, mean = float(histogram.minima.min()), float(histogram.sums.sum() / len(values))
-    if least == histogram.maxima.max():  # a mesh at rest: every size is 1
-        return Distribution(least, mean, least, least, least)
-    return Distribution(least, mean, *_order_statistics(values, histogram.counts, _PERCENTILES))
+    tally = Tally.of(values)
+    ranked = tally.at_ranks(_ranks(len(values)))
+    return Distribution(tally.least, tally.mean, *ranked.found(values[ranked.numbers]))
 
 
 def smallest(values: Floats, count: int) -> Ints:
     """Numbers of the smallest values, smallest first; of equal values the lower number first."""
-    values = read_only(values)
-    return _smallest(values, count, _histogram(values).counts)
-
-
-def _smallest(values: Floats, count: int, counts: Ints) -> Ints:
-    count = min(count, len(values))
-    wanted = np.arange(_BINS) <= np.searchsorted(np.cumsum(counts.sum(axis=0)), count)
-    candidates = _in_bins(values, wanted, counts)
-    if len(candidates) > count > 0:
-        found = values[candidates]
-        limit = np.partition(found, count - 1)[count - 1]
-        less, equal = candidates[found < limit], candidates[found == limit]
-        candidates = np.sort(np.concatenate([less, equal[: count - len(less)]]))
-    order: Ints = candidates[np.argsort(values[candidates], kind="stable")]
-    return order[:count]
+    return _smallest(Tally.of(values).lowest(count), values, count)
 
 
 def summarize(
@@ -218,44 +149,82 @@ def summarize(
     InvalidInput
         On an unknown metric.
     """
-    names = dict.fromkeys(("size", "skew", "size-skew", metric))
-    values = {name: read_only(quality.metric(name)) for name in names}
-    histograms = {name: _histogram(of) for name, of in values.items()}
-    found = {name: _distribution(values[name], histograms[name]) for name in names}
-    numbers = _smallest(values[metric], worst, histograms[metric].counts)
-    centres = cells.centres(points, numbers)
+    tallies = {name: Tally.of(quality.metric(name)) for name in reported_metrics(metric)}
+    inverted = int(np.count_nonzero(quality.inverted))
+    centres = lambda numbers: cells.centres(points, numbers)  # noqa: E731
+    return summary_of(tallies, inverted, quality.subset, centres, metric=metric, worst=worst)
+
+
+def summary_of(
+    tallies: dict[str, Tally],
+    inverted: int,
+    look: Callable[[Ints], CellQuality],
+    centres: Callable[[Ints], Floats],
+    *,
+    metric: str,
+    worst: int,
+) -> QualitySummary:
+    """The summary of tallied cells, of which the few whose values are wanted are looked at once more.
+
+    Parameters
+    ----------
+    tallies : dict
+        Of each of :func:`reported_metrics`.
+    inverted : int
+        Number of inverted cells.
+    look : callable
+        Quality of the cells with the given numbers (s,).
+    centres : callable
+        (s, d) centres of the cells with the given numbers (s,), mesh length unit.
+    metric, worst
+        As in :func:`summarize`.
+    """
+    ranks = _ranks(len(tallies[metric]))
+    ranked = {name: tally.at_ranks(ranks) for name, tally in tallies.items()}
+    candidates = tallies[metric].lowest(worst)
+    numbers = [candidates, *(of.numbers for of in ranked.values())]
+    seen, ends = look(np.concatenate(numbers)), np.cumsum([len(of) for of in numbers])
+    found = {
+        name: Distribution(
+            tallies[name].least, tallies[name].mean, *of.found(seen.subset(slice(start, stop)).metric(name))
+        )
+        for (name, of), start, stop in zip(ranked.items(), ends, ends[1:], strict=False)
+    }
+    lowest = _smallest(np.arange(len(candidates)), seen.metric(metric)[: len(candidates)], worst)
+    cells = candidates[lowest]
     return QualitySummary(
         metric_name=metric,
         metric=found[metric],
         size=found["size"],
         skew=found["skew"],
         size_skew=found["size-skew"],
-        inverted=int(np.count_nonzero(quality.inverted)),
-        cells=len(quality),
-        worst=tuple(
-            WorstCell(
-                number=int(cell),
-                centre=tuple(float(x) for x in centre),
-                value=float(values[metric][cell]),
-                size=float(values["size"][cell]),
-                skew=float(values["skew"][cell]),
-                size_skew=float(values["size-skew"][cell]),
-            )
-            for cell, centre in zip(numbers, centres, strict=True)
-        ),
+        inverted=inverted,
+        cells=len(tallies[metric]),
+        worst=_worst_cells(cells, seen.subset(lowest), centres(cells), metric),
     )
 
 
-def _order_statistics(values: Floats, counts: Ints, percentiles: tuple[int, ...]) -> list[float]:
-    """The values with rank ⌊p (m - 1) / 100⌋ in ascending order, from one pass over those in their bins."""
-    total = counts.sum(axis=0)
-    below = np.cumsum(total)
-    ranks = [p * (len(values) - 1) // 100 for p in percentiles]
-    places = np.searchsorted(below, ranks, side="right")
-    kept = np.unique(places)
-    before = dict(zip(kept.tolist(), (np.cumsum(total[kept]) - total[kept]).tolist(), strict=True))
-    inside = [
-        before[int(place)] + rank - int(below[place] - total[place]) for rank, place in zip(ranks, places, strict=True)
-    ]
-    candidates = values[_in_bins(values, np.isin(np.arange(_BINS), places), counts)]
-    return [float(value) for value in np.partition(candidates, inside)[inside]]
+def _ranks(count: int) -> list[int]:
+    """Of the percentiles of so many values."""
+    return [p * (count - 1) // 100 for p in _PERCENTILES]
+
+
+def _smallest(candidates: Ints, values: Floats, count: int) -> Ints:
+    """The ``count`` of the candidates (ascending numbers of values) with the smallest values, in order."""
+    count = min(count, len(candidates))
+    if len(candidates) > count > 0:
+        found = values[candidates]
+        limit = np.partition(found, count - 1)[count - 1]
+        less, equal = candidates[found < limit], candidates[found == limit]
+        candidates = np.sort(np.concatenate([less, equal[: count - len(less)]]))
+    order: Ints = candidates[np.argsort(values[candidates], kind="stable")]
+    return order[:count]
+
+
+def _worst_cells(numbers: Ints, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
+    """The cells with these numbers (s,), their quality and centres (s, d)."""
+    columns = [quality.metric(name).tolist() for name in (metric, "size", "skew", "size-skew")]
+    return tuple(
+        WorstCell(number, tuple(centre), *values)
+        for number, centre, *values in zip(numbers.tolist(), centres.tolist(), *columns, strict=True)
+    )

@@ -45,8 +45,8 @@ for line in sys.stdin.read().split():
         print(line)
 """
 
-#: Called by no path of a session: for comparisons only.
-ASIDE = {"mesh_motion_server.numerics.corner_kernels:node_extremes"}
+#: Called by no path of a session (for comparisons only), or inlined into the kernels that are.
+ASIDE = {f"mesh_motion_server.numerics.corner_kernels:{name}" for name in ("node_extremes", "gather", "metric_value")}
 
 
 def _is_compiled(function: ast.FunctionDef) -> bool:
