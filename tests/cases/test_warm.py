@@ -45,8 +45,9 @@ for line in sys.stdin.read().split():
         print(line)
 """
 
-#: Called by no path of a session (for comparisons only), or inlined into the kernels that are.
-ASIDE = {f"mesh_motion_server.numerics.corner_kernels:{name}" for name in ("node_extremes", "gather", "metric_value")}
+#: Called by no path of a session (for comparisons only), or by other kernels only.
+_ASIDE = ("node_extremes", "gather", "evaluate", "metric_value")
+ASIDE = {f"mesh_motion_server.numerics.corner_kernels:{name}" for name in _ASIDE}
 
 
 def _is_compiled(function: ast.FunctionDef) -> bool:
