@@ -59,9 +59,9 @@ def _many_unknowns() -> None:
 
 
 def _two_scales() -> None:
-    """Two scales with fewer coarse points than control points, which tiny meshes do not have."""
-    points = np.random.default_rng(0).random((20, 3))
-    plan = TwoScalePlan.build(points, points[:, 0] < 0.5, basis="wendland-c2", support_radius=2.0, count=10)
+    """Two scales with fewer coarse points than control points, and enough to sum by blocks: tiny meshes have not."""
+    points = np.random.default_rng(0).random((80, 3))
+    plan = TwoScalePlan.build(points, points[:, 0] < 0.5, basis="wendland-c2", support_radius=2.5, count=60)
     found = plan.factorize(points, np.zeros(3), np.ones(3)).solve(points)
     LocalEvaluator().displacement(found, points)
     LocalEvaluator().gradient(found, points)

@@ -16,8 +16,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.cell_lists import count_neighbours, mark_neighbours, mark_reached, sort_by_cells
 from mesh_motion_server.numerics.kernels import Basis
-from mesh_motion_server.numerics.summation import mark_reached
+from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["CentreLayout", "bounding_box", "padded"]
@@ -29,6 +30,8 @@ _WORTHWHILE_FRACTION = 0.8
 _CELLS_PER_CENTRE = 16
 #: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
 _SLACK = 1.0 + 1e-6
+#: Whether a point is within reach, in evaluations of a basis function.
+_REACH_WORK = 4.0
 
 
 def padded(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -101,20 +104,26 @@ class CentreLayout:
         """The grid's arguments of the compiled loops."""
         return self.origin, self.inverse_side, self.shape, self.starts
 
-    def within_reach(self, points: NDArray[np.float64], *, threads: int | None = None) -> NDArray[np.int64]:
-        """Rows (r,) of (n, 3) points next to whose cell, or in it, there is a centre; of others every sum is zero."""
+    def within_reach(
+        self, points: NDArray[np.float64], *, unasked: NDArray[np.int64] | None = None, threads: int | None = None
+    ) -> NDArray[np.int64]:
+        """Rows (r,) of (n, d) points next to whose cell, or in it, there is a centre; of others every sum is zero.
+
+        Rows that are ``unasked`` for (u,) are left out.
+        """
         inside = np.empty(len(points), dtype=np.bool_)
-        with threads_for(float(len(points)), threads):
-            mark_reached(points, self.origin, self.inverse_side, self.shape, self._reached_cells, inside)
+        with threads_for(_REACH_WORK * len(points), threads):
+            mark_reached(read_only(points), self.origin, self.inverse_side, self.shape, self._reached_cells, inside)
+        if unasked is not None:
+            inside[unasked] = False
         return np.flatnonzero(inside)
 
     @cached_property
     def _reached_cells(self) -> NDArray[np.bool_]:
         """Flat, x fastest, a cell more on each side: whether a cell or one next to it holds a centre."""
-        counts = np.pad(np.diff(self.starts).reshape(tuple(self.shape[::-1])), 1)
-        for axis in range(3):
-            counts = counts + _shifted(counts, axis, 1) + _shifted(counts, axis, -1)
-        return np.ascontiguousarray(counts.ravel() > 0)
+        reached = np.zeros(int(np.prod(self.shape + 2)), dtype=np.bool_)
+        mark_neighbours(self.starts, self.shape, reached)
+        return reached
 
     def sum(
         self,
@@ -132,24 +141,6 @@ class CentreLayout:
         with threads_for(len(points) * self.fraction * self.n_centres * columns, threads):
             kernel(basis.code, points, self.coordinates, weights, 1.0 / support_radius, *self.grid(), out)
         return out
-
-
-def _visited_fraction(starts: NDArray[np.int64], shape: NDArray[np.int64]) -> float:
-    """Mean share of all centres that lie in the cells around a centre."""
-    counts = np.diff(starts).reshape(tuple(shape[::-1]))
-    around = counts
-    for axis in range(3):
-        around = around + _shifted(around, axis, 1) + _shifted(around, axis, -1)
-    return float(np.sum(counts * around)) / float(starts[-1]) ** 2
-
-
-def _shifted(counts: NDArray[np.int64], axis: int, step: int) -> NDArray[np.int64]:
-    """Counts moved one cell along an axis, zeros entering."""
-    out = np.zeros_like(counts)
-    target, source = [slice(None)] * 3, [slice(None)] * 3
-    target[axis], source[axis] = (slice(1, None), slice(None, -1)) if step > 0 else (slice(None, -1), slice(1, None))
-    out[tuple(target)] = counts[tuple(source)]
-    return out
 
 
 def _single_cell(points: NDArray[np.float64]) -> CentreLayout:
@@ -173,10 +164,7 @@ def _sorted_by_cells(points: NDArray[np.float64], side: float) -> CentreLayout:
     while np.prod(np.floor(extent / side) + 1.0) > limit:
         side *= 2.0
     shape = (np.floor(extent / side) + 1.0).astype(np.int64)
-    cells = np.minimum(np.floor((points - origin) * (1.0 / side)).astype(np.int64), shape - 1)
-    number = (cells[:, 2] * shape[1] + cells[:, 1]) * shape[0] + cells[:, 0]
-    order = np.argsort(number, kind="stable")
-    starts = np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
-    np.cumsum(np.bincount(number, minlength=int(np.prod(shape))), out=starts[1:])
-    fraction = _visited_fraction(starts, shape)
+    order, starts = np.empty(len(points), dtype=np.int64), np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
+    sort_by_cells(points, origin, 1.0 / side, shape, order, starts)
+    fraction = count_neighbours(starts, shape) / len(points) ** 2
     return CentreLayout(order, np.ascontiguousarray(points[order].T), origin, 1.0 / side, shape, starts, fraction)

@@ -9,7 +9,8 @@ far-field grid, workers of an engine that hold the points) is an :class:`Evaluat
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,21 @@ from mesh_motion_server.numerics.quality_summary import QualitySummary
 from mesh_motion_server.numerics.summation import sum_gradients, sum_values
 from mesh_motion_server.numerics.threads import checked_threads, threads_for
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_server.numerics.two_scale.near_operator import NearOperator
 
-__all__ = ["Evaluator", "Judge", "LocalEvaluator"]
+__all__ = ["Evaluator", "Judge", "LocalEvaluator", "NearOperators", "Prepared", "PreparingEvaluator"]
 
 #: A spline's value in evaluations of a basis function.
 _SPLINE_WORK = 64.0
+
+
+class Prepared(Protocol):
+    """What an evaluator has worked out for control points and places, whatever the weights."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        ...
 
 
 class Evaluator(Protocol):
@@ -49,6 +60,45 @@ class Judge(Protocol):
         ...
 
 
+@runtime_checkable
+class PreparingEvaluator(Evaluator, Protocol):
+    """One that can save work where many interpolants of the same control points are evaluated at the same points."""
+
+    def prepare(
+        self,
+        interpolant: TwoScaleInterpolant,
+        points: NDArray[np.float64],
+        *,
+        unasked: NDArray[np.int64] | None = None,
+    ) -> Prepared:
+        """What depends on the interpolant's control points and on (n, d) points alone.
+
+        The values at the rows ``unasked`` (r,) will not be used.
+        """
+        ...
+
+    def displacement(
+        self, interpolant: AnyInterpolant, points: NDArray[np.float64], prepared: Prepared | None = None
+    ) -> NDArray[np.float64]:
+        """(n, k) values at (n, d) points, bitwise the same with what was prepared for them as without.
+
+        Unless they were ``unasked`` for.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class NearOperators:
+    """What :class:`LocalEvaluator` prepares for an interpolant in two scales: an operator a compact level."""
+
+    operators: tuple[NearOperator, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory they hold."""
+        return sum(operator.nbytes for operator in self.operators)
+
+
 class LocalEvaluator:
     """Direct or cell-by-cell sums in compiled threads; memory for the result only.
 
@@ -64,8 +114,39 @@ class LocalEvaluator:
     def __init__(self, threads: int | None = None) -> None:
         self._threads = checked_threads(threads)
 
-    def displacement(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def prepare(
+        self,
+        interpolant: TwoScaleInterpolant,
+        points: NDArray[np.float64],
+        *,
+        unasked: NDArray[np.int64] | None = None,
+    ) -> NearOperators:
+        """The compact levels' operators at (n, d) points, but for the rows ``unasked`` (r,): those levels vanish there.
+
+        Raises
+        ------
+        InvalidInput
+            If the points' dimension is not the interpolant's.
+        """
+        _check_dimension(interpolant, points)
+        return NearOperators(
+            tuple(
+                NearOperator.build(level, points, unasked=unasked, threads=self._threads)
+                for level in interpolant.levels
+            )
+        )
+
+    def displacement(
+        self, interpolant: AnyInterpolant, points: NDArray[np.float64], prepared: Prepared | None = None
+    ) -> NDArray[np.float64]:
         """(n, k) values at (n, d) points, thesis (2.5).
+
+        Parameters
+        ----------
+        interpolant : Interpolant or TwoScaleInterpolant
+        points : (n, d) array, mesh length unit
+        prepared : NearOperators, optional
+            Of :meth:`prepare` for these points and for an interpolant of the same factorization.
 
         Raises
         ------
@@ -74,8 +155,12 @@ class LocalEvaluator:
         """
         out = np.empty((len(points), interpolant.weights.shape[1]))
         if isinstance(interpolant, TwoScaleInterpolant):
-            values = interpolant.spline.values
-            return self._in_two_scales(interpolant, points, out, spline=values, level_sum=self.displacement)
+            near = prepared if isinstance(prepared, NearOperators) else self.prepare(interpolant, points)
+            with threads_for(_SPLINE_WORK * len(points), self._threads):
+                interpolant.spline.values(points, out)
+            for level, operator in zip(interpolant.levels, near.operators, strict=True):
+                operator.add(level.weights, out, threads=self._threads)
+            return out
         self._sum(sum_values, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial(points)
@@ -92,29 +177,16 @@ class LocalEvaluator:
         require_gradient(interpolant.basis)
         out = np.empty((len(points), interpolant.weights.shape[1], interpolant.dimension))
         if isinstance(interpolant, TwoScaleInterpolant):
-            gradients = interpolant.spline.gradients
-            return self._in_two_scales(interpolant, points, out, spline=gradients, level_sum=self.gradient)
+            _check_dimension(interpolant, points)
+            with threads_for(_SPLINE_WORK * len(points), self._threads):
+                interpolant.spline.gradients(points, out)
+            for level in interpolant.levels:
+                near = level.layout.within_reach(points, threads=self._threads)
+                out[near] += self.gradient(level, points[near])
+            return out
         self._sum(sum_gradients, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial.gradient
-        return out
-
-    def _in_two_scales(
-        self,
-        interpolant: TwoScaleInterpolant,
-        points: NDArray[np.float64],
-        out: NDArray[np.float64],
-        *,
-        spline: Callable[[NDArray[np.float64], NDArray[np.float64]], None],
-        level_sum: Callable[[Interpolant, NDArray[np.float64]], NDArray[np.float64]],
-    ) -> NDArray[np.float64]:
-        """The spline's values or gradients in ``out`` (n, …), and those of the compact levels where they reach."""
-        places = padded(points)
-        with threads_for(_SPLINE_WORK * len(points), self._threads):
-            spline(places, out)
-        for level in interpolant.levels:
-            near = level.layout.within_reach(places, threads=self._threads)
-            out[near] += level_sum(level, points[near])
         return out
 
     def _sum(
@@ -125,12 +197,17 @@ class LocalEvaluator:
         out: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Run a compiled sum over the interpolant's centres."""
-        if points.ndim != 2 or points.shape[1] != interpolant.dimension:
-            raise InvalidInput(
-                f"expected points of shape (n, {interpolant.dimension}), got {points.shape}",
-                code="INVALID_ARGUMENT.SHAPE",
-            )
+        _check_dimension(interpolant, points)
         weights = interpolant.layout.sort(interpolant.weights)
         return interpolant.layout.sum(
             kernel, interpolant.basis, interpolant.support_radius, padded(points), weights, out, threads=self._threads
+        )
+
+
+def _check_dimension(interpolant: AnyInterpolant, points: NDArray[np.float64]) -> None:
+    """Refuse points that are not (n, d)."""
+    if points.ndim != 2 or points.shape[1] != interpolant.dimension:
+        raise InvalidInput(
+            f"expected points of shape (n, {interpolant.dimension}), got {points.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
         )

@@ -6,35 +6,98 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.evaluation import Evaluator, Prepared, PreparingEvaluator
 from mesh_motion_server.numerics.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.point_digest import point_digest
 from mesh_motion_server.numerics.two_scale.factorization import TwoScalePlan
-from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
+from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 
-__all__ = ["DeferredFactorization", "FactorSource", "MakeEachTime", "factorization_of", "two_scale_factorization_of"]
+__all__ = [
+    "DeferredFactorization",
+    "FactorSource",
+    "Kept",
+    "MakeEachTime",
+    "Recorded",
+    "factorization_of",
+    "prepared_for",
+    "two_scale_factorization_of",
+]
+
+
+class Kept(Protocol):
+    """What can be kept."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        ...
+
+
+K = TypeVar("K", bound=Kept)
 
 
 class FactorSource(Protocol):
-    """Keeps factorizations between the motions that need the same one."""
+    """Keeps what depends on a state of the mesh alone, for the motions that need the same again.
 
-    def get_or_make(self, key: bytes, make: Callable[[], Factorization]) -> tuple[Factorization, bool]:
-        """The factorization of ``key``, and whether it was reused."""
+    Each thing is of a kind: a ``"factorization"``, or ``"operators"``: values at all nodes of the compact functions of
+    the interpolation in two scales.
+    """
+
+    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
+        """What belongs to ``key`` among its kind, and whether it was reused."""
+        ...
+
+    def held(self) -> dict[str, int]:
+        """Bytes kept of each kind."""
         ...
 
 
 class MakeEachTime:
     """A factor source that keeps nothing."""
 
-    def get_or_make(self, key: bytes, make: Callable[[], Factorization]) -> tuple[Factorization, bool]:
+    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
         """Make it."""
-        del key
+        del key, kind
         return make(), False
+
+    def held(self) -> dict[str, int]:
+        """Nothing."""
+        return {}
+
+
+class Recorded:
+    """A factor source that tells what a motion found in another one.
+
+    Parameters
+    ----------
+    source : FactorSource
+    """
+
+    def __init__(self, source: FactorSource) -> None:
+        self._source = source
+        self._reused: dict[str, bool] = {}
+
+    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
+        """What the other one has or makes."""
+        found, reused = self._source.get_or_make(key, make, kind)
+        self._reused[kind] = reused and self._reused.get(kind, True)
+        return found, reused
+
+    def held(self) -> dict[str, int]:
+        """What the other one holds."""
+        return self._source.held()
+
+    def report(self) -> dict[str, Any]:
+        """``"reused"`` for each kind of which everything was found, ``"made"`` for others; ``bytes`` held of each."""
+        told = {kind: "reused" if reused else "made" for kind, reused in self._reused.items()}
+        return {**told, "bytes": self.held()}
 
 
 def factorization_of(
@@ -68,6 +131,28 @@ def two_scale_factorization_of(
     digest.update(np.ascontiguousarray(box).data)
     digest.update(np.ascontiguousarray(control_points).data)
     return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))
+
+
+def prepared_for(
+    evaluator: Evaluator,
+    interpolant: AnyInterpolant,
+    points: NDArray[np.float64],
+    factors: FactorSource,
+    *,
+    unasked: NDArray[np.int64],
+) -> Prepared | None:
+    """What the evaluator has prepared for an interpolant in two scales at points (n, d), but those ``unasked`` for.
+
+    Where the evaluator prepares nothing, and for any other interpolant, None.
+    """
+    if not isinstance(interpolant, TwoScaleInterpolant) or not isinstance(evaluator, PreparingEvaluator):
+        return None
+    digest = hashlib.sha256(point_digest(points))
+    digest.update(point_digest(interpolant.levels[-1].control_points))
+    digest.update(np.ascontiguousarray(unasked).data)
+    return factors.get_or_make(
+        digest.digest(), lambda: evaluator.prepare(interpolant, points, unasked=unasked), "operators"
+    )[0]
 
 
 @dataclass(frozen=True, eq=False)

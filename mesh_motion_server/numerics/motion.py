@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from mesh_motion_server.numerics.boundary_layer_fallback import fitting_layer, g
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvaluator
-from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
+from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.led_motion import led_motion
 from mesh_motion_server.numerics.mesh_check import checked_mesh
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
@@ -64,7 +65,8 @@ class Motion:
     seconds : dict
         Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
     caches : dict
-        ``{"factorization": "reused" | "made"}``, and what a model adds to it.
+        ``"reused"`` or ``"made"`` for each kind of what depends on the state alone (``factorization``, ``operators``),
+        ``bytes``: what the cache holds of each; and what a model adds to it.
     control_points : (nc,) int64 array
         Nodes that the standard motion was interpolated from.
     support_radius : float
@@ -80,7 +82,7 @@ class Motion:
     correction: Correction
     reached: bool
     seconds: dict[str, float]
-    caches: dict[str, str | int]
+    caches: dict[str, Any]
     control_points: NDArray[np.int64]
     support_radius: float
     warnings: list[str]
@@ -286,6 +288,7 @@ class MotionModel:
         valid: NDArray[np.float64] | None,
     ) -> Motion:
         """One motion with the boundary layer as it is."""
+        factors = Recorded(factors)
 
         def predicted_with(motion: StandardMotion) -> PredictedMotion:
             trial = motion.trial(committed, targets, factors, watch)
@@ -327,7 +330,7 @@ class MotionModel:
             correction=correction,
             reached=reached,
             seconds=watch.seconds(),
-            caches={"factorization": "reused" if standard.reused else "made"},
+            caches=factors.report(),
             control_points=standard.control_points,
             support_radius=float(chosen.motion.method.support_radius or 0.0),
             warnings=[

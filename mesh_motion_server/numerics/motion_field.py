@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.evaluation import Evaluator
+from mesh_motion_server.numerics.evaluation import Evaluator, Prepared, PreparingEvaluator
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.paths import RigidMotion
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
@@ -44,16 +44,21 @@ class Stage:
     further: tuple[AnyInterpolant, ...] = ()
     volume: VolumeField | None = None
 
-    def positions(self, points: Floats, evaluator: Evaluator) -> Floats:
-        """(n, d) where the stage puts points (n, d)."""
+    def positions(self, points: Floats, evaluator: Evaluator, prepared: Prepared | None = None) -> Floats:
+        """(n, d) where the stage puts points (n, d), with what the evaluator has prepared for them."""
         carried = points if self.rigid is None else self.rigid.apply(points)
         if self.volume is not None:
             return np.asarray(carried + self.volume(points).displacement)
-        return carried + self.interpolated(points, evaluator)
+        moved = self.interpolated(points, evaluator, prepared)
+        moved += carried
+        return moved
 
-    def interpolated(self, points: Floats, evaluator: Evaluator) -> Floats:
+    def interpolated(self, points: Floats, evaluator: Evaluator, prepared: Prepared | None = None) -> Floats:
         """(n, d) sum of the levels at points (n, d), whatever a volume reduction makes of it."""
-        total = evaluator.displacement(self.interpolant, points)
+        if prepared is not None and isinstance(evaluator, PreparingEvaluator):
+            total = evaluator.displacement(self.interpolant, points, prepared)
+        else:
+            total = evaluator.displacement(self.interpolant, points)
         for level in self.further:
             total += evaluator.displacement(level, points)
         return total

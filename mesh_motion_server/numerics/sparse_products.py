@@ -8,12 +8,19 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.threads import threads_for
+from mesh_motion_server.numerics.vector_lanes import LANES, row_sums
 
-__all__ = ["nbytes", "product"]
+__all__ = ["in_lanes", "nbytes", "product"]
 
 Floats = NDArray[np.float64]
 
 _BLOCK = 128  # rows of one task
+
+
+def in_lanes(vectors: Floats) -> Floats:
+    """(n, k) vectors with columns of zeros added until their number is a multiple of four: the fastest to multiply."""
+    missing = -vectors.shape[1] % LANES
+    return np.ascontiguousarray(np.pad(vectors, ((0, 0), (0, missing))) if missing else vectors)
 
 
 def product(matrix: csr_array, vectors: Floats) -> Floats:
@@ -35,19 +42,18 @@ def _multiply(
 ) -> None:
     """Fill ``out`` (m, k)."""
     n, k = out.shape
+    groups = k // LANES if k % LANES == 0 else 0
+    numbers = vectors.ravel()
     for block in prange((n + _BLOCK - 1) // _BLOCK):
         for i in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
-            if k == 3:  # three components in registers
-                a, b, c = 0.0, 0.0, 0.0
-                for e in range(pointers[i], pointers[i + 1]):
-                    entry, j = entries[e], columns[e]
-                    a += entry * vectors[j, 0]
-                    b += entry * vectors[j, 1]
-                    c += entry * vectors[j, 2]
-                out[i, 0], out[i, 1], out[i, 2] = a, b, c
-                continue
-            for m in range(k):
-                out[i, m] = 0.0
-            for e in range(pointers[i], pointers[i + 1]):
+            first, last = np.int64(pointers[i]), np.int64(pointers[i + 1])
+            for g in range(groups):
+                s = row_sums(entries, columns, first, last, numbers, groups, g)
+                m = LANES * g
+                out[i, m], out[i, m + 1], out[i, m + 2], out[i, m + 3] = s
+            if groups == 0:
                 for m in range(k):
-                    out[i, m] += entries[e] * vectors[columns[e], m]
+                    out[i, m] = 0.0
+                for e in range(first, last):
+                    for m in range(k):
+                        out[i, m] += entries[e] * vectors[columns[e], m]

@@ -36,6 +36,7 @@ from mesh_motion_server.numerics.factor_source import (
     DeferredFactorization,
     FactorSource,
     factorization_of,
+    prepared_for,
     two_scale_factorization_of,
 )
 from mesh_motion_server.numerics.interpolant import Factorization
@@ -203,7 +204,8 @@ class StandardMotion:
     ) -> tuple[Floats, _Solved]:
         """One interpolation from the mesh ``points`` (n, d): the new positions, and what gave them."""
         roles = self.roles
-        told = points.copy()
+        # of a plain motion only the nodes with a role are looked at: pages never touched cost nothing
+        told = points.copy() if self.layer is not None or self.periodic is not None else np.zeros(points.shape)
         told[roles.moving] = targets
         told[roles.fixed] = self.reference[roles.fixed]
         if self.layer is not None:
@@ -221,18 +223,20 @@ class StandardMotion:
             reused = following.reused
         solved = self._solve(points, self._controls(roles.all), told, factors, watch)
         with watch.phase("displace"):
-            moved = self._displaced(points, told, solved.stage)
+            moved = self._displaced(points, told, solved.stage, factors)
         return moved, replace(solved, reused=solved.reused and reused)
 
     def _controls(self, nodes: Indices) -> Indices:
         """The control nodes for nodes (c,) with a role: a layer's outermost ones for those behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
 
-    def _displaced(self, points: Floats, told: Floats, stage: Stage) -> Floats:
+    def _displaced(self, points: Floats, told: Floats, stage: Stage, factors: FactorSource) -> Floats:
         """The mesh ``points`` (n, d) displaced by a stage, nodes with a role and a layer where they are ``told``."""
         if self.layer is None:
-            moved = stage.positions(points, self.evaluator)
-            moved[self.roles.all] = told[self.roles.all]
+            known = self.roles.all
+            prepared = prepared_for(self.evaluator, stage.interpolant, points, factors, unasked=known)
+            moved = stage.positions(points, self.evaluator, prepared)
+            moved[known] = told[known]
             return self._tied(moved)
         free = ~self.layer.known
         free[self.roles.all] = False

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, wendland_c2, wendland_c2_slope
 from mesh_motion_server.numerics.kernel_maps import map_phi, map_slope
 
-__all__ = ["MAX_RUNS", "TILE", "centre_runs", "mark_reached", "sum_gradients", "sum_values"]
+__all__ = ["MAX_RUNS", "TILE", "centre_runs", "sum_gradients", "sum_values"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -66,24 +66,6 @@ def centre_runs(
                 runs[count, 1] = last
                 count += 1
     return count
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def mark_reached(
-    points: Array,
-    origin: Array,
-    inverse_side: float,
-    shape: Integers,
-    reached: NDArray[np.bool_],
-    out: NDArray[np.bool_],
-) -> None:
-    """``out[i]``: whether the cell of ``points[i]`` (n, 3) is marked; ``reached`` has a cell more on each side."""
-    for i in prange(points.shape[0]):
-        x = _cell(points[i, 0], origin[0], inverse_side, shape[0])
-        y = _cell(points[i, 1], origin[1], inverse_side, shape[1])
-        z = _cell(points[i, 2], origin[2], inverse_side, shape[2])
-        far = x < -1 or y < -1 or z < -1 or x > shape[0] or y > shape[1] or z > shape[2]
-        out[i] = not far and reached[((z + 1) * (shape[1] + 2) + y + 1) * (shape[0] + 2) + x + 1]
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)

@@ -28,11 +28,10 @@ def answer(session: Session, request: Status, waiting_for: list[int], counts: di
         "epoch": session.epoch,
         "label": session.spec.label,
         "replies": counts,
-        "factorizations": {"kept": len(session.factors), "bytes": session.factors.nbytes, "made": session.factors.made,
-                           "reused": session.factors.reused},
+        "caches": session.factors.report(),
         "peak_memory_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         "upload_bytes": session.upload.nbytes,
-    }  # fmt: skip
+    }
     if session.commits:
         report["quality"] = msgpack.unpackb(session.commits[-1].receipt)["quality"]
     return StatusReport(

@@ -1,10 +1,10 @@
-"""A cache of factorizations with a byte budget: the coupling iterations of one step share one factorization."""
+"""A cache of what depends on a state of the mesh alone, with a byte budget: a step's coupling iterations share it."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar, cast
 
 __all__ = ["FactorCache"]
 
@@ -14,46 +14,67 @@ class _Sized(Protocol):
     def nbytes(self) -> int: ...
 
 
-F = TypeVar("F", bound=_Sized)
+K = TypeVar("K", bound=_Sized)
 
 
-class FactorCache(Generic[F]):
-    """Keeps the most recently used factorizations; keys are digests of all that determines one.
+class FactorCache:
+    """Keeps the most recently used factorizations and other kinds; keys are digests of all that determines one.
 
     Only time depends on it: what is dropped is made again, bitwise the same.
 
     Parameters
     ----------
     byte_budget : int
-        What all kept factorizations may take together. The newest one is kept even if it is larger alone: it is the
-        one that the next iteration asks for.
+        What all that is kept may take together, of whatever kind. The newest one is kept even if it is larger alone: it
+        is the one that the next iteration asks for.
+
+    Attributes
+    ----------
+    made, reused : Counter
+        How often, by kind.
     """
 
     def __init__(self, byte_budget: int) -> None:
         self._budget = byte_budget
-        self._kept: OrderedDict[bytes, F] = OrderedDict()
-        self.made = 0
-        self.reused = 0
+        self._kept: OrderedDict[tuple[str, bytes], _Sized] = OrderedDict()
+        self.made: Counter[str] = Counter()
+        self.reused: Counter[str] = Counter()
 
     def __len__(self) -> int:
         return len(self._kept)
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all kept factorizations."""
+        """Bytes of all that is kept."""
         return sum(kept.nbytes for kept in self._kept.values())
 
-    def get_or_make(self, key: bytes, make: Callable[[], F]) -> tuple[F, bool]:
-        """The factorization of ``key``, and whether it was reused."""
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            self.reused += 1
-            return self._kept[key], True
+    def held(self) -> dict[str, int]:
+        """Bytes kept of each kind."""
+        held: Counter[str] = Counter()
+        for (kind, _), kept in self._kept.items():
+            held[kind] += kept.nbytes
+        return dict(held)
+
+    def report(self) -> dict[str, dict[str, int]]:
+        """Bytes kept, how often made and how often reused, by kind."""
+        held = self.held()
+        return {
+            kind: {"bytes": held.get(kind, 0), "made": made, "reused": self.reused[kind]}
+            for kind, made in self.made.items()
+        }
+
+    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
+        """What belongs to ``key`` among its kind, and whether it was reused."""
+        place = (kind, key)
+        if place in self._kept:
+            self._kept.move_to_end(place)
+            self.reused[kind] += 1
+            return cast(K, self._kept[place]), True
         # make room first: old and new together could pass the process's memory limit
         self._shrink(self._budget // 2)
         made = make()
-        self._kept[key] = made
-        self.made += 1
+        self._kept[place] = made
+        self.made[kind] += 1
         self._shrink(self._budget, keep=1)
         return made, False
 

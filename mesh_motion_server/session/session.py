@@ -111,7 +111,7 @@ class Session:
         self._built: _Built | None = None
         self._epoch = 1
         self.upload = MeshUpload(self.spec.dimension, self.spec.partitions, limits.max_session_bytes)
-        self.factors: FactorCache[Any] = FactorCache(limits.factor_cache_bytes)
+        self.factors = FactorCache(limits.factor_cache_bytes)
 
     @classmethod
     def reopen(cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> Session:

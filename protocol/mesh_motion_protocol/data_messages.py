@@ -145,7 +145,7 @@ class Moved(Message):
     iteration: int  # 1, 2, … within the step
     quality: dict[str, Any]  # predicted, "standard" and "corrected": section 15
     correction: dict[str, Any]  # what was done: method, enrichment points, freed nodes, iterations, reached
-    caches: dict[str, Any]  # {"factorization": "reused" | "made", …}
+    caches: dict[str, Any]  # {kind: "reused" | "made", "bytes": {kind: int}}
     seconds: dict[str, float]  # solve, predict, correct, displace, total
     warnings: list[str]  # for people
     displacement: FloatNodes  # of all nodes of the partition, since the frame of the MOVE

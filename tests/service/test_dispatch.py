@@ -70,7 +70,7 @@ def test_iterations_start_from_the_committed_state_and_share_a_factorization(rea
     ready.all(Move, [2 * ready.displacement(1)[0]], step=1)
     third = ready.move(1)[0]
     assert [first.iteration, third.iteration] == [1, 3]
-    assert (first.caches, third.caches) == ({"factorization": "made"}, {"factorization": "reused"})
+    assert [moved.caches["factorization"] for moved in (first, third)] == ["made", "reused"]
     assert first.displacement.tobytes() == third.displacement.tobytes()
     assert (first.quality, first.correction, first.warnings) == (third.quality, third.correction, third.warnings)
 
@@ -213,7 +213,7 @@ def test_status(ready: Any) -> None:
     report = ready.ask(Status)
     assert (report.state, report.step, report.iteration, report.waiting_for) == ("TRIAL", 1, 1, [])
     assert report.report["replies"]["MOVED"] == 2
-    assert report.report["factorizations"]["made"] == 2
+    assert report.report["caches"]["factorization"]["made"] == 2
     assert report.report["quality"]["cells"] == 32
     assert report.report["peak_memory_bytes"] > 1e6
 

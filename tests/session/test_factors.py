@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.interpolant import Factorization
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.roles import Patch
@@ -20,17 +19,30 @@ class Sized:
 
 
 def test_the_same_key_is_made_once() -> None:
-    cache: FactorCache[Sized] = FactorCache(100)
+    cache = FactorCache(100)
     first, reused = cache.get_or_make(b"a", lambda: Sized(10))
     assert not reused
     again, reused = cache.get_or_make(b"a", lambda: Sized(11))
     assert reused
     assert again is first
-    assert (cache.made, cache.reused) == (1, 1)
+    assert (cache.made["factorization"], cache.reused["factorization"]) == (1, 1)
+
+
+def test_kinds_share_one_budget_and_are_told_apart() -> None:
+    cache = FactorCache(100)
+    factorization, _ = cache.get_or_make(b"a", lambda: Sized(40))
+    operators, reused = cache.get_or_make(b"a", lambda: Sized(5), "operators")
+    assert not reused
+    assert operators is not factorization
+    assert cache.held() == {"factorization": 40, "operators": 5}
+    cache.get_or_make(b"a", lambda: Sized(0))  # the factorization is the one used last
+    cache.get_or_make(b"b", lambda: Sized(60), "operators")
+    assert cache.held() == {"factorization": 40, "operators": 60}
+    assert (cache.made, cache.reused) == ({"factorization": 1, "operators": 2}, {"factorization": 1})
 
 
 def test_the_least_recently_used_goes_first() -> None:
-    cache: FactorCache[Sized] = FactorCache(100)
+    cache = FactorCache(100)
     for key in (b"a", b"b"):
         cache.get_or_make(key, lambda: Sized(25))
     cache.get_or_make(b"a", lambda: Sized(0))
@@ -40,7 +52,7 @@ def test_the_least_recently_used_goes_first() -> None:
 
 
 def test_bytes_stay_within_the_budget_but_the_newest_is_kept() -> None:
-    cache: FactorCache[Sized] = FactorCache(100)
+    cache = FactorCache(100)
     for number in range(20):
         cache.get_or_make(bytes([number]), lambda: Sized(30))
         assert cache.nbytes <= 100
@@ -60,8 +72,58 @@ def test_a_motion_fills_an_empty_cache_and_is_bitwise_the_same_with_it() -> None
     sides = np.flatnonzero((points[:, 1] == 0) | (points[:, 1] == 1))
     patches = {"left": Patch("moving", left), "rest": Patch("fixed", np.union1d(right, np.setdiff1d(sides, left)))}
     model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, Method(correction="none"))
-    cache: FactorCache[Factorization] = FactorCache(1 << 20)
+    cache = FactorCache(1 << 20)
     targets = points[left] + (0.02, 0.0)
     first, second = (model.move(points, targets, cache) for _ in range(2))
-    assert (first.caches, second.caches) == ({"factorization": "made"}, {"factorization": "reused"})
+    assert [motion.caches["factorization"] for motion in (first, second)] == ["made", "reused"]
+    assert second.caches["bytes"] == {"factorization": cache.nbytes}
     assert (first.points == second.points).all()
+
+
+def _disc() -> tuple[MotionModel, np.ndarray, np.ndarray]:
+    """A square of quads with a square hole that moves, interpolated in two scales; two displacements of the hole."""
+    rows = 30
+    axis = np.linspace(0, 1, rows + 1)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(rows + 1, rows + 1)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    hole = np.all(np.abs(points[quads].mean(axis=1) - 0.5) < 0.15, axis=1)
+    quads = quads[~hole]
+    used, quads = np.unique(quads, return_inverse=True)
+    points, quads = points[used], quads.reshape(-1, 4)
+    moving = np.flatnonzero(np.all(np.abs(points - 0.5) < 0.17, axis=1))
+    outer = np.flatnonzero(np.any((points == 0.0) | (points == 1.0), axis=1))
+    patches = {"hole": Patch("moving", moving), "outer": Patch("fixed", outer)}
+    method = Method(support_radius=2.0, solver="two-scale", correction="none")
+    model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, method)
+    turn = 0.02 * (points[moving] - 0.5) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    return model, turn + np.array([0.01, 0.0]), turn
+
+
+def test_coupling_iterations_reuse_what_a_step_has_made_and_a_step_makes_its_own() -> None:
+    model, *displacements = _disc()
+    cache, committed = FactorCache(1 << 24), model.points
+    for _ in range(3):
+        told = []
+        for iteration in range(3):
+            targets = committed[model.roles.moving] + displacements[iteration % 2]
+            motion = model.move(committed, targets, cache)
+            told.append((motion.caches["factorization"], motion.caches["operators"]))
+            alone = model.move(committed, targets)
+            assert motion.points.tobytes() == alone.points.tobytes()
+            assert alone.caches["bytes"] == {}
+        assert told == [("made", "made"), ("reused", "reused"), ("reused", "reused")]
+        assert motion.caches["bytes"] == cache.held()
+        assert set(cache.held()) == {"factorization", "operators"}
+        committed = motion.points
+
+
+def test_a_budget_too_small_for_anything_changes_nothing_but_time() -> None:
+    model, *displacements = _disc()
+    cache, roomy = FactorCache(0), FactorCache(1 << 24)
+    for iteration in range(3):
+        targets = model.points[model.roles.moving] + displacements[iteration % 2]
+        small, large = (model.move(model.points, targets, kept) for kept in (cache, roomy))
+        assert small.points.tobytes() == large.points.tobytes()
+        assert small.caches["factorization"] == "made"
+        assert len(cache) == 1

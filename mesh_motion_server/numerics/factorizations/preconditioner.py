@@ -23,7 +23,7 @@ from scipy.sparse import csr_array
 from mesh_motion_server.numerics.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_server.numerics.kernel_functions import phi
 from mesh_motion_server.numerics.kernels import Basis
-from mesh_motion_server.numerics.sparse_products import nbytes, product
+from mesh_motion_server.numerics.sparse_products import in_lanes, nbytes, product
 from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["SparseInverse"]
@@ -108,4 +108,6 @@ class SparseInverse:
 
     def __call__(self, residual: Array) -> Array:
         """(n, k) preconditioned residual."""
-        return product(self._transposed, product(self._factor, residual))
+        columns = residual.shape[1]
+        found = product(self._transposed, product(self._factor, in_lanes(residual)))
+        return found if found.shape[1] == columns else np.ascontiguousarray(found[:, :columns])

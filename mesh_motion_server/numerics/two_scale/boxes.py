@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import DisjointSet
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.spacing import local_spacing
@@ -103,12 +104,11 @@ def _merged(place: Floats) -> list[tuple[Indices, Indices]]:
     """Corners of disjoint boxes around points (m, 3) in spacings, a margin wide."""
     if not len(place):
         return []
-    near = DisjointSet(range(len(place)))
-    for a, b in cKDTree(place).query_pairs(2.0 * MARGIN):
-        near.merge(a, b)
+    a, b = cKDTree(place).query_pairs(2.0 * MARGIN, output_type="ndarray").T
+    graph = coo_array((np.ones(len(a), dtype=np.bool_), (a, b)), shape=(len(place), len(place)))
+    count, label = connected_components(graph, directed=False)
     boxes = []
-    for members in near.subsets():
-        group = place[sorted(members)]
+    for group in (place[label == number] for number in range(count)):
         low, high = group.min(axis=0) - MARGIN, group.max(axis=0) + MARGIN
         boxes.append((np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)))
     return _united(sorted(boxes, key=lambda box: tuple(box[0])))

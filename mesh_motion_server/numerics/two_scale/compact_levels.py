@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.assembly import sparse_matrix
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.factorizations.conjugate_gradients import conjugate_gradients
+from mesh_motion_server.numerics.assembly import sparse_rows
+from mesh_motion_server.numerics.centres import CentreLayout, padded
+from mesh_motion_server.numerics.factorizations.conjugate_gradients import conjugate_gradients, largest
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import basis_named
-from mesh_motion_server.numerics.sparse_products import nbytes, product
+from mesh_motion_server.numerics.sparse_products import in_lanes, nbytes, product
 
 __all__ = ["BASIS", "CompactLevel", "CompactSystem", "compact_levels"]
 
@@ -112,7 +112,7 @@ class CompactSystem:
         The members' positions.
     layout : CentreLayout
     matrix : (m, m) csr_array
-        Rows and columns in the layout's order.
+        Rows and columns in the members' order, which is the preconditioner's.
     """
 
     level: CompactLevel
@@ -125,7 +125,7 @@ class CompactSystem:
         """Assemble a level for all control points (n, d)."""
         members = np.ascontiguousarray(points[level.members])
         layout = CentreLayout.build(members, BASIS, level.radius)
-        return cls(level, members, layout, sparse_matrix(layout, BASIS, level.radius))
+        return cls(level, members, layout, sparse_rows(layout, BASIS, level.radius, padded(members)))
 
     @property
     def nbytes(self) -> int:
@@ -139,33 +139,23 @@ class CompactSystem:
         NumericalError
             If the residual stays above 1e-9 of what it was.
         """
-        order = self.layout.order
-        right = np.ascontiguousarray(residual[self.level.members][order])
-        found, iterations = self._conjugate_gradients(right)
-        weights = np.empty_like(found)
-        weights[order] = found
+        found, iterations = self._conjugate_gradients(in_lanes(residual[self.level.members]))
+        weights = np.ascontiguousarray(found[:, : residual.shape[1]])
         return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout), iterations
-
-    def _precondition(self, residual: Floats) -> Floats:
-        """The reference mesh's approximate inverse, which numbers the members as they come."""
-        order = self.layout.order
-        own = np.empty_like(residual)
-        own[order] = residual
-        return np.ascontiguousarray(self.level.precondition(own)[order])
 
     def _conjugate_gradients(self, right: Floats) -> tuple[Floats, int]:
         """Solution (m, k); all columns advance together."""
-        scale = float(np.max(np.abs(right), initial=0.0))
+        scale = largest(right)
         if scale == 0.0:
             return np.zeros_like(right), 0
         found = conjugate_gradients(
             right,
             apply=lambda vectors: product(self.matrix, vectors),
-            precondition=self._precondition,
-            done=lambda left: float(np.max(np.abs(left))) <= _TOLERANCE * scale,
+            precondition=self.level.precondition,
+            done=lambda left: largest(left) <= _TOLERANCE * scale,
             most=_MAX_ITERATIONS,
         )
-        reached = float(np.max(np.abs(found.residual))) / scale
+        reached = largest(found.residual) / scale
         if reached > _ACCEPTED:
             raise NumericalError(
                 f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",

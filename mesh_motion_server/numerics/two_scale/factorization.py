@@ -14,12 +14,13 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.interpolant import AllCentreFactorization, factorize
 from mesh_motion_server.numerics.kernels import Basis, basis_named
 from mesh_motion_server.numerics.spacing import local_spacing
 from mesh_motion_server.numerics.two_scale.boxes import nested_boxes
 from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points
 from mesh_motion_server.numerics.two_scale.compact_levels import CompactLevel, CompactSystem, compact_levels
+from mesh_motion_server.numerics.two_scale.grid_sums import on_grid
 from mesh_motion_server.numerics.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.two_scale.nested_grid import NestedGrid
 
@@ -123,7 +124,7 @@ class TwoScaleFactorization:
     control_points : (n, d) array, mesh length unit
     chosen : (m,) int64 array
         The coarse ones among them.
-    coarse : Factorization
+    coarse : AllCentreFactorization
     grid : NestedGrid
     systems : list of CompactSystem
         Widest first; the last has all control points.
@@ -131,7 +132,7 @@ class TwoScaleFactorization:
 
     control_points: Floats
     chosen: Indices
-    coarse: Factorization
+    coarse: AllCentreFactorization
     grid: NestedGrid
     systems: list[CompactSystem]
 
@@ -157,9 +158,9 @@ class TwoScaleFactorization:
         values = np.ascontiguousarray(values, dtype=np.float64)
         evaluator = LocalEvaluator()
         coarse = self.coarse.solve(values[self.chosen])
-        spline = self.grid.spline(evaluator.displacement(coarse, self.grid.points()))
+        spline = self.grid.spline(on_grid(coarse, self.grid, evaluator))
         left = np.empty_like(values)
-        spline.values(padded(self.control_points), left)
+        spline.values(self.control_points, left)
         np.subtract(values, left, out=left)
         levels, iterations = [], 0
         for number, system in enumerate(self.systems, start=1):

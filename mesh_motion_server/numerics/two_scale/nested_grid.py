@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.two_scale.boxes import Box
 from mesh_motion_server.numerics.two_scale.spline import spline_gradients, spline_values
 
@@ -54,12 +55,16 @@ class NestedSpline:
     dimension: int
 
     def values(self, points: Floats, out: Floats) -> None:
-        """Fill ``out`` (n, k) at (n, 3) points; a point outside all boxes takes the value of the nearest rim."""
-        spline_values(points, self.origin, self.inverse_spacing, self.cells, self.start, self.coefficients, out)
+        """Fill ``out`` (n, k) at (n, d) points; a point outside all boxes takes the value of the nearest rim."""
+        spline_values(
+            read_only(points), self.origin, self.inverse_spacing, self.cells, self.start, self.coefficients, out
+        )
 
     def gradients(self, points: Floats, out: Floats) -> None:
-        """Fill ``out`` (n, k, d) at (n, 3) points."""
-        spline_gradients(points, self.origin, self.inverse_spacing, self.cells, self.start, self.coefficients, out)
+        """Fill ``out`` (n, k, d) at (n, d) points."""
+        spline_gradients(
+            read_only(points), self.origin, self.inverse_spacing, self.cells, self.start, self.coefficients, out
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,22 +86,30 @@ class NestedGrid:
 
     def points(self) -> Floats:
         """(g, d) points at which the field is needed, box by box."""
-        return np.concatenate([self._box_points(box) for box in self.boxes])
+        return np.concatenate([self.points_of(box) for box in self.boxes])
 
-    def _box_points(self, box: Box) -> Floats:
+    def points_of(self, box: Box) -> Floats:
+        """(g, d) points of one box, x slowest."""
         axes = [
-            self.low[a] + box.spacing * (box.first[a] + np.arange(-2.0, box.cells[a] + 3.0))
-            for a in range(self.dimension)
+            corner + box.spacing * np.arange(count)
+            for corner, count in zip(self.corner(box), self.counts(box), strict=False)
         ]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, self.dimension)
+
+    def corner(self, box: Box) -> Floats:
+        """(3,) first point of a box, two before its own."""
+        return np.asarray(self.low + box.spacing * (box.first - 2.0))
+
+    def counts(self, box: Box) -> tuple[int, ...]:
+        """Points along each axis of a box, two more than its own on every side."""
+        return tuple(int(n) + 5 for n in box.cells[: self.dimension])
 
     def spline(self, values: Floats) -> NestedSpline:
         """The spline of values (g, k) at :meth:`points`."""
         coefficients: list[Floats] = []
         first = 0
         for box in self.boxes:
-            shape = tuple(int(n) + 5 for n in box.cells[: self.dimension])
-            own = values[first : first + box.grid_points].reshape(*shape, -1)
+            own = values[first : first + box.grid_points].reshape(*self.counts(box), -1)
             first += box.grid_points
             for axis in range(self.dimension):
                 own = _quasi_interpolated(own, axis)
@@ -128,16 +141,17 @@ class NestedGrid:
             np.array([1.0 / box.spacing for box in boxes]),
             np.stack([box.cells for box in boxes]),
             np.cumsum([0, *(len(part) for part in rows[:-1])]),
-            np.concatenate(rows),
+            np.concatenate(rows) if len(rows) > 1 else np.ascontiguousarray(rows[0]),
             self.dimension,
         )
 
 
 def _quasi_interpolated(values: Floats, axis: int) -> Floats:
     """(8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry."""
-    n = values.shape[axis]
-    before, middle, after = (np.take(values, range(i, n - 2 + i), axis) for i in range(3))
-    return np.asarray((8.0 * middle - before - after) / 6.0)
+    along = np.moveaxis(values, axis, 0)
+    out = (8.0 / 6.0) * along[1:-1]
+    out -= (1.0 / 6.0) * (along[:-2] + along[2:])
+    return np.moveaxis(out, 0, axis)
 
 
 def _subdivided(coefficients: Floats, axis: int, first: int, cells: int) -> Floats:

@@ -10,25 +10,32 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.vector_lanes import plane_sums, solid_sums
+
 __all__ = ["spline_gradients", "spline_values"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _BLOCK = 256  # points of one task
+_SIXTH = 1.0 / 6.0
 
 # Sums may be contracted to fused operations; nothing is reassociated, so every machine adds in the same order.
 _SUMS = {"contract"}
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _value_weights(t, w):  # type: ignore[no-untyped-def]
+def _four(t):  # type: ignore[no-untyped-def]
     """The four B-splines at t in [0, 1]."""
     u = 1.0 - t
-    w[0] = u * u * u / 6.0
-    w[1] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
-    w[2] = (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0
-    w[3] = t * t * t / 6.0
+    t2, u2 = t * t, u * u
+    return _SIXTH * u2 * u, 4.0 * _SIXTH - t2 + 0.5 * t2 * t, 4.0 * _SIXTH - u2 + 0.5 * u2 * u, _SIXTH * t2 * t
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _value_weights(t, w):  # type: ignore[no-untyped-def]
+    """Fill ``w`` (4,) with them."""
+    w[0], w[1], w[2], w[3] = _four(t)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -41,34 +48,25 @@ def _slope_weights(t, w):  # type: ignore[no-untyped-def]
     w[3] = 0.5 * t * t
 
 
-@njit(cache=True, error_model="numpy")
-def _locate(x, y, z, origin, inverse, cells, cell, t):  # type: ignore[no-untyped-def]
-    """The box of a point; its cell (3,) there and the place (3,) within it."""
-    last = len(origin) - 1
-    for b in range(last + 1):
+@njit(cache=True, error_model="numpy", inline="always")
+def _box_of(x, y, z, origin, inverse, cells):  # type: ignore[no-untyped-def]
+    """The first box that holds a point, or the last."""
+    last = len(inverse) - 1
+    for b in range(last):
         px = (x - origin[b, 0]) * inverse[b]
         py = (y - origin[b, 1]) * inverse[b]
         pz = (z - origin[b, 2]) * inverse[b]
-        inside = 0.0 <= px <= cells[b, 0] and 0.0 <= py <= cells[b, 1] and 0.0 <= pz <= cells[b, 2]
-        if inside or b == last:
-            _split(px, cells[b, 0], 0, cell, t)
-            _split(py, cells[b, 1], 1, cell, t)
-            _split(pz, cells[b, 2], 2, cell, t)
+        if 0.0 <= px <= cells[b, 0] and 0.0 <= py <= cells[b, 1] and 0.0 <= pz <= cells[b, 2]:
             return b
     return last
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _split(p, n, axis, cell, t):  # type: ignore[no-untyped-def]
-    """Whole and fractional part of a place in 0 … n."""
-    if n == 0:
-        cell[axis] = 0
-        t[axis] = 0.0
-        return
+def _split(p, n):  # type: ignore[no-untyped-def]
+    """Cell and place in it of a place in 0 … n, of the nearest rim's for one outside; 0 where there is no cell."""
     p = min(max(p, 0.0), float(n))
-    c = min(int(p), n - 1)
-    cell[axis] = c
-    t[axis] = p - c
+    c = max(min(int(p), n - 1), 0)
+    return c, p - c
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)
@@ -92,69 +90,59 @@ def _sum(cell, cells, start, w, coefficients, out):  # type: ignore[no-untyped-d
                     out[k] += weight * coefficients[row + m, k]
 
 
-@njit(cache=True, error_model="numpy", fastmath=_SUMS, inline="always")
-def _sum_of_three(cell, cells, start, w, coefficients, out):  # type: ignore[no-untyped-def]
-    """:func:`_sum` of three components in three dimensions, with the totals in registers."""
-    a, b, c = 0.0, 0.0, 0.0
-    ny, nz = cells[1] + 3, cells[2] + 3
-    w0, w1, w2, w3 = w[2, 0], w[2, 1], w[2, 2], w[2, 3]
-    for i in range(4):
-        for j in range(4):
-            r = start + ((cell[0] + i) * ny + cell[1] + j) * nz + cell[2]
-            line = w[0, i] * w[1, j]
-            q = coefficients
-            a += line * (w0 * q[r, 0] + w1 * q[r + 1, 0] + w2 * q[r + 2, 0] + w3 * q[r + 3, 0])
-            b += line * (w0 * q[r, 1] + w1 * q[r + 1, 1] + w2 * q[r + 2, 1] + w3 * q[r + 3, 1])
-            c += line * (w0 * q[r, 2] + w1 * q[r + 1, 2] + w2 * q[r + 2, 2] + w3 * q[r + 3, 2])
-    out[0], out[1], out[2] = a, b, c
-
-
-@njit(cache=True, error_model="numpy", fastmath=_SUMS, inline="always")
-def _sum_of_two(cell, cells, start, w, coefficients, out):  # type: ignore[no-untyped-def]
-    """:func:`_sum` of two components in two dimensions."""
-    a, b = 0.0, 0.0
-    ny = cells[1] + 3
-    w0, w1, w2, w3 = w[1, 0], w[1, 1], w[1, 2], w[1, 3]
-    for i in range(4):
-        r = start + (cell[0] + i) * ny + cell[1]
-        q = coefficients
-        a += w[0, i] * (w0 * q[r, 0] + w1 * q[r + 1, 0] + w2 * q[r + 2, 0] + w3 * q[r + 3, 0])
-        b += w[0, i] * (w0 * q[r, 1] + w1 * q[r + 1, 1] + w2 * q[r + 2, 1] + w3 * q[r + 3, 1])
-    out[0], out[1] = a, b
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=_SUMS)
 def spline_values(
     points: Floats, origin: Floats, inverse: Floats, cells: Indices, start: Indices, coefficients: Floats, out: Floats
 ) -> None:
-    """Fill ``out`` (n, k) at (n, 3) points.
+    """Fill ``out`` (n, k) at (n, d) points.
 
     Parameters
     ----------
-    points : (n, 3) array
+    points : (n, d) array
     origin, inverse, cells, start : (b, 3), (b,), (b, 3), (b,)
         Lower corner, 1 / spacing, cells and first coefficient of each box.
     coefficients : (c, k) array
     out : (n, k) array
+
+    Notes
+    -----
+    Of three components in three dimensions the twelve numbers on a line of the stencil are summed at once, of two in
+    two dimensions the eight; any other number of them one after the other.
     """
-    n, k = out.shape
+    (n, k), d = out.shape, points.shape[1]
     solid = k == 3 and cells[0, 2] > 0
     plane = k == 2 and cells[0, 2] == 0 and cells[0, 1] > 0
+    numbers = coefficients.ravel()
     for block in prange((n + _BLOCK - 1) // _BLOCK):
-        cell, t, w, total = np.empty(3, dtype=np.int64), np.empty(3), np.empty((3, 4)), np.empty(k)
+        cell, w, total = np.empty(3, dtype=np.int64), np.empty((3, 4)), np.empty(k)
         for i in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
-            b = _locate(points[i, 0], points[i, 1], points[i, 2], origin, inverse, cells, cell, t)
-            for axis in range(3):
-                _value_weights(t[axis], w[axis])
+            x, y, z = points[i, 0], points[i, 1] if d > 1 else 0.0, points[i, 2] if d > 2 else 0.0
+            b = _box_of(x, y, z, origin, inverse, cells)
+            cx, tx = _split((x - origin[b, 0]) * inverse[b], cells[b, 0])
+            cy, ty = _split((y - origin[b, 1]) * inverse[b], cells[b, 1])
+            cz, tz = _split((z - origin[b, 2]) * inverse[b], cells[b, 2])
             if solid:
-                _sum_of_three(cell, cells[b], start[b], w, coefficients, out[i])
-                continue
-            if plane:
-                _sum_of_two(cell, cells[b], start[b], w, coefficients, out[i])
-                continue
-            _sum(cell, cells[b], start[b], w, coefficients, total)
-            for c in range(k):
-                out[i, c] = total[c]
+                line = 3 * (cells[b, 2] + 3)
+                first = 3 * (start[b] + cz) + (cx * (cells[b, 1] + 3) + cy) * line
+                s = solid_sums(numbers, first, (cells[b, 1] + 3) * line, line, _four(tx), _four(ty))
+                w0, w1, w2, w3 = _four(tz)
+                out[i, 0] = w0 * s[0] + w1 * s[3] + w2 * s[6] + w3 * s[9]
+                out[i, 1] = w0 * s[1] + w1 * s[4] + w2 * s[7] + w3 * s[10]
+                out[i, 2] = w0 * s[2] + w1 * s[5] + w2 * s[8] + w3 * s[11]
+            elif plane:
+                line = 2 * (cells[b, 1] + 3)
+                p = plane_sums(numbers, 2 * (start[b] + cy) + cx * line, line, _four(tx))
+                w0, w1, w2, w3 = _four(ty)
+                out[i, 0] = w0 * p[0] + w1 * p[2] + w2 * p[4] + w3 * p[6]
+                out[i, 1] = w0 * p[1] + w1 * p[3] + w2 * p[5] + w3 * p[7]
+            else:
+                cell[0], cell[1], cell[2] = cx, cy, cz
+                _value_weights(tx, w[0])
+                _value_weights(ty, w[1])
+                _value_weights(tz, w[2])
+                _sum(cell, cells[b], start[b], w, coefficients, total)
+                for c in range(k):
+                    out[i, c] = total[c]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -166,7 +154,11 @@ def spline_gradients(
     for block in prange((n + _BLOCK - 1) // _BLOCK):
         cell, t, w, total = np.empty(3, dtype=np.int64), np.empty(3), np.empty((3, 4)), np.empty(k)
         for i in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
-            b = _locate(points[i, 0], points[i, 1], points[i, 2], origin, inverse, cells, cell, t)
+            x, y, z = points[i, 0], points[i, 1] if d > 1 else 0.0, points[i, 2] if d > 2 else 0.0
+            b = _box_of(x, y, z, origin, inverse, cells)
+            cell[0], t[0] = _split((x - origin[b, 0]) * inverse[b], cells[b, 0])
+            cell[1], t[1] = _split((y - origin[b, 1]) * inverse[b], cells[b, 1])
+            cell[2], t[2] = _split((z - origin[b, 2]) * inverse[b], cells[b, 2])
             for m in range(d):
                 for axis in range(3):
                     if axis == m:
