@@ -43,7 +43,7 @@ def test_only_the_boundary_and_the_answer_travel(cluster: Any) -> None:
     body = MESHES["cube"]()
     with connected(cluster) as connection:
         model = distributed_model(body, METHODS["relative"], connection)
-        here, factors = body.points, FactorCache[Any](1 << 28)
+        here, factors = body.points, FactorCache(1 << 28)
         for step, targets in enumerate(waypoints(body)):
             before = model.evaluator.traffic.copy()
             motion = model.move(here, targets, factors)
