@@ -93,11 +93,16 @@ class Outcome:
         return asdict(self)
 
 
-def compare(cases: Sequence[str], systems: Sequence[str], out: Path, *, threads: int, repeat: int) -> Iterator[Outcome]:
-    """Measure the systems on the cases, in a fixed order; each outcome as soon as it is there."""
+def compare(
+    cases: Sequence[str], systems: Sequence[str], out: Path, *, threads: int, repeat: int, meshes: Path | None = None
+) -> Iterator[Outcome]:
+    """Measure the systems on the cases, in a fixed order; each outcome as soon as it is there.
+
+    Meshes are kept in ``out/meshes`` or where told.
+    """
     missing = {name: SYSTEMS[name].missing() for name in systems}
     for case_name in cases:
-        task = CASES[case_name].task(out / "meshes")
+        task = CASES[case_name].task(meshes or out / "meshes")
         judge = Judge(task)
         for name in systems:
             load = os.getloadavg()[0]

@@ -31,6 +31,8 @@ class Verdict:
         At the end.
     min_size, min_skew : float
         At the end.
+    near_wall : float
+        Minimum size-skew of the cells that touch the body, at the end.
     inverted : int
         Inverted cells at the end.
     most_inverted : int
@@ -43,6 +45,7 @@ class Verdict:
     mean_size_skew: float
     min_size: float
     min_skew: float
+    near_wall: float
     inverted: int
     most_inverted: int
     boundary_error: float
@@ -59,6 +62,8 @@ class Judge:
         self.task = task
         self.cells = CellTable.from_arrays(task.cells)
         self.reference = reference_sizes(task.points, self.cells)
+        moving = np.isin(np.arange(len(task.points)), task.moving)
+        self._touching = np.concatenate([moving[block.nodes].any(axis=1) for block in self.cells])
 
     def verdict(self, steps: Iterable[Floats]) -> Verdict:
         """Judge positions (n, d) after every step of the task, in order.
@@ -83,6 +88,7 @@ class Judge:
             mean_size_skew=float(size_skew.mean()),
             min_size=float(quality.size.min()),
             min_skew=float(quality.skew.min()),
+            near_wall=float(size_skew[self._touching].min()),
             inverted=inverted[-1],
             most_inverted=max(inverted),
             boundary_error=max(errors),

@@ -9,7 +9,14 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-__all__ = ["Measurement", "SystemFailure", "cpu_seconds", "peak_memory"]
+__all__ = [
+    "Measurement",
+    "SystemFailure",
+    "cpu_seconds",
+    "high_water_marks",
+    "peak_memory",
+    "resident_by_process",
+]
 
 
 class SystemFailure(Exception):
@@ -63,7 +70,7 @@ def peak_memory(process: int) -> int:
     The kernel's high-water mark of each address space: a parent's memory before ``exec`` does not count, as it does in
     ``getrusage``.
     """
-    return sum(_high_water_mark(member) for member in _family(process))
+    return sum(high_water_marks(process).values())
 
 
 def cpu_seconds(process: int) -> float:
@@ -76,13 +83,23 @@ def cpu_seconds(process: int) -> float:
     return nanoseconds * 1e-9
 
 
-def _high_water_mark(process: int) -> int:
-    """VmHWM of one process, bytes."""
+def high_water_marks(process: int) -> dict[int, int]:
+    """Largest resident set so far of a process and of each of its descendants, bytes."""
+    return {member: _status(member, "VmHWM") for member in _family(process)}
+
+
+def resident_by_process(process: int) -> dict[int, int]:
+    """Resident set of a process and of each of its descendants, bytes."""
+    return {member: _status(member, "VmRSS") for member in _family(process)}
+
+
+def _status(process: int, field: str) -> int:
+    """A number of /proc/PID/status, bytes."""
     try:
         status = Path(f"/proc/{process}/status").read_text(encoding="ascii")
     except OSError:
         return 0
-    found = re.search(r"VmHWM:\s*(\d+) kB", status)
+    found = re.search(rf"{field}:\s*(\d+) kB", status)
     return int(found.group(1)) * 1024 if found else 0
 
 

@@ -4,7 +4,8 @@ Nodes are numbered along a space-filling curve and cells by their first node, fo
 for a generator's numbering.
 
 M1, M6, M2 and M7 have about 1 k, 10 k, 100 k and 1 M nodes in two dimensions, M3, M4 and M5 50 k, 500 k and 5 M in
-three; M5 is a mesh a little finer than M4, refined once.
+three; M5 is a mesh a little finer than M4, refined once. W2 and W3 are 50 bodies wide, on the bodies of S2 and S3 the
+spacing varies by a factor of 30.
 """
 
 from __future__ import annotations
@@ -27,8 +28,13 @@ Ints = NDArray[np.integer]
 
 #: Gmsh's element number, nodes and our name.
 _GMSH_TYPES = {2: (3, "triangle"), 4: (4, "tetra")}
-_SLAB = ((0.4, 0.6), (0.48, 0.52))
-_WING = ((0.3, 0.7), (0.47, 0.53), (0.4, 0.6))
+Box = tuple[tuple[float, float], ...]
+
+_SLAB: Box = ((0.4, 0.6), (0.48, 0.52))
+_WING: Box = ((0.3, 0.7), (0.47, 0.53), (0.4, 0.6))
+#: Bodies a fiftieth as long as the domain.
+_SMALL_SLAB: Box = ((0.49, 0.51), (0.498, 0.502))
+_SMALL_WING: Box = ((0.49, 0.51), (0.4985, 0.5015), (0.495, 0.505))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,38 +55,39 @@ class BenchmarkMesh:
     fixed: Ints
 
 
-def slab(*, outer_size: float, body_size: float) -> BenchmarkMesh:
-    """Triangles in the unit square around a slab 0.2 × 0.04."""
-    (x0, x1), (y0, y1) = _SLAB
+def slab(*, outer_size: float, body_size: float, ratio: float = 1.0, body: Box = _SLAB) -> BenchmarkMesh:
+    """Triangles in the unit square around a slab; their size on it grows along x by the ratio."""
+    (x0, x1), (y0, y1) = body
     gmsh.option.setNumber("Mesh.Algorithm", 6)
     loops = [
-        _polygon([(0, 0), (1, 0), (1, 1), (0, 1)], outer_size),
-        _polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], body_size),
+        _polygon([(0, 0), (1, 0), (1, 1), (0, 1)], [outer_size] * 4),
+        _polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], [body_size * r for r in (1.0, ratio, ratio, 1.0)]),
     ]
     gmsh.model.geo.addPlaneSurface(loops)
     gmsh.model.geo.synchronize()
     gmsh.model.mesh.generate(2)
-    return _mesh_of_model(2, _SLAB)
+    return _mesh_of_model(2, body)
 
 
-def wing(*, body_size: float, growth: float) -> BenchmarkMesh:
-    """Tetrahedra in the unit cube around a box 0.4 × 0.06 × 0.2, of size h + g D + 0.2 D³ at the distance D."""
+def wing(*, body_size: float, growth: float, ratio: float = 1.0, body: Box = _WING) -> BenchmarkMesh:
+    """Tetrahedra in the unit cube around a box, of size h + g D + 0.2 D³ at the distance D; h grows along x."""
     gmsh.option.setNumber("Mesh.Algorithm3D", 10)
     for name in ("ExtendFromBoundary", "FromPoints", "FromCurvature"):
         gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
     box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-    (x0, x1), (y0, y1), (z0, z1) = _WING
-    body = gmsh.model.occ.addBox(x0, y0, z0, x1 - x0, y1 - y0, z1 - z0)
-    gmsh.model.occ.cut([(3, box)], [(3, body)])
+    (x0, x1), (y0, y1), (z0, z1) = body
+    hole = gmsh.model.occ.addBox(x0, y0, z0, x1 - x0, y1 - y0, z1 - z0)
+    gmsh.model.occ.cut([(3, box)], [(3, hole)])
     gmsh.model.occ.synchronize()
     # max(a - x, x - b, 0) = (|x - a| + |x - b| - (b - a)) / 2
-    outside = [f"((Abs({x}-{a})+Abs({x}-{b})-{b - a})/2)^2" for x, (a, b) in zip("xyz", _WING, strict=True)]
+    outside = [f"((Abs({x}-{a})+Abs({x}-{b})-{b - a})/2)^2" for x, (a, b) in zip("xyz", body, strict=True)]
     distance = f"Sqrt({'+'.join(outside)})"
     field = gmsh.model.mesh.field.add("MathEval")
-    gmsh.model.mesh.field.setString(field, "F", f"{body_size}+({growth})*{distance}+0.2*{distance}^3")
+    graded = f"*{ratio}^((1+(Abs(x-{x0})-Abs(x-{x1}))/{x1 - x0})/2)" if ratio != 1.0 else ""
+    gmsh.model.mesh.field.setString(field, "F", f"{body_size}{graded}+({growth})*{distance}+0.2*{distance}^3")
     gmsh.model.mesh.field.setAsBackgroundMesh(field)
     gmsh.model.mesh.generate(3)
-    return _mesh_of_model(3, _WING)
+    return _mesh_of_model(3, body)
 
 
 def refined_wing(*, body_size: float, growth: float) -> BenchmarkMesh:
@@ -115,6 +122,22 @@ MESHES: dict[str, tuple[str, Callable[[], BenchmarkMesh]]] = {
         "wing in a cube, 4.9 M nodes, tetrahedra of a mesh refined once",
         lambda: refined_wing(body_size=0.0065, growth=-0.003),
     ),
+    "W2": (
+        "slab in a square 50 slabs wide",
+        lambda: slab(outer_size=0.01, body_size=0.00005, body=_SMALL_SLAB),
+    ),
+    "S2": (
+        "slab in a square, surface spacing × 30",
+        lambda: slab(outer_size=0.01, body_size=0.00008, ratio=30.0),
+    ),
+    "W3": (
+        "wing in a cube 50 wings wide, tetrahedra",
+        lambda: wing(body_size=0.0005, growth=0.15, body=_SMALL_WING),
+    ),
+    "S3": (
+        "wing in a cube, surface spacing × 30, tetrahedra",
+        lambda: wing(body_size=0.002, growth=0.2, ratio=30.0),
+    ),
     "H1": (
         "wing in a cube, 22 k nodes, hexahedra",
         lambda: hexahedral_wing(divisions=((9, 16, 9), (10, 3, 10), (9, 8, 9))),
@@ -147,10 +170,10 @@ def _in_gmsh(build: Callable[[], BenchmarkMesh]) -> BenchmarkMesh:
         gmsh.finalize()
 
 
-def _polygon(corners: list[tuple[float, float]], size: float) -> int:
-    """Curve loop through the corners with a mesh size."""
+def _polygon(corners: list[tuple[float, float]], sizes: list[float]) -> int:
+    """Curve loop through the corners with a mesh size at each."""
     geo = gmsh.model.geo
-    tags = [geo.addPoint(x, y, 0, size) for x, y in corners]
+    tags = [geo.addPoint(x, y, 0, size) for (x, y), size in zip(corners, sizes, strict=True)]
     return int(geo.addCurveLoop([geo.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)]))
 
 
@@ -166,7 +189,7 @@ def _graded_lines(span: tuple[float, float], counts: tuple[int, int, int]) -> Fl
     )
 
 
-def _mesh_of_model(dimension: int, body: tuple[tuple[float, float], ...]) -> BenchmarkMesh:
+def _mesh_of_model(dimension: int, body: Box) -> BenchmarkMesh:
     """The current Gmsh model as arrays."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     number = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
@@ -180,7 +203,7 @@ def _mesh_of_model(dimension: int, body: tuple[tuple[float, float], ...]) -> Ben
     return _renumbered(points, cells, body)
 
 
-def _renumbered(points: Floats, cells: dict[str, Ints], body: tuple[tuple[float, float], ...]) -> BenchmarkMesh:
+def _renumbered(points: Floats, cells: dict[str, Ints], body: Box) -> BenchmarkMesh:
     """Used nodes along a Z-order curve, cells by their smallest node, patches by coordinates."""
     named = np.zeros(len(points), dtype=bool)
     for nodes in cells.values():

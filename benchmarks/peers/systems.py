@@ -162,6 +162,7 @@ SYSTEMS: dict[str, System] = {
         needs=_OURS,
     ),
     "dense-rbf": PythonSystem("dense RBF in numpy, all centres", "dense_rbf:DenseRBF"),
+    "scipy-rbf": PythonSystem("scipy RBFInterpolator, 50 neighbours", "scipy_rbf:ScipyRBF", needs="scipy.interpolate"),
     "openfoam": OpenFoamSystem("OpenFOAM displacementLaplacian, tolerance 1e-5", Settings(tolerance="usual")),
     "openfoam-converged": OpenFoamSystem("OpenFOAM displacementLaplacian, converged", Settings()),
     "openfoam-uncorrected": OpenFoamSystem(

@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.peers.meshes import load_or_build
-from benchmarks.scale.cases import CASES, MESHES
+from benchmarks.scale.cases import CASES, MESHES, SHAPES
 from benchmarks.scale.figures import Figures, MachineLimits, WireFigures
 from benchmarks.scale.picture import write_picture
 from benchmarks.scale.report import fill, tables
 from benchmarks.scale.results import Results
 
+_MESHES = [*MESHES, *SHAPES]
 _PICTURE = Path(__file__).parents[2] / "docs" / "images" / "scale.png"
 
 
@@ -26,8 +27,8 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scale", description="Cost and memory against size.")
     parser.add_argument("--out", type=Path, default=Path("out/scale"), help="folder of the results")
     parser.add_argument("--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes, built if need be")
-    parser.add_argument("--sizes", nargs="+", choices=list(MESHES), default=list(MESHES), metavar="MESH")
-    parser.add_argument("--wire", nargs="*", choices=list(MESHES), default=list(MESHES), metavar="MESH")
+    parser.add_argument("--sizes", nargs="+", choices=_MESHES, default=_MESHES, metavar="MESH")
+    parser.add_argument("--wire", nargs="*", choices=_MESHES, default=_MESHES, metavar="MESH")
     parser.add_argument("--threads", type=int, default=1, help="threads of the kernels")
     parser.add_argument("--repeat", type=int, default=3, help="steps of each; the shortest counts")
     parser.add_argument("--readme", action="store_true", help="put tables and plot into benchmarks/README.md")
@@ -55,7 +56,7 @@ def main(words: Sequence[str] | None = None) -> None:
         f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start; "
         f"threads of the kernels: {threads}."
     )
-    results = Results(MachineLimits.read(_measured("limits", 1)), machine)
+    results = Results(MachineLimits.read(_measured("limits", os.cpu_count() or 1)), machine, threads)
     for name, case in CASES.items():
         if case.mesh not in arguments.sizes:
             continue

@@ -12,13 +12,18 @@ from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS
 from benchmarks.peers.task import Task
 
-__all__ = ["CASES", "MESHES", "Case"]
+__all__ = ["CASES", "MESHES", "SHAPES", "Case"]
 
 #: A steady step is this part of the large one.
 _STEADY_PARTS = 50
 
 #: Meshes, smallest first in each dimension, and the large motion of each.
 MESHES: dict[str, str] = {"M1": "T1", "M6": "T1", "M2": "T1", "M7": "T1", "M3": "T3", "M4": "T3", "M5": "T3"}
+
+#: Meshes that are not about size: a domain 50 bodies wide, a surface whose spacing varies by 30. Steady steps only.
+SHAPES: dict[str, str] = {"W2": "T1", "S2": "T1", "W3": "T3", "S3": "T3"}
+
+_MOTIONS = {**MESHES, **SHAPES}
 
 _METHODS: dict[str, dict[str, Any]] = {
     "steady": {},
@@ -50,7 +55,7 @@ class Case:
     @property
     def dimension(self) -> int:
         """2 or 3."""
-        return 2 if MESHES[self.mesh] == "T1" else 3
+        return 2 if _MOTIONS[self.mesh] == "T1" else 3
 
     @property
     def method(self) -> dict[str, Any]:
@@ -60,7 +65,7 @@ class Case:
     def task(self, folder: Path, steps: int) -> Task:
         """Mesh (built where the folder has not got it yet) and ``steps`` displacements; a large one is repeated."""
         mesh = load_or_build(self.mesh, folder)
-        motion, body = MOTIONS[MESHES[self.mesh]], mesh.points[mesh.moving]
+        motion, body = MOTIONS[_MOTIONS[self.mesh]], mesh.points[mesh.moving]
         if self.kind == "steady":
             displacements = motion.displacements(body, max(_STEADY_PARTS, steps))[:steps]
         else:
@@ -70,5 +75,9 @@ class Case:
 
 #: By name.
 CASES: dict[str, Case] = {
-    case.name: case for case in (Case(mesh, kind) for kind in ("steady", "large") for mesh in MESHES)
+    case.name: case
+    for case in (
+        *(Case(mesh, "steady") for mesh in (*MESHES, *SHAPES)),
+        *(Case(mesh, "large") for mesh in MESHES),
+    )
 }

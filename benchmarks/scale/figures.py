@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypeVar
 
-__all__ = ["Figures", "MachineLimits", "Seconds", "WireFigures", "timed"]
+__all__ = ["Figures", "MachineLimits", "Rates", "Seconds", "WireFigures", "timed"]
 
 T = TypeVar("T")
 
@@ -111,6 +111,10 @@ class WireFigures(_Read):
         From the displacement to the positions of all nodes, as in :class:`Figures`.
     step_share, iteration_share : float
         What part of the wall time the worker's motion did not take.
+    worker_bytes : int
+        Most memory of the session's worker beyond what it has while it waits for a session.
+    flight_bytes : int
+        Arrays that go through it: the mesh as sent, a step's displacement and its answer.
     """
 
     setup: Seconds
@@ -119,22 +123,62 @@ class WireFigures(_Read):
     iteration: Seconds
     step_share: float
     iteration_share: float
+    worker_bytes: int
+    flight_bytes: int
 
 
 @dataclass(frozen=True)
-class MachineLimits(_Read):
-    """Of one thread of the machine.
+class Rates:
+    """Of compiled loops on some threads.
+
+    Attributes
+    ----------
+    triad : float
+        Bytes read and written a second, a = b + 3 c.
+    read : float
+        Bytes read a second.
+    arithmetic : float
+        Floating-point operations a second, fused multiply-adds on registers.
+    pairs : float
+        Values of Wendland's C2 function, each in a weighted sum of three components, a second.
+    """
+
+    triad: float
+    read: float
+    arithmetic: float
+    pairs: float
+
+
+@dataclass(frozen=True)
+class MachineLimits:
+    """What the machine can do at most.
 
     Attributes
     ----------
     bandwidth : float
-        Bytes read and written a second by numpy's copy of a large array.
+        Bytes read and written a second by numpy's copy of a large array, one thread.
     pair_rate : float
-        Pairs of node and centre a second in the textbook's dense sum in numpy.
+        Pairs of node and centre a second in the textbook's dense sum in numpy, one thread.
+    one, all : Rates
+        Of one thread, and of all.
+    threads : int
+        All.
     """
 
     bandwidth: float
     pair_rate: float
+    one: Rates
+    all: Rates
+    threads: int
+
+    @classmethod
+    def read(cls, values: dict[str, Any]) -> Self:
+        """From what ``dataclasses.asdict`` made."""
+        return cls(**{**values, "one": Rates(**values["one"]), "all": Rates(**values["all"])})
+
+    def rates(self, threads: int) -> Rates:
+        """Of one thread, or of all."""
+        return self.one if threads == 1 else self.all
 
     def pass_seconds(self, figures: Figures, dimension: int) -> float:
         """To read the coordinates and the connectivity (8 bytes a number) of a mesh of simplices once."""

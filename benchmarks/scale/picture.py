@@ -36,7 +36,7 @@ def write_picture(results: Results, path: Path) -> None:
 
 def _decades(results: Results, motion: str) -> tuple[float, float]:
     """Whole decades around the sizes that were measured with a motion."""
-    sizes = [f.nodes for name, f in results.library.items() if MESHES[CASES[name].mesh] == motion] or [1000]
+    sizes = [f.nodes for name, f in results.library.items() if MESHES.get(CASES[name].mesh) == motion] or [1000]
     return 0.8 * 10 ** math.floor(math.log10(min(sizes))), 1.25 * 10 ** math.ceil(math.log10(max(sizes)))
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from benchmarks.page import README, fill_block
 from benchmarks.scale.cases import CASES
-from benchmarks.scale.figures import Figures, MachineLimits, Seconds, WireFigures
+from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, WireFigures
 from benchmarks.scale.results import Results, growth
+from benchmarks.scale.work import shares
 
 __all__ = ["README", "fill", "tables"]
 
@@ -21,9 +22,14 @@ _QUALITY = (
 _SMALL = 10_000
 
 _WIRE = (
-    "| mesh, motion | set-up | first step | step | iteration | wire's share | of an iteration |\n|---|"
-    + "---:|" * 6
-    + "\n"
+    "| mesh, motion | set-up | first step | step | iteration | wire's share | of an iteration | worker MB "
+    "| × in flight |\n|---|" + "---:|" * 8 + "\n"
+)
+
+
+_SHARES = (
+    "| mesh | displace: of bandwidth | of arithmetic | predict: of bandwidth | of arithmetic | step: of bandwidth "
+    "| of arithmetic | × the limit |\n|---|" + "---:|" * 7 + "\n"
 )
 
 
@@ -35,6 +41,8 @@ def tables(results: Results) -> str:
     parts.append(_QUALITY + "".join(_quality(name, results.library[name]) for name in library))
     if wire:
         parts.append("Over the wire:\n\n" + _WIRE + "".join(_over_wire(name, results.wire[name]) for name in wire))
+    steady = [name for name in library if CASES[name].kind == "steady"]
+    parts.append("Shares of the machine's limits:\n\n" + _SHARES + "".join(_limits(results, name) for name in steady))
     return "\n".join([*parts, _machine(results) + "\n"])
 
 
@@ -74,8 +82,18 @@ def _over_wire(name: str, figures: WireFigures) -> str:
     """One line."""
     case = CASES[name]
     times = " | ".join(_both(seconds) for seconds in (figures.setup, figures.first, figures.step, figures.iteration))
-    shares = " | ".join(f"{100 * share:.0f} %" for share in (figures.step_share, figures.iteration_share))
-    return f"| {case.mesh} {case.kind} | {times} | {shares} |\n"
+    parts = " | ".join(f"{100 * share:.0f} %" for share in (figures.step_share, figures.iteration_share))
+    memory = f"{figures.worker_bytes / 1e6:.0f} | {_digits(figures.worker_bytes / figures.flight_bytes)}"
+    return f"| {case.mesh} {case.kind} | {times} | {parts} | {memory} |\n"
+
+
+def _limits(results: Results, name: str) -> str:
+    """One line."""
+    case = CASES[name]
+    rates = results.limits.rates(results.threads)
+    found = shares(results.library[name], case.dimension, rates, results.threads)
+    both = " | ".join(f"{100 * share.bandwidth:.0f} % | {100 * share.arithmetic:.0f} %" for share in found)
+    return f"| {case.mesh} | {both} | {_digits(found[-1].times)} |\n"
 
 
 def _machine(results: Results) -> str:
@@ -83,7 +101,15 @@ def _machine(results: Results) -> str:
     limits: MachineLimits = results.limits
     return (
         f"{results.machine} One thread copies {limits.bandwidth / 1e9:.1f} GB/s (read and written) and sums "
-        f"{limits.pair_rate / 1e6:.0f} M pairs/s in dense numpy."
+        f"{limits.pair_rate / 1e6:.0f} M pairs/s in dense numpy. Compiled loops: {_rates(limits.one)} on one thread, "
+        f"{_rates(limits.all)} on {limits.threads}."
+    )
+
+
+def _rates(rates: Rates) -> str:
+    return (
+        f"{rates.triad / 1e9:.1f} GB/s triad, {rates.read / 1e9:.1f} GB/s read, {rates.arithmetic / 1e9:.0f} Gflop/s, "
+        f"{rates.pairs / 1e9:.1f} Gpair/s"
     )
 
 

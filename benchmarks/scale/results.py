@@ -23,6 +23,8 @@ class Results:
     limits : MachineLimits
     machine : str
         In words.
+    threads : int
+        Of the kernels.
     library : dict
         Figures by the name of a case.
     wire : dict
@@ -31,6 +33,7 @@ class Results:
 
     limits: MachineLimits
     machine: str
+    threads: int = 1
     library: dict[str, Figures] = field(default_factory=dict)
     wire: dict[str, WireFigures] = field(default_factory=dict)
 
@@ -45,6 +48,7 @@ class Results:
         return cls(
             MachineLimits.read(found["limits"]),
             found["machine"],
+            found["threads"],
             {name: Figures.read(values) for name, values in found["library"].items()},
             {name: WireFigures.read(values) for name, values in found["wire"].items()},
         )
@@ -52,6 +56,8 @@ class Results:
 
 def smaller(case: Case) -> str | None:
     """Name of the case with the next smaller mesh of the same kind and motion; None for the smallest."""
+    if case.mesh not in MESHES:
+        return None
     names = [mesh for mesh, motion in MESHES.items() if motion == MESHES[case.mesh]]
     at = names.index(case.mesh)
     return f"{names[at - 1]}-{case.kind}" if at else None

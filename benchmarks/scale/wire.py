@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers.measurement import cpu_seconds
+from benchmarks.peers.measurement import cpu_seconds, high_water_marks, resident_by_process
 from benchmarks.peers.movers.served import ServedMover, await_rest
+from benchmarks.peers.task import Task
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.figures import Seconds, WireFigures
 from benchmarks.scale.library import FIRST_SHARE
@@ -29,6 +30,7 @@ def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
     repeat = repeat if case.kind == "steady" else _LARGE_REPEAT
     task = case.task(folder, repeat)
     ServedMover.prepare(task, {})
+    waiting = resident_by_process(os.getpid())
     used, began = cpu_seconds(os.getpid()), time.perf_counter()
     mover = ServedMover(task, **case.method)
     setup = Seconds(cpu_seconds(os.getpid()) - used, time.perf_counter() - began)
@@ -40,6 +42,7 @@ def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
         iterations.append(_move(mover, increment))
         mover.session.commit()
         before = displacement
+    worker = _grown(waiting, high_water_marks(os.getpid()))
     mover.session.close("discard")
     return WireFigures(
         setup,
@@ -48,7 +51,20 @@ def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
         Seconds.shortest([seconds for seconds, _ in iterations]),
         statistics.median(share for _, share in steps),
         statistics.median(share for _, share in iterations),
+        worker,
+        _in_flight(task),
     )
+
+
+def _grown(before: dict[int, int], most: dict[int, int]) -> int:
+    """Bytes by which the process that serves the session has grown: of all but this one, the one that grew most."""
+    return max(most[process] - before[process] for process in most if process in before and process != os.getpid())
+
+
+def _in_flight(task: Task) -> int:
+    """Bytes of the arrays of a session: mesh, roles, one displacement, one answer."""
+    mesh = task.points.nbytes + sum(nodes.nbytes for nodes in task.cells.values())
+    return mesh + task.moving.nbytes + task.fixed.nbytes + task.displacements[0].nbytes + task.points.nbytes
 
 
 def _move(mover: ServedMover, displacement: NDArray[np.float64]) -> tuple[Seconds, float]:
