@@ -2,8 +2,8 @@
 # make test   runs every test
 # make lint   ruff and mypy, as CI does
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
-# make bench  measures how set-up, step and memory grow to half a million nodes, and what a correction costs
-# make bench-quick the first of these in under three minutes, up to fifty thousand nodes in 3D
+# make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
+# make bench-quick the most telling of it in three minutes
 # make studies recomputes every table and figure of docs/thesis.md and docs/beyond.md (STUDY="name …" for some)
 # make docker builds the images and runs server + mock fluid + mock solid (needs a Docker engine)
 #
@@ -59,11 +59,10 @@ peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1
 
 bench: $(VENV)/.development
-	$(BIN)/python -m benchmarks.scale --out out/scale --meshes out/peers
-	$(BIN)/python -m benchmarks.correction --out out/peers
+	$(BIN)/python -m benchmarks --out out/bench --meshes out/meshes
 
 bench-quick: $(VENV)/.development
-	$(BIN)/python -m benchmarks.scale --out out/scale-quick --meshes out/peers --sizes M1 M2 M3 --wire M1 M3 --repeat 2
+	$(BIN)/python -m benchmarks --plan quick --minutes 2.5 --repeat 2 --out out/bench-quick --meshes out/meshes
 
 studies: $(VENV)/.development
 	$(BIN)/python -m docs.studies $(STUDY)

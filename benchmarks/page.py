@@ -1,4 +1,4 @@
-"""Blocks of the benchmarks' README that a run fills: ``<!-- benchmark: NAME -->`` up to ``<!-- end -->``."""
+"""Blocks of a page that a run fills: ``<!-- benchmark: NAME -->`` up to ``<!-- end -->``."""
 
 from __future__ import annotations
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.correction.cases import CASES, standard_positions
 from benchmarks.correction.cost import Cost
 from benchmarks.correction.report import fill, table
+from benchmarks.fresh import measured_in_fresh_process
 
 
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
@@ -29,14 +27,6 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     return arguments
 
 
-def _cost(name: str, folder: Path, threads: int, repeat: int) -> Cost:
-    """Of one case, in a fresh process."""
-    words = [sys.executable, "-m", "benchmarks.correction.cost", name, str(folder), str(repeat)]
-    environment = {**os.environ, "NUMBA_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
-    done = subprocess.run(words, env=environment, check=True, stdout=subprocess.PIPE, text=True)
-    return Cost(**json.loads(done.stdout))
-
-
 def main(words: Sequence[str] | None = None) -> None:
     """Run what the command line asks for."""
     arguments = _arguments(words)
@@ -45,7 +35,11 @@ def main(words: Sequence[str] | None = None) -> None:
     machine = f"{platform.machine()}, {os.cpu_count()} cores; threads of the kernels: {arguments.threads}."
     for name in arguments.cases:
         standard_positions(CASES[name], arguments.out)
-        costs[name] = _cost(name, arguments.out, arguments.threads, arguments.repeat)
+        costs[name] = Cost(
+            **measured_in_fresh_process(
+                "correction.cost", arguments.threads, name, str(arguments.out), str(arguments.repeat)
+            )
+        )
         text = table(costs, machine)
         (arguments.out / "correction.md").write_text(text, encoding="utf-8")
         print(text.splitlines()[1 + len(costs)], flush=True)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from benchmarks.fresh import measured_in_fresh_process
 from benchmarks.peers.meshes import load_or_build
 from benchmarks.scale.cases import CASES, MESHES, SHAPES
 from benchmarks.scale.figures import Figures, MachineLimits, WireFigures
@@ -38,15 +35,6 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     return arguments
 
 
-def _measured(module: str, threads: int, *words: str) -> dict[str, Any]:
-    """What a module prints, run in a fresh process."""
-    single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    environment = {**os.environ, **single, "NUMBA_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
-    command = [sys.executable, "-m", f"benchmarks.scale.{module}", *words]
-    done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
-    return dict(json.loads(done.stdout))
-
-
 def main(words: Sequence[str] | None = None) -> None:
     """Run what the command line asks for."""
     arguments = _arguments(words)
@@ -56,15 +44,17 @@ def main(words: Sequence[str] | None = None) -> None:
         f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start; "
         f"threads of the kernels: {threads}."
     )
-    results = Results(MachineLimits.read(_measured("limits", os.cpu_count() or 1)), machine, threads)
+    results = Results(
+        MachineLimits.read(measured_in_fresh_process("scale.limits", os.cpu_count() or 1)), machine, threads
+    )
     for name, case in CASES.items():
         if case.mesh not in arguments.sizes:
             continue
         load_or_build(case.mesh, arguments.meshes)
         given = (name, folder, str(arguments.repeat))
-        results.library[name] = Figures.read(_measured("library", threads, *given))
+        results.library[name] = Figures.read(measured_in_fresh_process("scale.library", threads, *given))
         if case.mesh in arguments.wire:
-            results.wire[name] = WireFigures.read(_measured("wire", threads, *given))
+            results.wire[name] = WireFigures.read(measured_in_fresh_process("scale.wire", threads, *given))
         results.save(arguments.out / "scale.json")
         (arguments.out / "scale.md").write_text(tables(results), encoding="utf-8")
         step = results.library[name].step

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypeVar
 
-__all__ = ["Figures", "MachineLimits", "Rates", "Seconds", "WireFigures", "timed"]
+__all__ = ["Figures", "MachineLimits", "Rates", "Seconds", "WireFigures", "of_threads", "timed"]
 
 T = TypeVar("T")
 
@@ -26,6 +26,11 @@ class Seconds:
     def shortest(cls, runs: list[Seconds]) -> Seconds:
         """The shortest of each."""
         return cls(min(run.cpu for run in runs), min(run.wall for run in runs))
+
+
+def of_threads(seconds: Seconds, threads: int) -> float:
+    """Of one thread the processor time, which other work hardly changes; of several the wall time."""
+    return seconds.cpu if threads == 1 else seconds.wall
 
 
 def timed(task: Callable[[], T]) -> tuple[Seconds, T]:

@@ -30,7 +30,7 @@ from mesh_motion_server.numerics.standard_motion import StandardTrial
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.session.factors import FactorCache
 
-__all__ = ["FIRST_SHARE", "measured"]
+__all__ = ["FIRST_SHARE", "measured", "model_of", "near_wall"]
 
 Floats = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def _resident() -> int:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def _model(task: Task, method: Method) -> MotionModel:
+def model_of(task: Task, method: Method) -> MotionModel:
     """Of a task."""
     patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
     return MotionModel.build(task.points, CellTable.from_arrays(task.cells), patches, method)
@@ -94,7 +94,7 @@ def _warm_up(task: Task) -> None:
     """Load or compile the kernels, as a server does before its first session."""
     small = small_task(task)
     for solver in ("auto", "two-scale"):
-        _model(small, Method(solver=solver, quality_threshold=0.0)).move(small.points, small.targets(0))
+        model_of(small, Method(solver=solver, quality_threshold=0.0)).move(small.points, small.targets(0))
 
 
 def measured(case: Case, folder: Path, repeat: int) -> Figures:
@@ -102,7 +102,7 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
     task = case.task(folder, repeat)
     _warm_up(task)
     memory = _Memory()
-    setup, model = timed(lambda: _model(task, Method(**case.method)))
+    setup, model = timed(lambda: model_of(task, Method(**case.method)))
     committed, steps, iterations, corrected = task.points, [], [], False
     for step in range(repeat):
         start, targets, factors = committed, task.targets(step), FactorCache(_CACHE_BYTES)
@@ -133,7 +133,7 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
         peak_bytes=peak,
         resident_bytes=memory.base + peak,
         minimum=float(values.min()),
-        near_wall=float(values[_near_wall(task, model.cells)].min()),
+        near_wall=float(values[near_wall(task, model.cells)].min()),
         inverted=int(quality.inverted.sum()),
         boundary_error=_boundary_error(task, model, trial, targets),
         corrected=corrected,
@@ -154,7 +154,7 @@ def _phases(
     return watches, trial
 
 
-def _near_wall(task: Task, cells: CellTable) -> NDArray[np.bool_]:
+def near_wall(task: Task, cells: CellTable) -> NDArray[np.bool_]:
     """(m,) which cells have a moving node."""
     moving = np.zeros(len(task.points), dtype=bool)
     moving[task.moving] = True

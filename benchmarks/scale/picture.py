@@ -1,37 +1,58 @@
-"""The growth as a plot: seconds of a step against nodes, both logarithmic, with the slope between sizes."""
+"""The growth as a plot: seconds of a step against nodes, both logarithmic, with the slope; other systems beside it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.peers.comparison import Outcome
 from benchmarks.scale.cases import CASES, MESHES
-from benchmarks.scale.results import Results, growth
+from benchmarks.scale.figures import of_threads
+from benchmarks.scale.results import Results, exponent
 
 __all__ = ["write_picture"]
 
 _DIMENSIONS = {"T1": "2D", "T3": "3D"}
 _STYLES = {"steady": ("C0", "-"), "large": ("C3", "--")}
+#: Other systems' one large step: name, marker, colour.
+_OTHERS = {
+    "dense-rbf": ("dense RBF in numpy", "D", "C7"),
+    "scipy-rbf": ("scipy, 50 neighbours", "P", "C8"),
+    "openfoam-converged": ("OpenFOAM Laplacian", "^", "C2"),
+    "kratos-laplacian": ("Kratos Laplacian", "v", "C1"),
+    "kratos-similarity": ("Kratos similarity", "X", "C4"),
+}
 
 
-def write_picture(results: Results, path: Path) -> None:
-    """One panel a dimension; hollow markers: over the wire (wall time)."""
-    figure = Figure(figsize=(9, 4))
+def write_picture(results: Results, path: Path, outcomes: Sequence[Outcome] = ()) -> None:
+    """One panel a dimension; hollow markers: over the wire; other systems where they ran."""
+    figure = Figure(figsize=(10, 5))
     for axis, (motion, dimension) in zip(figure.subplots(1, 2, sharey=True), _DIMENSIONS.items(), strict=True):
         for kind in _STYLES:
             _draw(axis, results, motion, kind)
+        _draw_others(axis, results, motion, outcomes)
         axis.set(xscale="log", yscale="log", xlabel="nodes", title=dimension)
-        axis.grid(alpha=0.3, which="both")
+        axis.grid(alpha=0.3, which="major")
         axis.set_xlim(_decades(results, motion))
-        axis.margins(y=0.15)
-    figure.axes[0].set_ylabel("seconds of a step")
-    handles = dict(zip(*reversed(figure.axes[1].get_legend_handles_labels()), strict=True))
+        axis.margins(y=0.12)
+    clock = "processor seconds" if results.threads == 1 else "seconds"
+    figure.axes[0].set_ylabel(f"{clock} of a step")
+    handles = {
+        label: handle for axis in figure.axes for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
     figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=4, fontsize=9)
-    figure.tight_layout(rect=(0, 0.08, 1, 1))
-    figure.savefig(path, dpi=110)
+    figure.tight_layout(rect=(0, 0.02 + 0.045 * math.ceil(len(handles) / 4), 1, 1))
+    figure.savefig(path, dpi=100)
+
+
+def _names(results: Results, motion: str, kind: str) -> list[str]:
+    """Measured cases of one dimension, smallest mesh first."""
+    names = [f"{mesh}-{kind}" for mesh, own in MESHES.items() if own == motion]
+    return [name for name in names if name in results.library]
 
 
 def _decades(results: Results, motion: str) -> tuple[float, float]:
@@ -41,25 +62,51 @@ def _decades(results: Results, motion: str) -> tuple[float, float]:
 
 
 def _draw(axis: Axes, results: Results, motion: str, kind: str) -> None:
-    """The sizes of one dimension with one motion."""
+    """Our steps of one dimension with one motion."""
     colour, line = _STYLES[kind]
-    names = [f"{mesh}-{kind}" for mesh, own in MESHES.items() if own == motion]
-    names = [name for name in names if name in results.library]
+    names = _names(results, motion, kind)
     nodes = [results.library[name].nodes for name in names]
-    cpu = [results.library[name].step.cpu for name in names]
-    axis.plot(nodes, cpu, marker="o", color=colour, linestyle=line, label=f"{kind}, processor time")
+    seconds = [of_threads(results.library[name].step, results.threads) for name in names]
+    axis.plot(nodes, seconds, marker="o", color=colour, linestyle=line, label=f"ours, {kind}")
+    if kind == "steady" and len(names) > 1:
+        _annotate_slope(axis, results, names)
     carried = [name for name in names if name in results.wire]
+    if not carried:
+        return
     axis.plot(
         [results.library[name].nodes for name in carried],
-        [results.wire[name].step.wall for name in carried],
+        [of_threads(results.wire[name].step, results.threads) for name in carried],
         marker="s",
         markersize=9,
         markerfacecolor="none",
         linestyle="none",
         color=colour,
-        label=f"{kind}, over the wire (wall)",
+        label=f"ours, {kind}, over the wire",
     )
-    if names and kind == "steady" and (slope := growth(results, names[-1])) is not None:
-        middle = (nodes[-1] * nodes[-2]) ** 0.5, (cpu[-1] * cpu[-2]) ** 0.5
-        label = f"{CASES[names[-2]].mesh}–{CASES[names[-1]].mesh}: slope {slope:.2f}"
-        axis.annotate(label, middle, xytext=(8, -14), textcoords="offset points", ha="left", fontsize=9)
+
+
+def _annotate_slope(axis: Axes, results: Results, names: list[str]) -> None:
+    """The exponent of the steady step over the last two decades, under the line's end."""
+    largest = results.library[names[-1]].nodes
+    first = next(name for name in names if results.library[name].nodes > 0.005 * largest)
+    slope = exponent(results, first, names[-1])
+    if slope is None or first == names[-1]:
+        return
+    end = largest, of_threads(results.library[names[-1]].step, results.threads)
+    label = f"{CASES[first].mesh}–{CASES[names[-1]].mesh}: slope {slope:.2f}"
+    axis.annotate(label, end, xytext=(0, -26), textcoords="offset points", ha="right", fontsize=9)
+
+
+def _draw_others(axis: Axes, results: Results, motion: str, outcomes: Sequence[Outcome]) -> None:
+    """One large step of each other system."""
+    for system, (label, marker, colour) in _OTHERS.items():
+        places = []
+        for outcome in outcomes:
+            mesh, own, steps = outcome.case.split("-")
+            figures = results.library.get(f"{mesh}-large")
+            if (outcome.system, own, steps) == (system, motion, "1") and outcome.measurement and figures:
+                cost = outcome.measurement
+                places.append((figures.nodes, cost.step_cpu if results.threads == 1 else cost.step))
+        places.sort()
+        if places:
+            axis.plot(*zip(*places, strict=True), marker=marker, color=colour, linestyle=":", label=label)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from benchmarks.scale.cases import CASES, MESHES, Case
-from benchmarks.scale.figures import Figures, MachineLimits, WireFigures
+from benchmarks.scale.figures import Figures, MachineLimits, WireFigures, of_threads
 
-__all__ = ["Results", "growth", "smaller"]
+__all__ = ["Results", "exponent", "growth", "smaller"]
 
 
 @dataclass
@@ -64,9 +64,14 @@ def smaller(case: Case) -> str | None:
 
 
 def growth(results: Results, name: str) -> float | None:
-    """Exponent p of the step's processor time ~ nodesᵖ since the next smaller mesh; None without one."""
-    before = results.library.get(smaller(CASES[name]) or "")
-    if before is None:
+    """Exponent p of the step's time ~ nodesᵖ since the next smaller mesh; None without one."""
+    return exponent(results, smaller(CASES[name]) or "", name)
+
+
+def exponent(results: Results, small: str, large: str) -> float | None:
+    """Exponent p of the step's time ~ nodesᵖ from one case to another; None where one was not measured."""
+    if small not in results.library or large not in results.library:
         return None
-    now = results.library[name]
-    return math.log(now.step.cpu / before.step.cpu) / math.log(now.nodes / before.nodes)
+    before, now = results.library[small], results.library[large]
+    ratio = of_threads(now.step, results.threads) / of_threads(before.step, results.threads)
+    return math.log(ratio) / math.log(now.nodes / before.nodes)

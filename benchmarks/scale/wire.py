@@ -63,8 +63,8 @@ def _grown(before: dict[int, int], most: dict[int, int]) -> int:
 
 def _in_flight(task: Task) -> int:
     """Bytes of the arrays of a session: mesh, roles, one displacement, one answer."""
-    mesh = task.points.nbytes + sum(nodes.nbytes for nodes in task.cells.values())
-    return mesh + task.moving.nbytes + task.fixed.nbytes + task.displacements[0].nbytes + task.points.nbytes
+    mesh: int = task.points.nbytes + sum(nodes.nbytes for nodes in task.cells.values())
+    return int(mesh + task.moving.nbytes + task.fixed.nbytes + task.displacements[0].nbytes + task.points.nbytes)
 
 
 def _move(mover: ServedMover, displacement: NDArray[np.float64]) -> tuple[Seconds, float]:

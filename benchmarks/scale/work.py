@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from benchmarks.scale.figures import Figures, Rates, Seconds
+from benchmarks.scale.figures import Figures, Rates, Seconds, of_threads
 
 __all__ = ["Share", "Work", "shares", "work"]
 
@@ -81,7 +81,7 @@ def shares(figures: Figures, dimension: int, rates: Rates, threads: int) -> list
     times: dict[str, Seconds] = {phase: getattr(figures, phase) for phase in ("displace", "predict", "step")}
     found = []
     for phase, least in work(figures, dimension).items():
-        taken = times[phase].cpu if threads == 1 else times[phase].wall
+        taken = of_threads(times[phase], threads)
         found.append(
             Share(
                 phase,

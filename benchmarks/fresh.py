@@ -1,0 +1,28 @@
+"""Measurements in processes of their own, which print JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from typing import Any
+
+__all__ = ["measured_in_fresh_process"]
+
+_LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def measured_in_fresh_process(module: str, threads: int, *words: str, timeout: float | None = None) -> dict[str, Any]:
+    """What ``python -m benchmarks.MODULE WORDS`` prints, with so many threads for the kernels.
+
+    Raises
+    ------
+    subprocess.SubprocessError
+        If it fails, or takes longer than the timeout in seconds.
+    """
+    environment = {**os.environ, **dict.fromkeys(_LIBRARIES, "1"), "NUMBA_NUM_THREADS": str(threads)}
+    environment["OMP_WAIT_POLICY"] = "passive"
+    command = [sys.executable, "-m", f"benchmarks.{module}", *words]
+    done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True, timeout=timeout)
+    return dict(json.loads(done.stdout))

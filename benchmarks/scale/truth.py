@@ -1,0 +1,46 @@
+"""The large motion with all boundary nodes as centres: ``python -m benchmarks.scale.truth CASE FOLDER REPEAT``.
+
+What two scales are judged by. The system is solved by conjugate gradients to rounding and never stored: a minute where
+dense matrices take several, and 5 GB, on M4. Prints JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from benchmarks.scale.cases import CASES, Case
+from benchmarks.scale.library import model_of, near_wall
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.metrics import cell_quality
+
+__all__ = ["Truth", "truth"]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Minimum size-skew after the large motion: of all cells, and of those with a moving node."""
+
+    minimum: float
+    near_wall: float
+
+
+def truth(case: Case, folder: Path) -> Truth:
+    """Of a case's mesh."""
+    task = case.task(folder, 1)
+    model = model_of(task, Method(**{**case.method, "solver": "iterative"}))
+    reached = model.move(task.points, task.targets(0)).points
+    values = cell_quality(reached, model.cells, model.reference_sizes).metric("size-skew")
+    return Truth(float(values.min()), float(values[near_wall(task, model.cells)].min()))
+
+
+def main(arguments: list[str]) -> None:
+    """The command line of the module's docstring."""
+    name, folder, _ = arguments
+    print(json.dumps(asdict(truth(CASES[name], Path(folder)))))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,64 @@
+"""All that one run has measured, kept as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from benchmarks.correction.cost import Cost
+from benchmarks.peers.comparison import Outcome
+from benchmarks.scale.results import Results
+from benchmarks.scale.truth import Truth
+
+__all__ = ["Evidence"]
+
+
+@dataclass
+class Evidence:
+    """What is known so far.
+
+    Attributes
+    ----------
+    results : Results
+        Of :mod:`benchmarks.scale`.
+    truths : dict
+        Of the large motion with all boundary nodes as centres, by case of :mod:`benchmarks.scale`.
+    costs : dict
+        Of :mod:`benchmarks.correction`, by case.
+    outcomes : list of Outcome
+        Of :mod:`benchmarks.peers`.
+    left_out : list of str
+        Jobs for which there was no time, or that failed.
+    """
+
+    results: Results
+    truths: dict[str, Truth] = field(default_factory=dict)
+    costs: dict[str, Cost] = field(default_factory=dict)
+    outcomes: list[Outcome] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    def outcome(self, case: str, system: str) -> Outcome | None:
+        """That brought its motion to an end."""
+        for outcome in self.outcomes:
+            if (outcome.case, outcome.system) == (case, system) and outcome.measurement and outcome.verdict:
+                return outcome
+        return None
+
+    def step(self, case: str, system: str) -> float | None:
+        """Mean time of a peer's step: processor time where one thread is measured, else wall time."""
+        outcome = self.outcome(case, system)
+        if outcome is None or outcome.measurement is None:
+            return None
+        return outcome.measurement.step_cpu if self.results.threads == 1 else outcome.measurement.step
+
+    def save(self, path: Path) -> None:
+        """Write JSON."""
+        content = {
+            "scale": asdict(self.results),
+            "truth": {name: asdict(found) for name, found in self.truths.items()},
+            "correction": {name: asdict(cost) for name, cost in self.costs.items()},
+            "peers": [outcome.as_dict() for outcome in self.outcomes],
+            "left_out": self.left_out,
+        }
+        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

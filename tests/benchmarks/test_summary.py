@@ -1,0 +1,188 @@
+"""The run of all benchmarks: the aims against made-up figures, the page, and one short run end to end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.correction.cases import CASES as CORRECTIONS
+from benchmarks.correction.cost import Cost
+from benchmarks.page import README
+from benchmarks.peers.comparison import CASES as PEERS
+from benchmarks.peers.comparison import Outcome
+from benchmarks.peers.judge import Verdict
+from benchmarks.peers.measurement import Measurement
+from benchmarks.peers.systems import SYSTEMS
+from benchmarks.scale.cases import CASES as SCALE
+from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, WireFigures
+from benchmarks.scale.results import Results
+from benchmarks.scale.truth import Truth
+from benchmarks.summary import command
+from benchmarks.summary.aims import Row, anchor, rows
+from benchmarks.summary.evidence import Evidence
+from benchmarks.summary.page import FRONT, aims_table, front_table, page
+from benchmarks.summary.plan import PLANS, Job
+
+_TENTH = Seconds(0.1, 0.1)
+
+
+def figures(nodes: int, step: float) -> Figures:
+    """Of a mesh of tetrahedra."""
+    return Figures(
+        nodes=nodes,
+        cells=6 * nodes,
+        boundary=6000,
+        setup=_TENTH,
+        first=_TENTH,
+        step=Seconds(2 * step, step),
+        iteration=Seconds(step, step / 2),
+        solve=_TENTH,
+        displace=_TENTH,
+        predict=_TENTH,
+        kept_bytes=100 * nodes,
+        peak_bytes=300 * nodes,
+        resident_bytes=4_100_000_000,
+        minimum=0.12,
+        near_wall=0.4,
+        inverted=0,
+        boundary_error=1e-13,
+        corrected=False,
+    )
+
+
+def outcome(case: str, system: str, seconds: float, minimum: float = 0.1) -> Outcome:
+    verdict = Verdict(minimum, 0.7, minimum, minimum, minimum, 3 if minimum < 0 else 0, 3 if minimum < 0 else 0, 0.0)
+    return Outcome(case, system, Measurement(1.0, [seconds], [2 * seconds], 10**8), verdict, "", 0.0)
+
+
+@pytest.fixture
+def evidence() -> Evidence:
+    rate = Rates(2e10, 2e10, 5e10, 1e9)
+    results = Results(MachineLimits(2e10, 9e7, rate, rate, 2), "A machine.", threads=2)
+    results.library = {
+        "M3-steady": figures(50_144, 0.05),
+        "M5-steady": figures(4_887_591, 5.0),
+        "M3-large": figures(50_144, 0.05),
+    }
+    results.wire = {"M4-steady": WireFigures(_TENTH, _TENTH, _TENTH, _TENTH, 0.12, 0.1, 50, 20)}
+    found = Evidence(results, {"M3-large": Truth(0.11, 0.41)})
+    found.costs["M3-0.28"] = Cost(50_144, 44_000, 3000, 0.118, 0.2801, 15, 4.0, 4.0, 3.0, 10**8)
+    return found
+
+
+def row(evidence: Evidence, start: str) -> Row:
+    return next(found for found in rows(evidence) if found.what.startswith(start))
+
+
+def test_seconds_are_measured_by_the_dense_sum(evidence: Evidence) -> None:
+    assert anchor(evidence).factor == pytest.approx(0.5)  # 45 M pairs/s there, 90 here
+    evidence.outcomes.append(outcome("M3-T3-1", "dense-rbf", 9.8))
+    assert anchor(evidence).factor == pytest.approx(2.0)
+    assert row(evidence, "M3, 3D").asked == "≤ 0.12 s"
+    evidence.outcomes.append(outcome("M4-T3-1", "dense-rbf", 302.0))
+    assert "M4" in anchor(evidence).text
+    evidence.results.threads = 1  # processor time is twice as much
+    assert anchor(evidence).factor == pytest.approx(4.0)
+
+
+def test_an_aim_is_met_or_not_or_not_measured(evidence: Evidence) -> None:
+    evidence.outcomes.append(outcome("M3-T3-1", "dense-rbf", 4.9))
+    assert row(evidence, "M3, 3D").met is True
+    assert row(evidence, "M4, 3D").measured == "0.1 s, over the wire"
+    assert row(evidence, "M5, 3D").met is False
+    assert row(evidence, "M7, 2D").met is None
+    assert row(evidence, "step ~ nodes").met is True  # 100 times the time for 97 times the nodes
+    assert row(evidence, "M5: largest memory").measured == "4.1 GB"
+    assert row(evidence, "M3: a later iteration").met is True
+    assert row(evidence, "M4: wire's share").met is False
+    assert row(evidence, "M4: worker's memory").met is True
+    assert row(evidence, "M5: bytes a node").measured == "300 at most, 100 kept"
+    assert row(evidence, "M3: corrected minimum").met is True
+    assert row(evidence, "M3: seconds of that").met is True
+    assert row(evidence, "M3: quality next to the body").measured == "97.6 % (0.400 of 0.410)"
+    assert row(evidence, "M4: times faster than IDWarp").measured == "122, over the wire"
+
+
+def test_the_fastest_other_system_counts(evidence: Evidence) -> None:
+    assert row(evidence, "M3: times faster than the fastest").met is None
+    evidence.outcomes += [
+        outcome("M3-T3-1", "dense-rbf", 4.9),
+        outcome("M3-T3-1", "kratos-laplacian", 1.2, minimum=-0.9),
+        outcome("M3-T3-1", "ours-plain", 0.1),
+        replace(outcome("M3-T3-1", "openfoam", 0.1), measurement=None, verdict=None, note="not installed"),
+    ]
+    found = row(evidence, "M3: times faster than the fastest")
+    assert (found.met, found.measured) == (True, "12 (kratos-laplacian)")
+
+
+def test_the_page_has_every_table(evidence: Evidence) -> None:
+    evidence.outcomes += [
+        outcome("M3-T3-1", "ours", 0.2, 0.201),
+        outcome("M3-T3-1", "openfoam", 1.0, -0.5),
+        outcome("M3-T3-1", "openfoam-uncorrected", 2.0, -0.1),
+    ]
+    evidence.left_out.append("wire M5-steady (no time)")
+    text = page(evidence)
+    assert "## What was asked for" in text
+    assert "Left out: wire M5-steady (no time)." in text
+    assert "| M3 steady | 50144 |" in text
+    assert "| M3 T3 | 50144 | 0.28 |" in text
+    assert "**M3, wing in a cube" in text
+    front = front_table(evidence)
+    assert "| **mesh-motion server**, default | **0.201**, 0 inverted, 0.2 s | not run | not run |" in front
+    assert "| … the better of its other settings | −0.100, 3 inverted, 2 s | not run | not run |" in front
+    assert "aims that were measured are met" in aims_table(evidence)
+
+
+def test_the_pages_have_their_blocks() -> None:
+    text = README.read_text(encoding="utf-8")
+    for name in ("aims", "systems", "scale", "correction"):
+        assert f"<!-- benchmark: {name} -->" in text
+    assert "<!-- benchmark: front -->" in FRONT.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("plan", PLANS)
+def test_plans_name_what_exists(plan: str) -> None:
+    known = {"library": SCALE, "wire": SCALE, "truth": SCALE, "correction": CORRECTIONS, "peer": PEERS}
+    jobs = PLANS[plan]
+    for job in jobs:
+        assert job.name in known[job.kind], job.text
+        assert not job.system or job.system in SYSTEMS, job.text
+    assert len({job.text for job in jobs}) == len(jobs)
+    assert plan != "quick" or sum(job.seconds for job in jobs) < 180
+
+
+def test_what_there_is_no_time_for_is_left_out_and_what_fails_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, evidence: Evidence
+) -> None:
+    done = []
+
+    def measure(run: object, job: Job) -> None:
+        done.append(job.name)
+        if job.name == "bad":
+            raise OSError("broken")
+
+    monkeypatch.setitem(command._JOBS, "library", measure)
+    run = command._Run(evidence, tmp_path, tmp_path, 1, 1)
+    jobs = [Job("library", "good", 1.0), Job("library", "long", 1e6), Job("library", "bad", 1.0)]
+    command._go_through(run, jobs, 100.0)
+    assert done == ["good", "bad"]
+    assert evidence.left_out == ["library long (no time)", "library bad (failed)"]
+    assert (tmp_path / "bench.md").exists()
+    assert (tmp_path / "bench.json").exists()
+
+
+@pytest.mark.slow  # processes of their own
+def test_a_short_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    jobs = [Job("library", "M1-steady", 5), Job("truth", "M1-large", 5), Job("peer", "M1-T1-1", 5, "dense-rbf")]
+    monkeypatch.setitem(PLANS, "quick", jobs)
+    words = ["--plan", "quick", "--out", str(tmp_path), "--meshes", str(tmp_path / "meshes"), "--repeat", "1"]
+    command.main([*words, "--list"])
+    assert "library M1-steady" in capsys.readouterr().out
+    command.main(words)
+    printed = capsys.readouterr().out
+    assert "| M1 steady | 723 | 104 |" in printed
+    assert "| dense RBF in numpy, all centres |" in printed
+    assert (tmp_path / "scale.png").read_bytes().startswith(b"\x89PNG")
