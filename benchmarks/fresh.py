@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from typing import Any
@@ -24,5 +25,12 @@ def measured_in_fresh_process(module: str, threads: int, *words: str, timeout: f
     environment = {**os.environ, **dict.fromkeys(_LIBRARIES, "1"), "NUMBA_NUM_THREADS": str(threads)}
     environment["OMP_WAIT_POLICY"] = "passive"
     command = [sys.executable, "-m", f"benchmarks.{module}", *words]
-    done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True, timeout=timeout)
-    return dict(json.loads(done.stdout))
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True) as child:
+        try:
+            printed, _ = child.communicate(timeout=timeout)
+        except BaseException:
+            os.killpg(child.pid, signal.SIGKILL)  # a server and its workers belong to it
+            raise
+    if child.returncode:
+        raise subprocess.CalledProcessError(child.returncode, command)
+    return dict(json.loads(printed))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from benchmarks.correction.cases import CASES as CORRECTIONS
 from benchmarks.correction.cost import Cost
+from benchmarks.fresh import measured_in_fresh_process
 from benchmarks.page import README
 from benchmarks.peers.comparison import CASES as PEERS
 from benchmarks.peers.comparison import Outcome
@@ -172,6 +174,13 @@ def test_what_there_is_no_time_for_is_left_out_and_what_fails_is_said(
     assert evidence.left_out == ["library long (no time)", "library bad (failed)"]
     assert (tmp_path / "bench.md").exists()
     assert (tmp_path / "bench.json").exists()
+
+
+def test_a_measurement_that_hangs_is_ended_with_its_children() -> None:
+    with pytest.raises(subprocess.TimeoutExpired):
+        measured_in_fresh_process("scale.library", 1, "M1-steady", "/nowhere", "1", timeout=0.05)
+    with pytest.raises(subprocess.CalledProcessError):
+        measured_in_fresh_process("no_such_module", 1)
 
 
 @pytest.mark.slow  # processes of their own
