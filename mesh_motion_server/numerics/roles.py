@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,12 +80,12 @@ class BoundaryRoles:
             )
         return cls(moving, fixed, sliding, periodic)
 
-    @property
+    @cached_property
     def prescribed(self) -> NDArray[np.int64]:
         """(k + f,) moving and fixed nodes, ascending."""
         return np.union1d(self.moving, self.fixed)
 
-    @property
+    @cached_property
     def all(self) -> NDArray[np.int64]:
         """(k + f + s,) every node that is told where to go or slides, ascending: the control points."""
         return np.union1d(self.prescribed, self.sliding)

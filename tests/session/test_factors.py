@@ -80,7 +80,7 @@ def test_a_motion_fills_an_empty_cache_and_is_bitwise_the_same_with_it() -> None
     assert (first.points == second.points).all()
 
 
-def _disc() -> tuple[MotionModel, np.ndarray, np.ndarray]:
+def _disc(**choices: str) -> tuple[MotionModel, np.ndarray, np.ndarray]:
     """A square of quads with a square hole that moves, interpolated in two scales; two displacements of the hole."""
     rows = 30
     axis = np.linspace(0, 1, rows + 1)
@@ -94,7 +94,7 @@ def _disc() -> tuple[MotionModel, np.ndarray, np.ndarray]:
     moving = np.flatnonzero(np.all(np.abs(points - 0.5) < 0.17, axis=1))
     outer = np.flatnonzero(np.any((points == 0.0) | (points == 1.0), axis=1))
     patches = {"hole": Patch("moving", moving), "outer": Patch("fixed", outer)}
-    method = Method(support_radius=2.0, solver="two-scale", correction="none")
+    method = Method(support_radius=2.0, solver="two-scale", correction="none", **choices)
     model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, method)
     turn = 0.02 * (points[moving] - 0.5) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     return model, turn + np.array([0.01, 0.0]), turn
@@ -116,6 +116,17 @@ def test_coupling_iterations_reuse_what_a_step_has_made_and_a_step_makes_its_own
         assert motion.caches["bytes"] == cache.held()
         assert set(cache.held()) == {"factorization", "operators"}
         committed = motion.points
+
+
+def test_steps_that_all_start_from_the_reference_mesh_make_nothing_after_the_first() -> None:
+    model, displacement, _ = _disc(displacement="absolute")
+    cache, committed = FactorCache(1 << 24), model.points
+    for step in range(1, 4):
+        motion = model.move(committed, model.points[model.roles.moving] + step * displacement, cache)
+        told = "made" if step == 1 else "reused"
+        assert (motion.caches["factorization"], motion.caches["operators"]) == (told, told)
+        committed = motion.points
+    assert (cache.made, cache.reused) == ({"factorization": 1, "operators": 1}, {"factorization": 2, "operators": 2})
 
 
 def test_a_budget_too_small_for_anything_changes_nothing_but_time() -> None:

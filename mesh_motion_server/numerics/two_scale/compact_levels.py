@@ -47,7 +47,7 @@ _SEPARATION = 0.4
 #: Share of the nodes whose spacing may be smaller than what sets a radius: single close pairs do not.
 _CLOSE, _WIDE = 5.0, 95.0
 _NEIGHBOURS = 16  # preceding points a row of the preconditioner
-_TOLERANCE = 1e-11  # of the right-hand side's largest entry
+_TOLERANCE = 1e-11  # of the largest value interpolated, of which the coarse field leaves a hundredth or less
 _MAX_ITERATIONS = 200
 _ACCEPTED = 1e-9
 
@@ -131,21 +131,26 @@ class CompactSystem:
     def nbytes(self) -> int:
         return nbytes(self.matrix) + self.points.nbytes + self.layout.coordinates.nbytes
 
-    def solve(self, residual: Floats) -> tuple[Interpolant, int]:
+    def solve(self, residual: Floats, scale: float) -> tuple[Interpolant, int]:
         """The interpolant of a residual (n, k) of all control points at the members, and the iterations it took.
+
+        Parameters
+        ----------
+        residual : (n, k) array
+        scale : float
+            Largest value to be interpolated, by whatever: what the solution's error is measured by.
 
         Raises
         ------
         NumericalError
-            If the residual stays above 1e-9 of what it was.
+            If the residual stays above 1e-9 of the scale.
         """
-        found, iterations = self._conjugate_gradients(in_lanes(residual[self.level.members]))
+        found, iterations = self._conjugate_gradients(in_lanes(residual[self.level.members]), scale)
         weights = np.ascontiguousarray(found[:, : residual.shape[1]])
         return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout), iterations
 
-    def _conjugate_gradients(self, right: Floats) -> tuple[Floats, int]:
+    def _conjugate_gradients(self, right: Floats, scale: float) -> tuple[Floats, int]:
         """Solution (m, k); all columns advance together."""
-        scale = largest(right)
         if scale == 0.0:
             return np.zeros_like(right), 0
         found = conjugate_gradients(

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.interpolant import AllCentreFactorization, factorize
 from mesh_motion_server.numerics.kernels import Basis, basis_named
 from mesh_motion_server.numerics.spacing import local_spacing
@@ -162,9 +163,9 @@ class TwoScaleFactorization:
         left = np.empty_like(values)
         spline.values(self.control_points, left)
         np.subtract(values, left, out=left)
-        levels, iterations = [], 0
+        levels, iterations, scale = [], 0, largest(values)
         for number, system in enumerate(self.systems, start=1):
-            level, taken = system.solve(left)
+            level, taken = system.solve(left, scale)
             levels.append(level)
             iterations += taken
             if number < len(self.systems):
