@@ -52,6 +52,8 @@ class Interpolant:
     layout : CentreLayout
         The control points laid out for evaluation.
     polynomial : Polynomial or None
+    largest : float, unit of the values
+        Largest value, as a Euclidean norm, that a tolerance of its evaluation refers to; 0: only exact sums will do.
     """
 
     control_points: Array
@@ -60,6 +62,7 @@ class Interpolant:
     support_radius: float
     layout: CentreLayout
     polynomial: Polynomial | None = None
+    largest: float = 0.0
 
     @property
     def dimension(self) -> int:

@@ -51,9 +51,10 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a radius that is both given and to be chosen, a
         polynomial that the basis or the control points do not admit, a reduction beside a polynomial, a placement of
-        the enrichment points that the correction has not, a correction that cannot be smooth in time, a boundary
-        layer with a predictor that needs gradients, or sub-steps without a correction; with periodic patches on a basis
-        without compact support, a polynomial, a reduction, or the solvers "iterative" and "two-scale".
+        the enrichment points that the correction has not, a far field beside two scales, a correction that cannot be
+        smooth in time, a boundary layer with a predictor that needs gradients, or sub-steps without a correction; with
+        periodic patches on a basis without compact support, a polynomial, a reduction, or the solvers "iterative" and
+        "two-scale".
     ResourceError
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
@@ -71,6 +72,11 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         _check_layer(method, points.shape[1])
     if basis.radius_meaning == "shape":
         checked_radius(method.support_radius, basis)
+    if method.far_field_tolerance > 0.0 and method.solver == "two-scale":
+        raise InvalidInput(
+            f"far_field_tolerance = {method.far_field_tolerance!r} is for sums in one scale, got solver 'two-scale'",
+            hint="leave far_field_tolerance out: two scales already take the far field from a grid",
+        )
     if method.support_radius_choice == "motion":
         _check_choice_from_motion(method, basis)
     linear = chosen_polynomial(method.polynomial, basis, points[roles.prescribed])

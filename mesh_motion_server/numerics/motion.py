@@ -30,6 +30,7 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime, Recorded
+from mesh_motion_server.numerics.far_field.evaluator import FarFieldEvaluator
 from mesh_motion_server.numerics.led_motion import led_motion
 from mesh_motion_server.numerics.mesh_check import checked_mesh
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
@@ -156,7 +157,9 @@ class MotionModel:
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
         given, method = method, with_radii(method, points, roles)
-        evaluator = evaluator or LocalEvaluator()
+        if evaluator is None:
+            exact = method.far_field_tolerance == 0.0
+            evaluator = LocalEvaluator() if exact else FarFieldEvaluator(method.far_field_tolerance)
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True

@@ -6,7 +6,7 @@ where the stages before have moved the point (thesis (3.9)–(3.12)).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,15 @@ class Stage:
     interpolant: AnyInterpolant
     further: tuple[AnyInterpolant, ...] = ()
     volume: VolumeField | None = None
+
+    def with_largest(self, displacement: float) -> Stage:
+        """The same with a largest ``displacement``, of whose tolerance each level takes its share."""
+        levels = 1 + len(self.further)
+
+        def told(level: AnyInterpolant) -> AnyInterpolant:
+            return replace(level, largest=displacement / levels) if isinstance(level, Interpolant) else level
+
+        return replace(self, interpolant=told(self.interpolant), further=tuple(told(level) for level in self.further))
 
     def positions(self, points: Floats, evaluator: Evaluator, prepared: Prepared | None = None) -> Floats:
         """(n, d) where the stage puts points (n, d), with what the evaluator has prepared for them."""

@@ -257,7 +257,8 @@ class StandardMotion:
                 rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
             carried = origin if rigid is None else rigid.apply(origin)
             solved = self._levels(points, goal - carried, controls, factors)
-            stage = replace(solved.stage, rigid=rigid)
+            largest = float(np.sqrt(np.max(np.sum((goal - carried) ** 2, axis=1), initial=0.0)))
+            stage = replace(solved.stage.with_largest(largest), rigid=rigid)
             volume = self._reduced_volume(points, controls, goal - carried, stage, factors)
             return replace(solved, stage=replace(stage, volume=volume))
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, wendland_c2, wendland_c2_slope
 from mesh_motion_server.numerics.kernel_maps import map_phi, map_slope
 
-__all__ = ["MAX_RUNS", "TILE", "centre_runs", "sum_gradients", "sum_values"]
+__all__ = ["MAX_RUNS", "TILE", "centre_runs", "dot", "phi_tile", "sum_gradients", "sum_values"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -69,7 +69,7 @@ def centre_runs(
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)
-def _phi_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignore[no-untyped-def]
+def phi_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignore[no-untyped-def]
     """φ of every centre of a tile at one point; returns nothing, fills ``tile``."""
     if code == WENDLAND_C2:
         for j in range(cx.size):
@@ -105,7 +105,7 @@ def _slope_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignor
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)
-def _dot(a: Array, b: Array) -> float:
+def dot(a: Array, b: Array) -> float:
     total = 0.0
     for j in range(a.size):
         total += a[j] * b[j]
@@ -147,11 +147,11 @@ def sum_values(
             for run in range(centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)):
                 for a in range(runs[run, 0], runs[run, 1], TILE):
                     b = min(a + TILE, runs[run, 1])
-                    _phi_tile(
+                    phi_tile(
                         code, x, y, z, centres[0, a:b], centres[1, a:b], centres[2, a:b], inverse_radius, tile[: b - a]
                     )
                     for c in range(k):
-                        out[i, c] += _dot(tile[: b - a], weights[c, a:b])
+                        out[i, c] += dot(tile[: b - a], weights[c, a:b])
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -184,4 +184,4 @@ def sum_gradients(
                     _slope_tile(code, x, y, z, centres[0, a:b], centres[1, a:b], centres[2, a:b], inverse_radius, tile)
                     for c in range(k):
                         for m in range(d):
-                            out[i, c, m] += factor * _dot(tile[m, : b - a], weights[c, a:b])
+                            out[i, c, m] += factor * dot(tile[m, : b - a], weights[c, a:b])

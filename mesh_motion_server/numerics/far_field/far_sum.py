@@ -1,0 +1,215 @@
+"""The sum of an interpolant over its centres at many points, far centres through polynomials in boxes.
+
+Costs are counted in evaluations of a basis function, about a nanosecond.
+
+References
+----------
+W. Fong, E. Darve, "The black-box fast multipole method", J. Comput. Phys. 228 (2009) 8712–8725 (kernels interpolated at
+Chebyshev points). L. Wilson, N. Vaughn, R. Krasny, "A GPU-accelerated fast multipole method based on barycentric
+Lagrange interpolation and dual tree traversal", Comput. Phys. Commun. 265 (2021) 108017. Here the points alone are
+grouped, since a mesh has many times more nodes than its boundary, and the orders are chosen pair by pair from a bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numba
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.far_field.box_tree import BoxTree
+from mesh_motion_server.numerics.far_field.chebyshev import box_points, carry_down, evaluate
+from mesh_motion_server.numerics.far_field.derivative_bounds import derivative_bounds
+from mesh_motion_server.numerics.far_field.plan import Plan, Runs, make_plan
+from mesh_motion_server.numerics.interpolant import Interpolant
+from mesh_motion_server.numerics.summation import TILE, dot, phi_tile
+from mesh_motion_server.numerics.threads import threads_for
+
+__all__ = ["FarSum"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Most points of a leaf, and centres of one.
+_POINTS, _CENTRES = 512, 48
+#: Groups that a thread takes at a time: they differ much in their work.
+_CHUNK = 4
+#: A polynomial's evaluation at a point: for each of its values, and for its Lagrange functions.
+_A_VALUE, _A_POINT = 0.35, 100.0
+#: Carrying a polynomial to a child, for each product.
+_A_PRODUCT = 0.5
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _group_sums(
+    code: int,
+    points: Floats,
+    points_of: Indices,
+    starts: Indices,
+    runs: Indices,
+    centres: Floats,
+    weights: Floats,
+    inverse_radius: float,
+    out: Floats,
+) -> None:
+    """``out[i] = Σ_j w_j φ`` (n, k) at the points (n, 3) of each group over the group's centres.
+
+    The group's centres are copied side by side first: runs are short.
+    """
+    k = out.shape[1]
+    for g in prange(len(points_of)):
+        count = 0
+        for run in range(starts[g], starts[g + 1]):
+            count += runs[run, 1] - runs[run, 0]
+        near, own = np.empty((3, count)), np.empty((k, count))
+        at = 0
+        for run in range(starts[g], starts[g + 1]):
+            for j in range(runs[run, 0], runs[run, 1]):
+                for m in range(3):
+                    near[m, at] = centres[m, j]
+                for c in range(k):
+                    own[c, at] = weights[c, j]
+                at += 1
+        tile = np.empty(TILE)
+        for i in range(points_of[g, 0], points_of[g, 1]):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            for c in range(k):
+                out[i, c] = 0.0
+            for a in range(0, count, TILE):
+                b = min(a + TILE, count)
+                phi_tile(code, x, y, z, near[0, a:b], near[1, a:b], near[2, a:b], inverse_radius, tile[: b - a])
+                for c in range(k):
+                    out[i, c] += dot(tile[: b - a], own[c, a:b])
+
+
+@dataclass(frozen=True, eq=False)
+class FarSum:
+    """``Σ_j γ_j φ(|x − x_j|/R)`` at given points, planned.
+
+    Attributes
+    ----------
+    interpolant : Interpolant
+        Its polynomial is left out.
+    points, centres : BoxTree
+        Of the points and of the control points.
+    weights : (k, nc) array
+        In the order of ``centres``.
+    plan : Plan
+    """
+
+    interpolant: Interpolant
+    points: BoxTree
+    centres: BoxTree
+    weights: Floats
+    plan: Plan
+
+    @classmethod
+    def build(cls, interpolant: Interpolant, points: Floats, *, tolerance: float) -> FarSum:
+        """Plan the sum at points (n ≥ 1, d), each value within ``tolerance`` of the direct sum's.
+
+        Parameters
+        ----------
+        interpolant : Interpolant
+        points : (n, d) array
+        tolerance : float, unit of the values
+            Of the Euclidean norm over the components.
+        """
+        boxes = BoxTree.build(points, leaf=_POINTS)
+        centres = BoxTree.build(interpolant.control_points, leaf=_CENTRES)
+        weights = interpolant.weights[centres.order]
+        sums = np.concatenate([[0.0], np.cumsum(np.sqrt(np.sum(weights**2, axis=1)))])
+        span = np.maximum(boxes.high[0], centres.high[0]) - np.minimum(boxes.low[0], centres.low[0])
+        furthest = float(np.sqrt(np.sum(span**2))) / interpolant.support_radius
+        plan = make_plan(
+            boxes,
+            centres,
+            sums[centres.points_of[:, 1]] - sums[centres.points_of[:, 0]],
+            derivative_bounds(interpolant.basis, furthest),
+            dimension=interpolant.dimension,
+            radius=interpolant.support_radius,
+            tolerance=tolerance / float(sums[-1]) if sums[-1] > 0.0 else np.inf,
+        )
+        return cls(interpolant, boxes, centres, np.ascontiguousarray(weights.T), plan)
+
+    @property
+    def bound(self) -> float:
+        """No value is further than this from the direct sum, rounding aside; at most the tolerance."""
+        return float(self.plan.bound[self.points.leaves].max())
+
+    @property
+    def direct_work(self) -> float:
+        """Cost of the direct sum."""
+        return float(len(self.points.points) * self.interpolant.layout.fraction * self.weights.shape[1])
+
+    @property
+    def work(self) -> float:
+        """Cost of this sum."""
+        k, d = self.weights.shape[0], self.interpolant.dimension
+        far, near, tree = self.plan.far, self.plan.near, self.points
+        order, leaves = self._orders, tree.leaves[self._orders[tree.leaves] > 0]
+        sizes = np.diff(tree.points_of, axis=1)[leaves, 0]
+        return float(
+            np.sum(np.diff(tree.points_of, axis=1)[near.box, 0] * near.centres)
+            + np.sum(far.order**d * far.centres)
+            + np.sum(sizes * (_A_VALUE * k * order[leaves] ** d + _A_POINT))
+            + _A_PRODUCT * k * (np.sum(order ** (d + 1)) + np.sum(far.order ** (d + 1)))
+        )
+
+    def values(self, *, threads: int | None = None) -> Floats:
+        """(n, k) values: sums over near centres, polynomials of all boxes, what these are at the points."""
+        tree, near = self.points, self.plan.near
+        n, k, d = len(tree.points), self.weights.shape[0], self.interpolant.dimension
+        out = np.zeros((n, k))
+        self._sums(near, tree.points, tree.points_of[near.box], out, threads)
+        starts, values = self._polynomials(d, k, threads)
+        with threads_for(float(n * _A_POINT), threads):
+            evaluate(
+                tree.leaves, tree.points_of, tree.points, tree.low, tree.high, self._orders, starts, values, d, out
+            )
+        unsorted = np.empty_like(out)
+        unsorted[tree.order] = out
+        return unsorted
+
+    def _sums(self, runs: Runs, points: Floats, points_of: Indices, out: Floats, threads: int | None) -> None:
+        """Sums at the points (n, 3) of each group (g, 2) into ``out`` (n, k)."""
+        work = float(np.sum(np.diff(points_of, axis=1)[:, 0] * runs.centres))
+        with threads_for(work, threads), numba.parallel_chunksize(_CHUNK):
+            _group_sums(
+                self.interpolant.basis.code,
+                points,
+                points_of,
+                runs.starts,
+                runs.runs,
+                np.ascontiguousarray(self.centres.points.T),
+                self.weights,
+                1.0 / self.interpolant.support_radius,
+                out,
+            )
+
+    @cached_property
+    def _orders(self) -> Indices:
+        """(b,) order of each box's polynomial, at least that of its parent; 0 where there is none."""
+        tree, far = self.points, self.plan.far
+        order = np.zeros(tree.n_boxes, dtype=np.int64)
+        np.maximum.at(order, far.box, far.order)
+        for first, last in zip(tree.levels[1:-1], tree.levels[2:], strict=True):
+            order[first:last] = np.maximum(order[first:last], order[tree.parent[first:last]])
+        return order
+
+    def _polynomials(self, d: int, k: int, threads: int | None) -> tuple[Indices, Floats]:
+        """First value (b + 1,) and values of the polynomial of each box."""
+        tree, far = self.points, self.plan.far
+        rows = np.append(0, np.cumsum(far.order**d))
+        places, sums = np.empty((rows[-1], 3)), np.empty((rows[-1], k))
+        with threads_for(float(rows[-1]), threads):
+            box_points(far.box, far.order, rows, d, tree.low, tree.high, places)
+        self._sums(far, places, np.stack([rows[:-1], rows[1:]], axis=1), sums, threads)
+        starts = np.append(0, np.cumsum(self._orders**d * k))
+        values = np.empty(starts[-1])
+        groups = (np.searchsorted(far.box, np.arange(tree.n_boxes + 1)), far.order, rows, sums)
+        with threads_for(_A_PRODUCT * float(starts[-1] * 10), threads):
+            carry_down(tree.levels, tree.parent, tree.low, tree.high, self._orders, starts, groups, d, k, values)
+        return starts, values
