@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.evaluation import LocalEvaluator, Prepared
 from mesh_motion_server.numerics.far_field.far_sum import FarSum
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
@@ -38,8 +38,10 @@ class FarFieldEvaluator(LocalEvaluator):
         super().__init__(threads)
         self._tolerance = tolerance
 
-    def displacement(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, k) values at (n, d) points, thesis (2.5), within the tolerance.
+    def displacement(
+        self, interpolant: AnyInterpolant, points: NDArray[np.float64], prepared: Prepared | None = None
+    ) -> NDArray[np.float64]:
+        """(n, k) values at (n, d) points, thesis (2.5), within the tolerance; of two scales exactly, as ``prepared``.
 
         Raises
         ------
@@ -48,7 +50,7 @@ class FarFieldEvaluator(LocalEvaluator):
         """
         far = self._planned(interpolant, points)
         if far is None:
-            return super().displacement(interpolant, points)
+            return super().displacement(interpolant, points, prepared)
         out = far.values(threads=self._threads)
         if far.interpolant.polynomial is not None:
             out += far.interpolant.polynomial(points)
