@@ -1,0 +1,58 @@
+"""What every reply has to be, and the two answers there are: the reply of the table, or an ERROR with its code."""
+
+from __future__ import annotations
+
+from mesh_motion_conformance.case import Unmet
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
+from mesh_motion_conformance.wire import Message, check_reply
+
+__all__ = ["answered", "check_identity", "refused"]
+
+
+def check_identity(reply: Message, client: bytes, sequence: int) -> None:
+    """A reply has the request id of its request (section 4) and the fields of its message (section 12)."""
+    if (reply.client, reply.sequence) != (client, sequence):
+        raise Unmet(f"the request id of the request, {client[:4].hex()}…, {sequence}", show(reply))
+    check_reply(reply)
+
+
+def answered(reply: Message, kind: str) -> Message:
+    """The reply, which must be of this kind."""
+    if reply.kind != kind:
+        raise Unmet(kind, show(reply))
+    return reply
+
+
+def refused(reply: Message, *codes: str, state: str | None = None) -> Message:
+    """The reply, which must be an ERROR with one of the codes; a canonical name stands for all of its details.
+
+    Parameters
+    ----------
+    state : str, optional
+        What ``state`` must say: the session's state afterwards.
+    """
+    wanted = " or ".join(codes)
+    if reply.kind != "ERROR":
+        raise Unmet(f"ERROR {wanted}", show(reply))
+    code = reply.fields["code"]
+    if code not in codes and code.partition(".")[0] not in codes:
+        raise Unmet(f"ERROR {wanted}", show(reply))
+    check_error(reply)
+    if state is not None and reply.fields["state"] != state:
+        raise Unmet(f"state {state!r} in the ERROR", show(reply))
+    return reply
+
+
+def check_error(reply: Message) -> None:
+    """Section 17: a known canonical name, ``retryable`` as the table says, a message and a hint, a state."""
+    fields, errors = reply.fields, tables().errors
+    code = fields["code"]
+    if code.partition(".")[0] not in errors:
+        raise Unmet("a code that begins with a canonical name of section 17", show(reply))
+    if code in errors and fields["retryable"] != errors[code]["retryable"]:
+        raise Unmet(f"retryable {errors[code]['retryable']} with {code}", show(reply))
+    if not (fields["message"] and fields["hint"]):
+        raise Unmet("an ERROR with a message and a hint", show(reply))
+    if fields["state"] not in ("", *tables().states):
+        raise Unmet("a state of section 8 in the ERROR", show(reply))

@@ -1,0 +1,102 @@
+"""One connection of a client to a server, with an end to every wait."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Sequence
+
+import zmq
+import zmq.utils.monitor
+
+from mesh_motion_conformance.wire import Message, read
+
+__all__ = ["Ended", "Line", "Silence"]
+
+
+class Silence(Exception):
+    """No reply within the time allowed."""
+
+
+class Ended(Exception):
+    """The server ended the connection."""
+
+
+class Line:
+    """A DEALER socket to one endpoint.
+
+    Parameters
+    ----------
+    endpoint : str
+    seconds : float
+        The longest wait for a reply.
+
+    Attributes
+    ----------
+    client : bytes
+        A UUID of its own.
+    sequence : int
+        Of the last request.
+    """
+
+    def __init__(self, endpoint: str, seconds: float) -> None:
+        self.endpoint = endpoint
+        self.seconds = seconds
+        self.client = uuid.uuid4().bytes
+        self.sequence = 0
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.IPV6, int("[" in endpoint))
+        self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._socket.connect(endpoint)
+
+    def next(self) -> int:
+        """The number of the next request."""
+        self.sequence += 1
+        return self.sequence
+
+    def send(self, frames: Sequence[bytes]) -> None:
+        """One multipart message."""
+        self._socket.send_multipart(list(frames))
+
+    def send_part(self, frame: bytes) -> None:
+        """A frame that is not the last of its message."""
+        self._socket.send(frame, zmq.SNDMORE)
+
+    def receive(self, seconds: float | None = None) -> Message:
+        """The next message.
+
+        Raises
+        ------
+        Silence, Ended, Malformed
+        """
+        deadline = time.monotonic() + (self.seconds if seconds is None else seconds)
+        poller = zmq.Poller()
+        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._events, zmq.POLLIN)
+        while True:
+            left = max(0.0, deadline - time.monotonic())
+            ready = dict(poller.poll(round(1000 * left) + 1))
+            if self._socket in ready:
+                return read(self._socket.recv_multipart())
+            if self._events in ready:
+                zmq.utils.monitor.recv_monitor_message(self._events)
+                raise Ended("the server ended the connection")
+            if left <= 0:
+                raise Silence(f"no reply within {self.seconds if seconds is None else seconds:g} s")
+
+    def pending(self) -> bool:
+        """Whether a message lies here unread."""
+        return bool(self._socket.poll(0))
+
+    @property
+    def closed(self) -> bool:
+        """Whether :meth:`close` was called."""
+        return bool(self._socket.closed)
+
+    def close(self) -> None:
+        """Cut the connection; idempotent."""
+        if not self._socket.closed:
+            self._socket.disable_monitor()
+            self._events.close()
+            self._socket.close()

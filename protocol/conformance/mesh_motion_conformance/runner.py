@@ -1,0 +1,88 @@
+"""Runs cases, one after the other; whatever happens in one is its outcome and no other's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Protocol
+
+from mesh_motion_conformance.case import Case, Outcome, Skip, Unmet
+from mesh_motion_conformance.line import Ended, Silence
+from mesh_motion_conformance.wire import Malformed
+
+__all__ = ["Stage", "run", "selected"]
+
+
+class Stage(Protocol):
+    """What cases are run on."""
+
+    @property
+    def sent(self) -> str:
+        """The last request, readable."""
+
+    def between(self) -> None:
+        """Called after each case that was met: raises if it left something, as a second reply."""
+
+    def mend(self) -> None:
+        """Called after each case that was not: leave nothing of it to the next one."""
+
+
+#: Cases in a row without any reply, after which nobody is there any more.
+_SILENT = 10
+
+
+def selected(cases: Iterable[Case], only: Sequence[str]) -> list[Case]:
+    """Cases whose id, section or section's beginning is named; all of them without names."""
+    if not only:
+        return list(cases)
+    return [case for case in cases if any(_names(name, case) for name in only)]
+
+
+def _names(name: str, case: Case) -> bool:
+    """``10`` names 10, 10.2 and all their cases, ``10.2-repeat`` those that begin so."""
+    return name in (case.section, case.id) or case.section.startswith(f"{name}.") or ("-" in name and case.id.startswith(name))
+
+
+def run(cases: Iterable[Case], stage: Stage, told: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+    """Outcomes of all cases; ``told`` hears of each at once."""
+    outcomes = []
+    for outcome in _outcomes(cases, stage):
+        outcomes.append(outcome)
+        if told is not None:
+            told(outcome)
+    return outcomes
+
+
+def _outcomes(cases: Iterable[Case], stage: Stage) -> Iterator[Outcome]:
+    silent = 0
+    for case in cases:
+        if silent >= _SILENT:
+            yield Outcome(case, "SKIP", 0.0, got=f"no reply in {silent} cases in a row: nobody is there")
+            continue
+        started = time.perf_counter()
+        verdict, told, is_silent = _verdict(case, stage)
+        silent = silent + 1 if is_silent else 0 if verdict != "SKIP" else silent
+        yield Outcome(case, verdict, time.perf_counter() - started, **told)
+
+
+def _verdict(case: Case, stage: Stage) -> tuple[str, dict[str, str], bool]:
+    """PASS, FAIL or SKIP; what is to be told about it; whether nobody answered."""
+    try:
+        case.run(stage)
+        stage.between()
+    except Skip as reason:
+        return "SKIP", {"got": str(reason)}, False
+    except Exception as error:
+        told = _failure(case, error) | {"sent": getattr(error, "sent", "") or stage.sent}
+        stage.mend()
+        return "FAIL", told, isinstance(error, Silence)
+    return "PASS", {}, False
+
+
+def _failure(case: Case, error: Exception) -> dict[str, str]:
+    """Expected and got; a reply may be so wrong that the case itself stumbles over it."""
+    if isinstance(error, Unmet):
+        return {"expected": error.expected, "got": error.got}
+    if isinstance(error, (Silence, Ended, Malformed)):
+        return {"expected": case.demand, "got": str(error)}
+    return {"expected": case.demand, "got": f"a reply that the case could not read: {type(error).__name__}: {error}"}

@@ -1,0 +1,1 @@
+"""The cases for servers: one module or more a section of SPEC.md, in its order."""

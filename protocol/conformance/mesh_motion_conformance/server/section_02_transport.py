@@ -1,0 +1,174 @@
+"""Section 2: sockets, endpoints, one reply a request."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import answered, check_identity, refused
+from mesh_motion_conformance.line import Ended, Line, Silence
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
+from mesh_motion_conformance.wire import CHUNK_BYTES, HEADER_BYTES, pack
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+
+@suite("2.1")
+def no_delimiter_frame(stage: Stage) -> None:
+    """The first frame of a reply is frame 0: there is no empty delimiter."""
+    reply = answered(stage.ask(Request("PING")), "PONG")
+    if len(reply.frames) != 1:
+        raise Unmet("PONG in one frame", f"{len(reply.frames)} frames")
+
+
+@suite("2.1")
+def delimiter_frame_is_no_header(stage: Stage) -> None:
+    """An empty frame before frame 0 is not taken for a delimiter: it is frame 0, and no header."""
+    line = stage.line()
+    stage.put(line, [b"", *Request("PING").frames(line.client, 1)])
+    refused(line.receive(), "INVALID_ARGUMENT.HEADER")
+
+
+@suite.family
+def wrong_endpoint() -> Iterator[Case]:
+    """Each endpoint takes the requests of the table, and no others."""
+
+    def at_control(kind: str) -> Callable[[Stage], None]:
+        def run(stage: Stage) -> None:
+            refused(stage.ask(stage.session("READY").request(kind)), "UNIMPLEMENTED.MESSAGE")
+
+        return run
+
+    def at_data(kind: str) -> Callable[[Stage], None]:
+        def run(stage: Stage) -> None:
+            session = stage.session("READY")
+            request = Request("OPEN", {"dimension": 2}) if kind == "OPEN" else session.request(kind)
+            refused(session.ask(request), "UNIMPLEMENTED.MESSAGE", state="READY")
+
+        return run
+
+    for kind, row in tables().requests.items():
+        if row["endpoint"] == "data":
+            yield Case("2.2", f"{kind}-at-control", "The control endpoint takes no requests of a session", at_control(kind))
+        elif row["endpoint"] == "control":
+            yield Case("2.2", f"{kind}-at-data", "A data endpoint takes no requests of the control endpoint", at_data(kind))
+
+
+@suite("2.2")
+def ping_at_control(stage: Stage) -> None:
+    """PING is taken by the control endpoint."""
+    answered(stage.ask(Request("PING")), "PONG")
+
+
+@suite("2.2")
+def ping_at_data(stage: Stage) -> None:
+    """PING is taken by a data endpoint, of a connection that has not joined too."""
+    session = stage.session("READY")
+    answered(session.ask("PING"), "PONG")
+    answered(stage.ask(Request("PING"), session.connect()), "PONG")
+
+
+@suite("2.4")
+def replies_in_the_order_of_requests(stage: Stage) -> None:
+    """Replies on a data connection come in the order of its requests."""
+    session = stage.session("READY")
+    line = session.lines[0]
+    kinds = ["PING", "STATUS", "FETCH", "MOVE", "PING", "FETCH", "ROLLBACK", "STATUS"]
+    numbers = [line.next() for _ in kinds]
+    for kind, number in zip(kinds, numbers, strict=True):
+        stage.put(line, session.request(kind).frames(line.client, number))
+    got = [line.receive().sequence for _ in numbers]
+    if got != numbers:
+        raise Unmet(f"replies to {numbers}", f"replies to {got}")
+
+
+@suite("2.5")
+def other_connections_get_nothing(stage: Stage) -> None:
+    """A reply goes to the connection that its request came from, whatever client it names."""
+    first, second = stage.line(), stage.line()
+    answered(stage.ask(Request("PING"), first), "PONG")
+    stage.put(second, Request("PING").frames(first.client, 7))
+    check_identity(second.receive(), first.client, 7)
+    if first.pending():
+        raise Unmet("nothing on the other connection", show(first.receive()))
+
+
+@suite("2.5")
+def one_reply_to_each_of_many(stage: Stage) -> None:
+    """Every request is answered by exactly one reply."""
+    line = stage.line()
+    for number in range(1, 17):
+        stage.put(line, Request("PING" if number % 2 else "LIST").frames(line.client, number))
+    replies = {reply.sequence: reply.kind for reply in (line.receive() for _ in range(16))}
+    if replies != {number: "PONG" if number % 2 else "LISTED" for number in range(1, 17)}:
+        raise Unmet("PONG to the odd ones of 16 requests, LISTED to the even ones", str(replies))
+    try:
+        raise Unmet("16 replies", f"one more: {show(line.receive(0.1))}")
+    except Silence:
+        pass
+
+
+@suite("2.6")
+def oversized_frame_at_control(stage: Stage) -> None:
+    """A frame larger than max_header_bytes ends a control connection without a reply."""
+    _ends(stage, stage.line(), HEADER_BYTES + 1)
+
+
+@suite("2.6")
+def oversized_frame_at_data(stage: Stage) -> None:
+    """A frame larger than max_chunk_bytes ends a data connection without a reply."""
+    _ends(stage, stage.session("READY").connect(), CHUNK_BYTES + 1)
+
+
+@suite("2.6")
+def oversized_frame_hurts_nobody_else(stage: Stage) -> None:
+    """A connection that was ended so leaves the others as they are."""
+    answered(stage.session("READY").ask("STATUS"), "STATUS_REPORT")
+    answered(stage.ask(Request("PING")), "PONG")
+
+
+def _ends(stage: Stage, line: Line, size: int) -> None:
+    """The connection ends because of one frame of this size."""
+    answered(stage.ask(Request("PING"), line), "PONG")
+    stage.put(line, [pack(b"").ljust(size, b"\0")])
+    try:
+        reply = line.receive()
+    except Ended:
+        return
+    finally:
+        line.close()
+    raise Unmet("the end of the connection", show(reply))
+
+
+@suite("2.5")
+def unfinished_message_is_no_request(stage: Stage) -> None:
+    """A message whose last frame never comes is not executed, and its connection's end hurts nobody."""
+    session = stage.session("TRIAL")
+    line = session.connect()
+    answered(stage.ask(session.request("JOIN"), line), "JOINED")
+    session.lines[0].close()
+    session.lines[0] = line
+    header = session.request("MOVE").frames(line.client, line.next())[0]
+    line.send_part(header)
+    line.close()
+    session.join()
+    found = session.status()
+    if (found["state"], found["iteration"]) != ("TRIAL", 1):
+        raise Unmet("TRIAL at iteration 1, as before", f"{found['state']} at iteration {found['iteration']}")
+
+
+@suite("2.5")
+def garbage_is_answered(stage: Stage) -> None:
+    """Random frames are answered by ERROR like any request, with number 0."""
+    line = stage.line()
+    for size in (1, 17, 256, 4096):
+        stage.put(line, [b"\xc1" + os.urandom(size)])
+        reply = refused(line.receive(), "INVALID_ARGUMENT.HEADER")
+        if reply.sequence != 0:
+            raise Unmet("sequence 0 in the reply to a request whose number was not readable", show(reply))

@@ -1,0 +1,299 @@
+"""Section 4: frame 0 is one msgpack map, and each thing that msgpack leaves open is pinned."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.server.requests import Header, Request
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.wire import KEYS, pack
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+_HEADER = "INVALID_ARGUMENT.HEADER"
+Change = Callable[[Header], Any]
+
+
+def _case(section: str, name: str, demand: str, request: Request, change: Change | None, *codes: str) -> Case:
+    """A request to the control endpoint that must be refused with one of the codes."""
+
+    def run(stage: Stage) -> None:
+        line = stage.control
+        stage.put(line, request.frames(line.client, line.next(), change))
+        refused(line.receive(), *codes, state="")
+
+    return Case(section, name, demand, run)
+
+
+def _setting(value: Any) -> Request:
+    """A request with a field of type map that holds this value."""
+    return Request("OPEN", {"dimension": 2, "settings": {"a": value}})
+
+
+def _raw(before: bytes, after: bytes) -> Change:
+    """Frame 0 with some of its bytes replaced."""
+    return lambda header: pack(header).replace(before, after, 1)
+
+
+# --- the six keys ----------------------------------------------------------------------------------------------------
+
+
+@suite.family
+def keys() -> Iterator[Case]:
+    """Exactly the six keys, each of its type."""
+    ping = Request("PING")
+    for key in KEYS:
+        code = "UNIMPLEMENTED.VERSION" if key == "v" else _HEADER
+        yield _case("4", f"without-{key}", f"frame 0 has the key {key}", ping, _drop(key), code)
+    yield _case("4", "seventh-key", "exactly these keys", ping, lambda h: h | {"x": 1}, _HEADER)
+    wrong: dict[str, list[Any]] = {
+        "type": [1, b"PING", None, ["PING"], True],
+        "client": ["0" * 16, 1, None, [1] * 16],
+        "sequence": ["1", 1.0, None, True, [1], b"1"],
+        "fields": [[], None, 1, "x", b""],
+        "arrays": [{}, None, 1, "x", b""],
+    }
+    for key, values in wrong.items():
+        for value in values:
+            name = f"{key}-is-{type(value).__name__.lower()}"
+            yield _case("4", name, f"the type of {key}", ping, _set(key, value), _HEADER)
+    for value in (0, 2, -1, 255, 1.0, True, None, "1", [1]):
+        name = f"v-is-{value}".replace("[1]", "an-array").replace("-1", "minus-1")
+        demand = "v is the int 1; a header of another version is answered with ours"
+        yield _case("4", name, demand, ping, _set("v", value), "UNIMPLEMENTED.VERSION")
+    for size in (0, 15, 17, 32):
+        yield _case("4", f"client-of-{size}-bytes", "client has 16 bytes", ping, _set("client", bytes(size)),
+                    "INVALID_ARGUMENT.VALUE")  # fmt: skip
+    for value in (0, -1, -(2**63)):
+        yield _case("4", f"sequence-{value}", "sequence is 1 … 2⁶³−1", ping, _set("sequence", value),
+                    "INVALID_ARGUMENT.VALUE")  # fmt: skip
+    for kind in ("PUNG", "", "ping", "MOVE ", "SHUTDOWN"):
+        yield _case("4", f"type-{kind!r}", "a type of section 12", Request(kind), None, "UNIMPLEMENTED.MESSAGE")
+
+
+def _drop(key: str) -> Change:
+    return lambda header: {name: value for name, value in header.items() if name != key}
+
+
+def _set(key: str, value: Any) -> Change:
+    return lambda header: header | {key: value}
+
+
+@suite.family
+def order_of_keys() -> Iterator[Case]:
+    """In any order."""
+
+    def run(turn: int) -> Callable[[Stage], None]:
+        def rotated(stage: Stage) -> None:
+            def change(header: Header) -> Header:
+                names = [*KEYS[turn:], *KEYS[:turn]]
+                return {name: header[name] for name in names}
+
+            answered(stage.ask(Request("PING"), change=change), "PONG")
+
+        return rotated
+
+    for turn, key in enumerate(KEYS):
+        yield Case("4", f"keys-beginning-with-{key}", "The keys may come in any order", run(turn))
+
+
+@suite.family
+def identity_in_errors() -> Iterator[Case]:
+    """A reply has the client and the sequence of its request, as far as they were readable."""
+
+    def run(change: Change, client: bool, sequence: bool) -> Callable[[Stage], None]:
+        def echoed(stage: Stage) -> None:
+            line = stage.control
+            number = line.next() + 41
+            stage.put(line, Request("PING").frames(line.client, number, change))
+            reply = refused(line.receive(), "INVALID_ARGUMENT", "UNIMPLEMENTED")
+            wanted = (line.client if client else reply.client, number if sequence else 0)
+            if (reply.client, reply.sequence) != wanted:
+                raise Unmet(f"client {wanted[0][:4].hex()}…, sequence {wanted[1]}", show(reply))
+
+        return echoed
+
+    demand = "An ERROR has the request id as far as it was readable"
+    yield Case("4", "id-beside-a-wrong-type", demand, run(_set("type", 1), True, True))
+    yield Case("4", "id-beside-a-wrong-version", demand, run(_set("v", 2), True, True))
+    yield Case("4", "id-beside-wrong-fields", demand, run(_set("fields", []), True, True))
+    yield Case("4", "id-beside-an-unknown-field", demand, run(_set("fields", {"x": 1}), True, True))
+    yield Case("4", "id-beside-a-wrong-client", demand, run(_set("client", "x"), False, True))
+    yield Case("4", "id-beside-a-wrong-sequence", demand, run(_set("sequence", "x"), True, False))
+    yield Case("4", "id-of-an-unreadable-header", demand, run(lambda h: pack(h)[:-3], False, False))
+
+
+# --- what msgpack leaves open, by number -----------------------------------------------------------------------------
+
+
+@suite.family
+def keys_are_str_and_unique() -> Iterator[Case]:
+    """4.1"""
+    demand = "Keys of maps are str"
+    for name, key in (("int", 1), ("bin", b"v"), ("nil", None), ("true", True), ("float", 1.5)):
+        yield _case("4.1", f"{name}-key-in-the-header", demand, Request("PING"), _renamed("v", key), _HEADER)
+        yield _case("4.1", f"{name}-key-in-fields", demand, Request("PING"), _set("fields", {key: 1}), _HEADER)
+        yield _case("4.1", f"{name}-key-in-a-field", demand, Request("OPEN", {"dimension": 2, "settings": {key: 1}}),
+                    None, _HEADER)  # fmt: skip
+    twice = "A key does not come twice in a map"
+    yield _case("4.1", "key-twice-in-the-header", twice, Request("PING"),
+                lambda h: b"\x87" + pack(h)[1:] + b"\xa1v\x01", _HEADER)  # fmt: skip
+    hello = Request("HELLO", {"agent": "a"})
+    yield _case("4.1", "key-twice-in-fields", twice, hello,
+                _raw(b"\x81\xa5agent\xa1a", b"\x82\xa5agent\xa1a\xa5agent\xa1a"), _HEADER)  # fmt: skip
+    yield _case("4.1", "key-twice-in-a-field", twice, _setting(1), _raw(b"\x81\xa1a\x01", b"\x82\xa1a\x01\xa1a\x01"),
+                _HEADER)  # fmt: skip
+    yield _case("4.1", "key-twice-in-an-array-of-maps", twice, _setting([{"b": 1}]),
+                _raw(b"\x81\xa1b\x01", b"\x82\xa1b\x01\xa1b\x02"), _HEADER)  # fmt: skip
+
+
+def _renamed(old: str, new: Any) -> Change:
+    return lambda header: {new if name == old else name: value for name, value in header.items()}
+
+
+@suite.family
+def text_is_utf_8() -> Iterator[Case]:
+    """4.2"""
+    demand = "str is valid UTF-8"
+    bad = {"ff": b"\xff", "overlong": b"\xc0\xaf", "surrogate": b"\xed\xa0\x80", "cut": b"\xc3", "lone-80": b"\x80"}
+    for name, raw in bad.items():
+        text = bytes([0xA0 + len(raw)]) + raw
+        yield _case("4.2", f"{name}-in-a-field", demand, Request("HELLO", {"agent": "@"}), _raw(b"\xa1@", text), _HEADER)
+        yield _case("4.2", f"{name}-in-a-key", demand, _setting(1), _raw(b"\xa1a\x01", text + b"\x01"), _HEADER)
+    yield _case("4.2", "ff-in-the-type", demand, Request("PING"), _raw(b"\xa4PING", b"\xa4PIN\xff"), _HEADER)
+    yield _case("4.2", "str-for-bin", "str and bin are different types",
+                Request("PROBE", {"session": "0" * 32, "token": "0" * 32}), None, _HEADER)  # fmt: skip
+    yield _case("4.2", "bin-for-str", "str and bin are different types",
+                Request("PROBE", {"session": b"0" * 32, "token": b"0" * 32}), None, _HEADER)  # fmt: skip
+
+
+@suite("4.2")
+def text_of_many_planes(stage: Stage) -> None:
+    """Valid UTF-8 of one to four bytes a character is taken."""
+    answered(stage.ask(Request("HELLO", {"agent": "aé€😀\0"})), "WELCOME")
+
+
+@suite.family
+def no_extensions() -> Iterator[Case]:
+    """4.3"""
+    forms = {
+        "fixext-1": b"\xd4\x05\0", "fixext-2": b"\xd5\x05\0\0", "fixext-4": b"\xd6\x05" + bytes(4),
+        "fixext-8": b"\xd7\x05" + bytes(8), "fixext-16": b"\xd8\x05" + bytes(16), "ext-8": b"\xc7\x03\x05" + bytes(3),
+        "ext-8-empty": b"\xc7\x00\x05", "ext-16": b"\xc8\x00\x03\x05" + bytes(3),
+        "ext-32": b"\xc9\x00\x00\x00\x03\x05" + bytes(3), "timestamp-32": b"\xd6\xff" + bytes(4),
+        "timestamp-64": b"\xd7\xff" + bytes(8), "timestamp-96": b"\xc7\x0c\xff" + bytes(12),
+    }  # fmt: skip
+    demand = "Extension types, timestamps among them, do not occur"
+    for name, raw in forms.items():
+        yield _case("4.3", f"{name}-in-a-map", demand, _setting(1), _raw(b"\xa1a\x01", b"\xa1a" + raw), _HEADER)
+        yield _case("4.3", f"{name}-as-a-field", demand, Request("HELLO", {"agent": "@"}), _raw(b"\xa1@", raw), _HEADER)
+
+
+_INTEGERS = {
+    "fixint": b"\x21", "uint-8": b"\xcc\x21", "uint-16": b"\xcd\x00\x21", "uint-32": b"\xce" + (33).to_bytes(4, "big"),
+    "uint-64": b"\xcf" + (33).to_bytes(8, "big"), "int-8": b"\xd0\x21", "int-16": b"\xd1\x00\x21",
+    "int-32": b"\xd2" + (33).to_bytes(4, "big"), "int-64": b"\xd3" + (33).to_bytes(8, "big"),
+}  # fmt: skip
+
+
+@suite.family
+def integers() -> Iterator[Case]:
+    """4.4"""
+
+    def run(raw: bytes) -> Callable[[Stage], None]:
+        def encoded(stage: Stage) -> None:
+            answered(stage.ask(Request("PING"), sequence=33, change=_raw(b"sequence\x21", b"sequence" + raw)), "PONG")
+
+        return encoded
+
+    for name, raw in _INTEGERS.items():
+        yield Case("4.4", f"sequence-as-{name}", "Any msgpack encoding of an integer is admitted", run(raw))
+    demand = "Integers are in −2⁶³ … 2⁶³−1"
+    for name, value in (("2-63", 2**63), ("2-64-1", 2**64 - 1)):
+        yield _case("4.4", f"{name}-as-sequence", demand, Request("PING"), _set("sequence", value), _HEADER)
+        yield _case("4.4", f"{name}-in-a-map", demand, _setting(value), None, _HEADER)
+        yield _case("4.4", f"{name}-as-a-field", demand, Request("OPEN", {"dimension": 2, "bytes_reserved": value}),
+                    None, _HEADER)  # fmt: skip
+        yield _case("4.4", f"{name}-in-an-array", demand, Request("HELLO", {"versions": [[1, value]]}), None, _HEADER)
+    for name, value in (("float", 2.0), ("true", True), ("false", False)):
+        yield _case("4.4", f"{name}-for-an-integer", f"{name} is not an integer", Request("OPEN", {"dimension": value}),
+                    None, _HEADER)  # fmt: skip
+        yield _case("4.4", f"{name}-in-an-array-of-integers", f"{name} is not an integer",
+                    Request("HELLO", {"versions": [[value, 0]]}), None, _HEADER)  # fmt: skip
+
+
+@suite("4.4")
+def largest_sequence(stage: Stage) -> None:
+    """2⁶³−1 is a sequence."""
+    answered(stage.ask(Request("PING"), sequence=2**63 - 1), "PONG")
+
+
+@suite.family
+def numbers_are_finite() -> Iterator[Case]:
+    """4.6"""
+    values = {"nan": float("nan"), "infinity": float("inf"), "minus-infinity": float("-inf")}
+    demand = "A float in a request is finite"
+    code = "INVALID_ARGUMENT.NONFINITE"
+    for name, value in values.items():
+        yield _case("4.6", f"{name}-64-bits", demand, _setting(value), None, code)
+        narrow = b"\xca" + struct.pack(">f", value)
+        yield _case("4.6", f"{name}-32-bits", demand, _setting(1), _raw(b"\xa1a\x01", b"\xa1a" + narrow), code)
+        yield _case("4.6", f"{name}-nested", demand, _setting([{"b": [value]}]), None, code)
+
+
+@suite.family
+def one_map() -> Iterator[Case]:
+    """4.8"""
+    demand = "Nothing follows the map in frame 0"
+    for name, tail in (("nil", b"\xc0"), ("zero-byte", b"\0"), ("map", b"\x80"), ("itself", b"")):
+        change: Change = (lambda h: pack(h) * 2) if name == "itself" else lambda h, tail=tail: pack(h) + tail  # type: ignore[misc]
+        yield _case("4.8", f"{name}-behind-the-map", demand, Request("PING"), change, _HEADER)
+    for name, raw in (("array", pack([1])), ("text", pack("x")), ("nil", b"\xc0"), ("nothing", b""), ("c1", b"\xc1")):
+        yield _case("4.8", f"{name}-instead-of-the-map", "Frame 0 is one map", Request("PING"), lambda _, raw=raw: raw,
+                    _HEADER)  # fmt: skip
+    for cut in (1, 2, 9, 30):
+        change = lambda h, cut=cut: pack(h)[:-cut]  # type: ignore[misc]  # noqa: E731
+        yield _case("4.8", f"{cut}-bytes-cut-off", "Frame 0 is a whole map", Request("PING"), change, _HEADER)
+
+
+@suite.family
+def bounds() -> Iterator[Case]:
+    """4.9, section 6"""
+
+    def nested(levels: int) -> Any:
+        value: Any = 1
+        for _ in range(levels):
+            value = [value]
+        return value
+
+    demand = "12 levels of nesting, the header's own map being level 1"
+    yield _case("4.9", "12-levels", demand, _setting(nested(9)), None, "INVALID_ARGUMENT.SETTINGS")
+    yield _case("4.9", "13-levels", demand, _setting(nested(10)), None, _HEADER)
+    yield _case("4.9", "300-levels", demand, Request("PING"), lambda _: b"\x91" * 300, _HEADER)
+    yield _case("4.9", "60000-levels", demand, Request("PING"), lambda _: b"\x91" * 60_000, _HEADER)
+    many = {f"k{number}": 0 for number in range(257)}
+    demand = "256 items in one map or array"
+    items = Request("OPEN", {"dimension": 2, "settings": many})
+    yield _case("4.9", "257-items-in-a-map", demand, items, None, _HEADER, "RESOURCE_EXHAUSTED.BYTES")
+    fewer = Request("OPEN", {"dimension": 2, "settings": {key: 0 for key in list(many)[:256]}})
+    yield _case("4.9", "256-items-in-a-map", demand, fewer, None, "INVALID_ARGUMENT.SETTINGS")
+    yield _case("4.9", "257-items-in-an-array", demand, Request("HELLO", {"features": ["x"] * 257}), None, _HEADER,
+                "RESOURCE_EXHAUSTED.BYTES")  # fmt: skip
+    announced = {"array": b"\xdd\xff\xff\xff\xff", "map": b"\xdf\xff\xff\xff\xff", "text": b"\xdb\xff\xff\xff\xff",
+                 "binary": b"\xc6\xff\xff\xff\xff", "array-16": b"\xdc\xff\xff", "map-16": b"\xde\xff\xff"}  # fmt: skip
+    for name, raw in announced.items():
+        yield _case("4.9", f"huge-{name}-announced", "What a header announces is bounded before it is there",
+                    _setting(1), _raw(b"\xa1a\x01", b"\xa1a" + raw), _HEADER)  # fmt: skip
+
+
+@suite("4.9")
+def _256_items_in_an_array(stage: Stage) -> None:
+    """256 items in one array are taken."""
+    answered(stage.ask(Request("HELLO", {"features": ["x"] * 256})), "WELCOME")

@@ -1,0 +1,238 @@
+"""Section 7: what a session promises about its results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.session import Session
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.wire import Array, Message
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+
+def _move(session: Session, size: float = 0.01, frame: str = "committed") -> Message:
+    request = session.request("MOVE").having(frame=frame).carrying(displacement=session.rows(size=size))
+    return answered(session.ask(request), "MOVED")
+
+
+def _points(session: Session, what: str = "committed") -> Array:
+    return answered(session.ask(session.request("FETCH").having(what=what)), "FETCHED").arrays["points"]
+
+
+def _bitwise(got: Array, wanted: Array, what: str) -> None:
+    if got.shape != wanted.shape or got.tobytes() != wanted.tobytes():
+        where = np.argwhere(got != wanted) if got.shape == wanted.shape else []
+        first = f"{got.shape} for {wanted.shape}"
+        if len(where):
+            at = tuple(where[0])
+            first = f"{got[at]!r} for {wanted[at]!r} at {[int(i) for i in at]}, and {len(where) - 1} others"
+        raise Unmet(f"{what}, bitwise", first)
+
+
+@suite.family
+def order() -> Iterator[Case]:
+    """The requests of a session in their order, each with the reply of the table."""
+
+    def run(kinds: list[str]) -> Callable[[Stage], None]:
+        def played(stage: Stage) -> None:
+            session = stage.session("READY")
+            for kind in kinds:
+                session.do(kind)
+
+        return played
+
+    ways = {
+        "a-step": ["MOVE", "COMMIT"],
+        "three-iterations": ["MOVE", "MOVE", "MOVE", "COMMIT"],
+        "a-step-dropped": ["MOVE", "ROLLBACK", "MOVE", "COMMIT"],
+        "questions-between": ["STATUS", "MOVE", "STATUS", "FETCH", "PING", "COMMIT", "FETCH"],
+        "nothing-dropped": ["ROLLBACK", "ROLLBACK", "MOVE", "ROLLBACK"],
+    }
+    for name, kinds in ways.items():
+        yield Case("7", name, f"A session takes {', '.join(kinds)}", run(kinds))
+
+
+@suite("7.1")
+def same_move_same_bytes(stage: Stage) -> None:
+    """The same MOVE gives the same bytes in every array, on the first try and on the tenth."""
+    session = stage.session("READY")
+    first = _move(session)
+    for _ in range(9):
+        again = _move(session)
+        for name, array in first.arrays.items():
+            _bitwise(again.arrays[name], array, f"the first try's {name}")
+
+
+@suite("7.1")
+def other_moves_leave_no_trace(stage: Stage) -> None:
+    """A MOVED does not depend on the MOVEs before it in the step."""
+    session = stage.session("READY")
+    first = _move(session, 0.01)
+    _move(session, 0.02)
+    _move(session, -0.015)
+    _bitwise(_move(session, 0.01).arrays["displacement"], first.arrays["displacement"], "the first try's displacement")
+
+
+@suite("7.1")
+def rollback_leaves_no_trace(stage: Stage) -> None:
+    """A MOVED does not depend on a trial that was rolled back."""
+    session = stage.session("READY")
+    first = _move(session)
+    session.do("ROLLBACK")
+    again = _move(session)
+    _bitwise(again.arrays["displacement"], first.arrays["displacement"], "the displacement before the ROLLBACK")
+    if again.fields["iteration"] != 1:
+        raise Unmet("iteration 1 after a ROLLBACK", show(again))
+
+
+@suite("7.1")
+def resume_leaves_no_trace(stage: Stage) -> None:
+    """A MOVED depends on the committed state, not on who asks or what the worker has kept."""
+    session = stage.session("READY")
+    first = _move(session)
+    session.resume()
+    session.join()
+    again = _move(session)
+    _bitwise(again.arrays["displacement"], first.arrays["displacement"], "the displacement before the RESUME")
+
+
+@suite("7.1")
+def iterations_are_counted(stage: Stage) -> None:
+    """iteration is 1, 2, … within the step."""
+    session = stage.session("READY")
+    got = [_move(session).fields["iteration"] for _ in range(3)]
+    session.do("COMMIT")
+    got.append(_move(session).fields["iteration"])
+    if got != [1, 2, 3, 1]:
+        raise Unmet("iterations 1, 2, 3, and 1 after the COMMIT", str(got))
+
+
+@suite.family
+def refusals_without_effect() -> Iterator[Case]:
+    """7.2"""
+
+    def run(make: Callable[[Session], Request]) -> Callable[[Stage], None]:
+        def nothing(stage: Stage) -> None:
+            session = stage.session("TRIAL")
+            before, points = session.status(), _points(session)
+            refused(session.ask(make(session)), "INVALID_ARGUMENT", "FAILED_PRECONDITION", state="TRIAL")
+            after = session.status()
+            for name in ("state", "step", "iteration"):
+                if after[name] != before[name]:
+                    raise Unmet(f"{name} {before[name]}, as before", str(after[name]))
+            _bitwise(_points(session), points, "the committed coordinates of before")
+
+        return nothing
+
+    def bad_rows(session: Session) -> Request:
+        rows = session.rows()
+        rows[2, 0] = np.nan
+        return session.request("MOVE").carrying(displacement=rows)
+
+    ways: dict[str, Callable[[Session], Request]] = {
+        "MOVE-with-nan": bad_rows,
+        "MOVE-of-another-step": lambda s: s.request("MOVE").having(step=s.step + 2),
+        "MOVE-of-another-shape": lambda s: s.request("MOVE").carrying(displacement=np.zeros((1, 2))),
+        "MOVE-that-inverts": lambda s: s.request("MOVE").carrying(displacement=s.rows(size=50.0)),
+        "COMMIT-of-another-step": lambda s: s.request("COMMIT").having(step=s.step),
+        "ROLLBACK-of-another-step": lambda s: s.request("ROLLBACK").having(step=s.step + 2),
+        "UPLOAD-once-built": lambda s: s.request("UPLOAD"),
+        "BUILD-once-built": lambda s: s.request("BUILD"),
+        "CLOSE-with-a-wrong-outcome": lambda s: s.request("CLOSE").having(outcome="burn"),
+    }
+    for name, make in ways.items():
+        yield Case("7.2", name, "A request that is answered by ERROR has had no effect; a trial is still there", run(make))
+
+
+@suite("7.2")
+def trial_after_a_refused_move_commits(stage: Stage) -> None:
+    """After a MOVE that was refused, the earlier trial is what COMMIT commits."""
+    session = stage.session("READY")
+    trial = _move(session)
+    before = _points(session)
+    refused(session.ask(session.request("MOVE").having(step=session.step + 5)), "FAILED_PRECONDITION.STEP")
+    session.do("COMMIT")
+    _bitwise(_points(session), before + trial.arrays["displacement"], "the earlier trial's coordinates")
+
+
+@suite("7.4")
+def own_order(stage: Stage) -> None:
+    """All arrays are in the order of the upload: the rows of the moving nodes are those that MOVE gave."""
+    session = stage.session("READY")
+    rows = session.rows() * np.arange(1, 5)[:, None]
+    request = session.request("MOVE").carrying(displacement=rows)
+    moved = answered(session.ask(request), "MOVED").arrays["displacement"]
+    error = np.abs(moved[session.parts[0].moving] - rows).max()
+    if error > 1e-9:
+        raise Unmet("the given displacement at each moving node", f"a difference of {error:.1e}")
+    fixed = moved[list(session.parts[0].sides["right"].nodes)]
+    if np.abs(fixed).max() > 1e-9:
+        raise Unmet("no displacement at the fixed nodes", f"up to {np.abs(fixed).max():.1e}")
+
+
+@suite.family
+def sums() -> Iterator[Case]:
+    """7.5"""
+
+    def run(frame: str, what: str) -> Callable[[Stage], None]:
+        def summed(stage: Stage) -> None:
+            session = stage.session("READY")
+            _move(session)
+            session.do("COMMIT")
+            total = session.rows(size=0.013 if frame == "reference" else -0.004)
+            if frame == "reference":
+                start = _points(session, "committed")[session.parts[0].moving]
+                total += start - _points(session, "reference")[session.parts[0].moving]
+            base = _points(session, what)
+            request = session.request("MOVE").having(frame=frame).carrying(displacement=total)
+            moved = answered(session.ask(request), "MOVED")
+            session.do("COMMIT")
+            _bitwise(_points(session), base + moved.arrays["displacement"], f"{what} coordinates + displacement")
+
+        return summed
+
+    for frame in ("committed", "reference"):
+        yield Case("7.5", f"{frame}-frame", "displacement + the frame's coordinates are the coordinates held", run(frame, frame))
+
+
+@suite("7")
+def fetch_shows_no_trial(stage: Stage) -> None:
+    """FETCH gives committed coordinates, while there is a trial too."""
+    session = stage.session("READY")
+    before = _points(session)
+    _move(session)
+    _bitwise(_points(session), before, "the committed coordinates")
+    _bitwise(_points(session, "reference"), session.parts[0].points, "the reference coordinates")
+
+
+@suite.family
+def steps_told() -> Iterator[Case]:
+    """Each reply that has a step tells the one that its row says."""
+
+    def run(kind: str, state: str, offset: int, **fields: str) -> Callable[[Stage], None]:
+        def told(stage: Stage) -> None:
+            session = stage.session(state)
+            before = session.step
+            reply = session.do(session.request(kind).having(**fields))
+            if reply.fields["step"] != before + offset:
+                raise Unmet(f"step {before + offset}", show(reply))
+
+        return told
+
+    ready = "step is that of section 12's row"
+    yield Case("12", "MOVED-step", ready, run("MOVE", "READY", 1))
+    yield Case("12", "COMMITTED-step", ready, run("COMMIT", "TRIAL", 1))
+    yield Case("12", "ROLLED-BACK-step", ready, run("ROLLBACK", "TRIAL", 0))
+    yield Case("12", "STATUS-REPORT-step", ready, run("STATUS", "TRIAL", 0))
+    yield Case("12", "JOINED-step", ready, run("JOIN", "TRIAL", 0))
+    yield Case("12", "FETCHED-step-of-the-committed-state", ready, run("FETCH", "READY", 0, what="committed"))
+    yield Case("12", "FETCHED-step-beside-the-reference-mesh", ready, run("FETCH", "READY", 0, what="reference"))

@@ -1,0 +1,223 @@
+"""Section 8: every request in every state that can be had from outside."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.line import Ended, Silence
+from mesh_motion_conformance.server.session import Session
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+_REACHED = ("NEW", "OPENING", "READY", "TRIAL")
+_UNREACHED = {
+    "COMMITTING": "a commit lasts milliseconds and the data endpoint answers nothing meanwhile",
+    "FROZEN": "the disk would have to fail",
+    "FAILED": "the server would have to fail",
+}
+
+
+@suite.family
+def table() -> Iterator[Case]:
+    """The state × request table, cell by cell."""
+    for state in _REACHED:
+        for kind, after in tables().states[state].items():
+            if kind not in ("CLOSE", "lease ends"):
+                yield _cell(state, kind, after)
+    for state in _REACHED:
+        yield Case("8", f"{state}-CLOSE", f"{state}: CLOSE leads to CLOSED", _closing(state))
+    for state, why in _UNREACHED.items():
+        yield Case("8", state, f"The cells of state {state}", _unreached(why))
+
+
+def _cell(state: str, kind: str, after: str | None) -> Case:
+    demand = f"{state}: {kind} leads to {after}" if after else f"{state}: {kind} is refused"
+
+    def run(stage: Stage) -> None:
+        session = stage.session(state)
+        if kind == "RESUME":
+            session.resume()
+            session.join()
+        elif after is None:
+            refused(session.ask(kind), "FAILED_PRECONDITION.STATE", state=state)
+        elif kind == "BUILD":
+            session = stage.open()
+            session.upload()
+            session.do("BUILD")
+        else:
+            session.do(kind)
+        found = session.status()["state"]
+        if found != (after or state):
+            raise Unmet(f"state {after or state} after {kind}", f"state {found}")
+
+    return Case("8", f"{state}-{kind}", demand, run)
+
+
+def _closing(state: str) -> Callable[[Stage], None]:
+    """CLOSED, and what is left then: a session that was built can be resumed, another one is gone (11.6)."""
+
+    def run(stage: Stage) -> None:
+        session = stage.session(state, "closing" if state in ("READY", "TRIAL") else "shared")
+        step = session.step
+        closed = session.do("CLOSE")
+        if closed.fields["step"] != step:
+            raise Unmet(f"step {step}", show(closed))
+        _is_over(session)
+        if state in ("READY", "TRIAL"):
+            resumed = session.resume()
+            if (resumed.fields["state"], resumed.fields["step"]) != ("READY", step):
+                raise Unmet(f"READY at step {step} after RESUME", show(resumed))
+            session.join()
+        else:
+            refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
+
+    return run
+
+
+def _is_over(session: Session) -> None:
+    """In state CLOSED nobody answers at the data endpoint, or refuses."""
+    try:
+        refused(session.stage.ask(session.request("STATUS"), session.lines[0], seconds=0.3), "FAILED_PRECONDITION.STATE")
+    except (Silence, Ended):
+        session.lines[0].close()
+
+
+def _unreached(why: str) -> Callable[[Stage], None]:
+    def run(_: Stage) -> None:
+        raise Skip(f"cannot be had from outside: {why}")
+
+    return run
+
+
+@suite.family
+def steps() -> Iterator[Case]:
+    """MOVE, COMMIT and ROLLBACK name the committed step + 1."""
+
+    def run(kind: str, offset: int) -> Callable[[Stage], None]:
+        def other_step(stage: Stage) -> None:
+            session = stage.session("READY")
+            if session.step < 2:
+                for _ in range(2):
+                    session.do("MOVE")
+                    session.do("COMMIT")
+            session.reach("TRIAL")
+            step = 2**63 - 1 if offset > 9 else session.step + offset
+            refused(session.ask(session.request(kind).having(step=step)), "FAILED_PRECONDITION.STEP", state="TRIAL")
+
+        return other_step
+
+    names = {-1: "before-the-last", 0: "committed-already", 2: "next-but-one", 10: "largest"}
+    for kind in ("MOVE", "COMMIT", "ROLLBACK"):
+        for offset, name in names.items():
+            yield Case("12", f"{kind}-step-{name}", f"{kind}'s step is the committed step + 1", run(kind, offset))
+
+
+@suite("8")
+def trial_lost_by_a_resume(stage: Stage) -> None:
+    """A COMMIT in READY whose trial was lost by a RESUME is refused with ABORTED.TRIAL_LOST."""
+    session = stage.session("TRIAL")
+    session.resume()
+    session.join()
+    refused(session.ask("COMMIT"), "ABORTED.TRIAL_LOST", state="READY")
+    session.do("MOVE")
+    session.do("COMMIT")
+
+
+@suite("8")
+def trial_lost_by_a_restart(stage: Stage) -> None:
+    """A COMMIT in READY whose trial was lost by the end of its worker is refused with ABORTED.TRIAL_LOST."""
+    session = stage.session("TRIAL", "closing")
+    session.do("CLOSE")
+    session.resume()
+    session.join()
+    refused(session.ask("COMMIT"), "ABORTED.TRIAL_LOST", "FAILED_PRECONDITION.STATE", state="READY")
+
+
+@suite("8")
+def commit_without_any_trial(stage: Stage) -> None:
+    """A COMMIT in READY that had no trial, or rolled it back, is refused with FAILED_PRECONDITION.STATE."""
+    session = stage.session("READY")
+    session.do("MOVE")
+    session.do("ROLLBACK")
+    refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="READY")
+
+
+def _suspended(stage: Stage, state: str) -> Session:
+    """A session whose lease has ended in this state."""
+    lease = stage.limits()["lease_ms"] / 1000
+    if lease > stage.patience:
+        raise Skip(f"the lease takes {lease:g} s; start the server with a shorter one, or use --patience")
+    session = stage.session(state, "leased")
+    for line in session.lines:
+        line.close()
+    time.sleep(1.6 * lease)
+    session.lines = [session.connect() for _ in session.parts]
+    return session
+
+
+@suite("8")
+def SUSPENDED_JOIN(stage: Stage) -> None:
+    """READY: the lease ends, SUSPENDED; JOIN leads to READY."""
+    session = _suspended(stage, "READY")
+    refused(session.ask("STATUS"), "UNAUTHENTICATED", state="SUSPENDED")
+    joined = session.do("JOIN")
+    if joined.fields["state"] != "READY":
+        raise Unmet("state READY", show(joined))
+
+
+@suite("8")
+def SUSPENDED_from_TRIAL(stage: Stage) -> None:
+    """TRIAL: the lease ends, SUSPENDED; JOIN leads to READY, the trial is lost, COMMIT tells."""
+    session = _suspended(stage, "TRIAL")
+    joined = session.do("JOIN")
+    if (joined.fields["state"], joined.fields["iteration"]) != ("READY", 0):
+        raise Unmet("state READY, iteration 0", show(joined))
+    refused(session.ask("COMMIT"), "ABORTED.TRIAL_LOST", state="READY")
+
+
+@suite("8")
+def SUSPENDED_RESUME(stage: Stage) -> None:
+    """SUSPENDED: RESUME leads to READY."""
+    session = _suspended(stage, "READY")
+    resumed = session.resume()
+    if resumed.fields["state"] != "READY":
+        raise Unmet("state READY", show(resumed))
+    session.join()
+    session.do("MOVE")
+
+
+@suite("2.8")
+def lease_holds_while_a_connection_is_open(stage: Stage) -> None:
+    """A session's lease holds as long as any connection to its data endpoint is open, silent or not."""
+    lease = stage.limits()["lease_ms"] / 1000
+    if lease > stage.patience:
+        raise Skip(f"the lease takes {lease:g} s; start the server with a shorter one, or use --patience")
+    session = stage.session("TRIAL", "leased")
+    time.sleep(1.6 * lease)
+    state = answered(session.ask("STATUS"), "STATUS_REPORT").fields["state"]
+    if state != "TRIAL":
+        raise Unmet("state TRIAL", f"state {state}")
+
+
+@suite.family
+def before_join() -> Iterator[Case]:
+    """JOIN is first on every data connection."""
+
+    def run(kind: str) -> Callable[[Stage], None]:
+        def stranger(stage: Stage) -> None:
+            session = stage.session("READY")
+            refused(stage.ask(session.request(kind), session.connect()), "UNAUTHENTICATED", state="READY")
+
+        return stranger
+
+    for kind in tables().data:
+        if kind not in ("PING", "JOIN"):
+            yield Case("7", f"{kind}-before-JOIN", "JOIN on every data connection first", run(kind))

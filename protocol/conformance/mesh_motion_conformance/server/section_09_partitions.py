@@ -1,0 +1,324 @@
+"""Section 9: sessions of two partitions."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from mesh_motion_conformance.case import Case, Skip, Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.line import Silence
+from mesh_motion_conformance.server.mesh import HALVES, SQUARE, Part
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.session import Session
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.wire import Message
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+_PARTITION = "INVALID_ARGUMENT.PARTITION"
+
+
+def _pair(stage: Stage, state: str = "READY") -> Session:
+    """A session of two partitions, shared by the cases, in state READY or TRIAL."""
+    session = stage.kept("pair", lambda: _built(stage.open(*HALVES)))
+    now = session.status()
+    session.step = now["step"]
+    if now["state"] == "TRIAL" and state == "READY":
+        _all(session.together("ROLLBACK"), "ROLLED_BACK")
+    elif now["state"] == "READY" and state == "TRIAL":
+        _all(session.together("MOVE"), "MOVED")
+    return session
+
+
+def _built(session: Session) -> Session:
+    session.upload()
+    _all(session.together("BUILD"), "BUILT")
+    return session
+
+
+def _all(replies: list[Message], kind: str) -> list[Message]:
+    return [answered(reply, kind) for reply in replies]
+
+
+def _ask(session: Session, request: Request, partition: int) -> int:
+    """Send without waiting; the request's number."""
+    line = session.lines[partition]
+    number = line.next()
+    session.stage.put(line, request.frames(line.client, number))
+    return number
+
+
+def _receive(session: Session, partition: int, number: int) -> Message:
+    reply = session.lines[partition].receive(session.stage.opening_seconds)
+    if reply.sequence != number:
+        raise Unmet(f"the reply to request {number}", show(reply))
+    return reply
+
+
+def _silent(session: Session, partition: int) -> None:
+    """Nothing comes: the request waits for the other partition."""
+    try:
+        reply = session.lines[partition].receive(0.1)
+    except Silence:
+        return
+    raise Unmet("no reply before the other partition's request", show(reply))
+
+
+@suite("9.1")
+def each_gets_its_own_nodes(stage: Stage) -> None:
+    """BUILT's moving_nodes, JOINED's nodes and FETCHED's points are those of the partition, in its order."""
+    session = _pair(stage)
+    for partition, part in enumerate(HALVES):
+        joined = session.do("JOIN", partition)
+        if joined.fields["nodes"] != len(part.points) or joined.fields["partitions"] != 2:
+            raise Unmet(f"{len(part.points)} nodes of 2 partitions", show(joined))
+        if joined.arrays["moving_nodes"].tolist() != part.moving.tolist():
+            raise Unmet(f"moving_nodes {part.moving.tolist()}", str(joined.arrays["moving_nodes"].tolist()))
+        reference = session.request("FETCH", partition).having(what="reference")
+        points = answered(session.ask(reference, partition), "FETCHED").arrays["points"]
+        if points.tobytes() != part.points.tobytes():
+            raise Unmet("the partition's coordinates as uploaded", f"{points[:2].tolist()} …")
+
+
+@suite.family
+def partition_numbers() -> Iterator[Case]:
+    """partition is 0 … partitions − 1."""
+
+    def run(kind: str, partition: int) -> Callable[[Stage], None]:
+        def beyond(stage: Stage) -> None:
+            session = _pair(stage)
+            refused(session.ask(session.request(kind).having(partition=partition)), "INVALID_ARGUMENT.VALUE")
+
+        return beyond
+
+    for kind in ("JOIN", "MOVE", "STATUS", "FETCH", "CLOSE"):
+        for partition in (2, 255):
+            yield Case("9.1", f"{kind}-of-partition-{partition}", "There are as many partitions as OPEN said",
+                       run(kind, partition))  # fmt: skip
+
+
+@suite("9.1")
+def other_partitions_connection(stage: Stage) -> None:
+    """A connection speaks for the partition that it joined, and for no other."""
+    session = _pair(stage)
+    refused(session.ask(session.request("STATUS").having(partition=1), 0), "UNAUTHENTICATED")
+
+
+@suite.family
+def collective() -> Iterator[Case]:
+    """9.2"""
+
+    def run(kind: str) -> Callable[[Stage], None]:
+        def waits(stage: Stage) -> None:
+            session = _pair(stage, "TRIAL" if kind == "COMMIT" else "READY")
+            number = _ask(session, session.request(kind, 1), 1)
+            _silent(session, 1)
+            waiting = session.status()["waiting_for"]
+            if waiting != [0]:
+                raise Unmet("waiting_for [0]", str(waiting))
+            other = _ask(session, session.request(kind, 0), 0)
+            replies = [_receive(session, 1, number), _receive(session, 0, other)]
+            kinds = {reply.kind for reply in replies}
+            if len(kinds) != 1 or "ERROR" in kinds:
+                raise Unmet(f"the reply to {kind} for each", ", ".join(show(reply) for reply in replies))
+            if session.status()["waiting_for"]:
+                raise Unmet("waiting_for [] afterwards", str(session.status()["waiting_for"]))
+
+        return waits
+
+    for kind in ("MOVE", "ROLLBACK", "COMMIT"):
+        yield Case("9.2", f"{kind}-waits-for-all", f"{kind} waits for every partition and answers each", run(kind))
+
+
+@suite.family
+def disagreement() -> Iterator[Case]:
+    """9.2"""
+
+    def run(first: str, second: str, **fields: Any) -> Callable[[Stage], None]:
+        def at_odds(stage: Stage) -> None:
+            session = _pair(stage, "TRIAL")
+            numbers = [
+                _ask(session, session.request(first, 0), 0),
+                _ask(session, session.request(second, 1).having(**fields), 1),
+            ]
+            for partition, number in enumerate(numbers):
+                refused(_receive(session, partition, number), _PARTITION, state="TRIAL")
+
+        return at_odds
+
+    demand = "Partitions that ask for different things are all refused"
+    yield Case("9.2", "MOVE-and-COMMIT", demand, run("MOVE", "COMMIT"))
+    yield Case("9.2", "ROLLBACK-and-COMMIT", demand, run("ROLLBACK", "COMMIT"))
+    yield Case("9.2", "two-frames", demand, run("MOVE", "MOVE", frame="reference"))
+
+
+@suite("9.3")
+def own_rows(stage: Stage) -> None:
+    """Each partition gives its own moving nodes and gets all of its own nodes; shared nodes agree, bitwise."""
+    session = _pair(stage)
+    low, high = (reply.arrays["displacement"] for reply in _all(session.together("MOVE"), "MOVED"))
+    if low.shape != (12, 2) or high.shape != (8, 2):
+        raise Unmet("displacements of shape (12, 2) and (8, 2)", f"{low.shape} and {high.shape}")
+    shared = {number: index for index, number in enumerate(HALVES[1].global_ids)}
+    for index, number in enumerate(HALVES[0].global_ids):
+        if number in shared and low[index].tobytes() != high[shared[number]].tobytes():
+            raise Unmet(f"one displacement of node {number}", f"{low[index].tolist()}, {high[shared[number]].tolist()}")
+
+
+@suite("9.3")
+def shared_node_moved_to_two_places(stage: Stage) -> None:
+    """A node that several partitions give is given the same displacement by each."""
+    session = _pair(stage, "TRIAL")
+    numbers = [
+        _ask(session, session.request("MOVE", partition).carrying(displacement=session.rows(partition, size)), partition)
+        for partition, size in enumerate((0.01, 0.02))
+    ]
+    for partition, number in enumerate(numbers):
+        refused(_receive(session, partition, number), "INVALID_ARGUMENT", state="TRIAL")
+
+
+@suite("9.4")
+def wrong_in_itself(stage: Stage) -> None:
+    """A request that is wrong in itself is answered alone; the others wait for the corrected one."""
+    session = _pair(stage)
+    number = _ask(session, session.request("MOVE", 0), 0)
+    rows = session.rows(1)
+    rows[0, 0] = np.inf
+    refused(session.ask(session.request("MOVE", 1).carrying(displacement=rows), 1), "INVALID_ARGUMENT.NONFINITE")
+    _silent(session, 0)
+    other = _ask(session, session.request("MOVE", 1), 1)
+    for partition, sent in ((0, number), (1, other)):
+        answered(_receive(session, partition, sent), "MOVED")
+
+
+@suite("9.4")
+def failing_once_all_have_come(stage: Stage) -> None:
+    """If the request fails once all have come, all are answered by the error."""
+    session = _pair(stage, "TRIAL")
+    numbers = [
+        _ask(session, session.request("MOVE", p).carrying(displacement=session.rows(p, 50.0)), p) for p in (0, 1)
+    ]
+    for partition, number in enumerate(numbers):
+        refused(_receive(session, partition, number), "FAILED_PRECONDITION.QUALITY", state="TRIAL")
+
+
+@suite("9.4")
+def missing_partition(stage: Stage) -> None:
+    """After collective_timeout_ms those that wait are answered DEADLINE_EXCEEDED, naming the missing partitions."""
+    seconds = stage.limits()["collective_timeout_ms"] / 1000
+    if seconds > stage.patience:
+        raise Skip(f"it takes {seconds:g} s; start the server with a shorter time, or use --patience")
+    session = _pair(stage)
+    number = _ask(session, session.request("MOVE", 0), 0)
+    time.sleep(seconds)
+    reply = refused(_receive(session, 0, number), "DEADLINE_EXCEEDED", state="READY")
+    if 1 not in [p for value in reply.fields["details"].values() if isinstance(value, list) for p in value]:
+        raise Unmet("details that name partition 1", show(reply))
+
+
+@suite("9.4")
+def given_up_for_another(stage: Stage) -> None:
+    """A partition that makes another collective request while one of its own waits gives that one up."""
+    session = _pair(stage)
+    first = _ask(session, session.request("MOVE", 0), 0)
+    second = _ask(session, session.request("MOVE", 0).carrying(displacement=session.rows(0, 0.02)), 0)
+    refused(_receive(session, 0, first), "ABORTED.STALE", state="READY")
+    other = _ask(session, session.request("MOVE", 1).carrying(displacement=session.rows(1, 0.02)), 1)
+    answered(_receive(session, 0, second), "MOVED")
+    answered(_receive(session, 1, other), "MOVED")
+
+
+@suite("2.5")
+def repeated_request_is_answered_where_it_was_repeated_last(stage: Stage) -> None:
+    """A repeated request is answered on the connection that repeated it last."""
+    session = _pair(stage)
+    first = session.lines[0]
+    request, number = session.request("MOVE", 0), first.next()
+    stage.put(first, request.frames(first.client, number))
+    session.lines[0] = session.connect()
+    session.do("JOIN", 0)
+    stage.put(session.lines[0], request.frames(first.client, number))
+    other = _ask(session, session.request("MOVE", 1), 1)
+    answered(_receive(session, 1, other), "MOVED")
+    answered(_receive(session, 0, number), "MOVED")
+    if first.pending():
+        raise Unmet("no reply on the first connection", show(first.receive()))
+    first.close()
+
+
+@suite("10.2")
+def waiting_request_with_another_content(stage: Stage) -> None:
+    """The id of a request that waits with another content is answered ABORTED.CONFLICT."""
+    session = _pair(stage)
+    number = _ask(session, session.request("MOVE", 0), 0)
+    conflict = session.request("MOVE", 0).carrying(displacement=session.rows(0, 0.02))
+    refused(session.ask(conflict, 0, sequence=number), "ABORTED.CONFLICT")
+    other = _ask(session, session.request("MOVE", 1), 1)
+    answered(_receive(session, 1, other), "MOVED")
+    answered(_receive(session, 0, number), "MOVED")
+
+
+@suite("9.5")
+def division_does_not_show(stage: Stage) -> None:
+    """The result does not depend on how the mesh is divided: the digest is that of the undivided mesh."""
+    pair, whole = _built(stage.open(*HALVES)), stage.open(SQUARE)
+    try:
+        whole.reach("READY")
+        for _ in range(2):
+            _all(pair.together("MOVE"), "MOVED")
+            digests = {reply.fields["digest"] for reply in _all(pair.together("COMMIT"), "COMMITTED")}
+            pair.step += 1
+            whole.do("MOVE")
+            digests.add(whole.do("COMMIT").fields["digest"])
+            if len(digests) != 1:
+                raise Unmet("one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests]))
+    finally:
+        pair.discard()
+        whole.discard()
+
+
+@suite("11.5")
+def one_resumes_all_join(stage: Stage) -> None:
+    """One partition sends RESUME; the others learn endpoint and epoch by PROBE and send JOIN."""
+    session = _pair(stage, "TRIAL")
+    before = session.epoch
+    session.resume()
+    probed = answered(stage.ask(session.request("PROBE")), "PROBED")
+    if (probed.fields["worker"], probed.fields["epoch"]) != ("alive", before + 1):
+        raise Unmet(f"an alive worker of epoch {before + 1}", show(probed))
+    for joined in session.join():
+        if joined.fields["state"] != "READY":
+            raise Unmet("state READY", show(joined))
+    _all(session.together("MOVE"), "MOVED")
+
+
+@suite.family
+def meshes_that_do_not_fit() -> Iterator[Case]:
+    """9.1, 13"""
+
+    def run(second: Part, *codes: str) -> Callable[[Stage], None]:
+        def unfit(stage: Stage) -> None:
+            session = stage.open(HALVES[0], second)
+            try:
+                session.upload()
+                for reply in session.together("BUILD"):
+                    refused(reply, *codes, state="OPENING")
+            finally:
+                session.discard()
+
+        return unfit
+
+    high = HALVES[1]
+    moved = Part(high.points + 0.05 * (np.arange(8) == 7)[:, None], high.triangles, high.sides, high.global_ids)
+    yield Case("9.1", "shared-node-at-two-places", "A node that several partitions hold has the same coordinates in each",
+               run(moved, "INVALID_ARGUMENT"))  # fmt: skip
+    bare = Part(high.points, high.triangles, high.sides)
+    yield Case("13.2", "no-global-ids", "global_ids are required with more than one partition",
+               run(bare, "INVALID_ARGUMENT"))  # fmt: skip

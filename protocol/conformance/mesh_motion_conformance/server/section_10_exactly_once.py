@@ -1,0 +1,288 @@
+"""Section 10: a repeat gets the stored reply, an id is used for one request only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.session import Session
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.wire import Message
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+_STATE = {"UPLOAD": "OPENING", "MOVE": "READY", "COMMIT": "TRIAL", "ROLLBACK": "TRIAL"}
+
+
+def _twice(session: Session, request: Request) -> tuple[int, Message, Message]:
+    """Number and replies of a request that is sent twice."""
+    number = session.lines[0].next()
+    first = session.ask(request, sequence=number)
+    if first.kind == "ERROR":
+        raise Unmet(f"the reply to {request.kind}", show(first))
+    return number, first, session.ask(request, sequence=number)
+
+
+def _stored(again: Message, first: Message) -> None:
+    if again.frames != first.frames:
+        raise Unmet(f"the stored reply, {show(first)}", show(again))
+
+
+@suite.family
+def repeats() -> Iterator[Case]:
+    """10.1"""
+
+    def run(kind: str) -> Callable[[Stage], None]:
+        def repeat(stage: Stage) -> None:
+            session = stage.session(_STATE[kind])
+            _, first, again = _twice(session, session.request(kind))
+            _stored(again, first)
+
+        return repeat
+
+    for kind in _STATE:
+        yield Case("10.1", f"repeat-of-{kind}", "A request that is executed is executed once; its repeat gets the stored reply",
+                   run(kind))  # fmt: skip
+
+
+@suite.family
+def executed_once() -> Iterator[Case]:
+    """10.1, seen at the session"""
+
+    def run(kind: str, state: str, seen: Callable[[Session], object], wanted: int) -> Callable[[Stage], None]:
+        def once(stage: Stage) -> None:
+            session = stage.session(state)
+            before = seen(session)
+            _twice(session, session.request(kind))
+            after = seen(session)
+            if not isinstance(before, int) or not isinstance(after, int) or after - before != wanted:
+                raise Unmet(f"{wanted} more than {before}", str(after))
+
+        return once
+
+    def iteration(session: Session) -> object:
+        return session.status()["iteration"]
+
+    def step(session: Session) -> object:
+        return session.status()["step"]
+
+    def rows(session: Session) -> object:
+        return answered(session.ask(session.request("UPLOAD")), "UPLOADED").fields["rows_total"]
+
+    yield Case("10.1", "MOVE-counts-once", "A repeated MOVE is one iteration", run("MOVE", "TRIAL", iteration, 1))
+    yield Case("10.1", "COMMIT-commits-once", "A repeated COMMIT is one step", run("COMMIT", "TRIAL", step, 1))
+    yield Case("10.1", "UPLOAD-appends-once", "A repeated UPLOAD is appended once", run("UPLOAD", "OPENING", rows, 2))
+
+
+@suite("10.1")
+def repeat_of_BUILD(stage: Stage) -> None:
+    """The repeat of a BUILD gets the stored BUILT."""
+    session = stage.open()
+    try:
+        session.upload()
+        _, first, again = _twice(session, session.request("BUILD"))
+        _stored(again, first)
+    finally:
+        session.discard()
+
+
+@suite("10.1")
+def repeat_on_another_connection(stage: Stage) -> None:
+    """A client that lost its connection repeats the request on another one, and gets the stored reply."""
+    session = stage.session("READY")
+    client, number = session.lines[0].client, session.lines[0].next()
+    request = session.request("MOVE")
+    first = answered(session.ask(request, sequence=number), "MOVED")
+    session.join()
+    _stored(session.ask(request, sequence=number, client=client), first)
+
+
+@suite("10.1")
+def reply_that_was_never_read(stage: Stage) -> None:
+    """A request whose connection was cut before its reply is executed once, and answered when it is repeated."""
+    session = stage.session("TRIAL")
+    line, number = session.lines[0], session.lines[0].next()
+    request, step = session.request("COMMIT"), session.step
+    stage.put(line, request.frames(line.client, number))
+    line.close()
+    session.join()
+    reply = answered(session.ask(request, sequence=number, client=line.client), "COMMITTED")
+    if reply.fields["step"] != step + 1 or session.status()["step"] != step + 1:
+        raise Unmet(f"step {step + 1}, once", show(reply))
+
+
+@suite.family
+def other_content() -> Iterator[Case]:
+    """10.2"""
+
+    def run(kind: str, change: Callable[[Session, Request], Request]) -> Callable[[Stage], None]:
+        def conflict(stage: Stage) -> None:
+            session = stage.session(_STATE[kind])
+            request = session.request(kind)
+            number = session.lines[0].next()
+            first = session.ask(request, sequence=number)
+            if first.kind == "ERROR":
+                raise Unmet(f"the reply to {kind}", show(first))
+            refused(session.ask(change(session, request), sequence=number), "ABORTED.CONFLICT")
+            _stored(session.ask(request, sequence=number), first)
+
+        return conflict
+
+    demand = "The same id with another content is answered ABORTED.CONFLICT"
+    ways: dict[str, tuple[str, Callable[[Session, Request], Request]]] = {
+        "MOVE-other-displacement": ("MOVE", lambda s, r: r.carrying(displacement=s.rows(size=0.02))),
+        "MOVE-one-bit-of-it": ("MOVE", lambda s, r: r.carrying(displacement=s.rows() * (1 + 2**-52))),
+        "MOVE-other-frame": ("MOVE", lambda _, r: r.having(frame="reference")),
+        "MOVE-other-step": ("MOVE", lambda s, r: r.having(step=s.step + 2)),
+        "UPLOAD-other-rows": ("UPLOAD", lambda _, r: r.carrying(rows=r.arrays["rows"] + 1)),
+        "UPLOAD-other-shape": ("UPLOAD", lambda _, r: r.carrying(rows=r.arrays["rows"][:0])),
+        "UPLOAD-other-name": ("UPLOAD", lambda _, r: r.having(name="other")),
+        "MOVE-then-ROLLBACK": ("MOVE", lambda s, _: s.request("ROLLBACK")),
+        "COMMIT-then-MOVE": ("COMMIT", lambda s, _: s.request("MOVE")),
+        "ROLLBACK-other-step": ("ROLLBACK", lambda s, r: r.having(step=s.step + 7)),
+    }
+    for name, (kind, change) in ways.items():
+        yield Case("10.2", name, demand, run(kind, change))
+
+
+@suite.family
+def same_content() -> Iterator[Case]:
+    """10.2, what is not content"""
+
+    def run(kind: str, change: Callable[[Request], Request]) -> Callable[[Stage], None]:
+        def same(stage: Stage) -> None:
+            session = stage.session(_STATE[kind])
+            request, number = session.request(kind), session.lines[0].next()
+            first = session.ask(request, sequence=number)
+            _stored(session.ask(change(request), sequence=number), first)
+
+        return same
+
+    yield Case("10.2", "default-written-out", "A field left out and its default are the same content",
+               run("MOVE", lambda r: r.having(frame="committed", partition=0)))  # fmt: skip
+    yield Case("10.2", "order-of-fields", "Fields in another order are the same content",
+               run("COMMIT", lambda r: Request(r.kind, dict(reversed(r.fields.items())))))  # fmt: skip
+
+
+@suite("10.2")
+def epoch_is_no_content(stage: Stage) -> None:
+    """A repeat under the epoch of a RESUME is the same request."""
+    session = stage.session("TRIAL")
+    client, number = session.lines[0].client, session.lines[0].next()
+    first = answered(session.ask("COMMIT", sequence=number), "COMMITTED")
+    step = session.step
+    session.resume()
+    session.join()
+    request = session.request("COMMIT").having(step=step + 1)
+    _stored(session.ask(request, sequence=number, client=client), first)
+
+
+@suite("10.2")
+def ids_of_two_clients(stage: Stage) -> None:
+    """The same sequence of another client is another request."""
+    session = stage.session("READY")
+    number = session.lines[0].next()
+    answered(session.ask("MOVE", sequence=number), "MOVED")
+    other = session.request("MOVE").carrying(displacement=session.rows(size=0.02))
+    reply = answered(session.ask(other, sequence=number, client=bytes(range(16))), "MOVED")
+    if reply.fields["iteration"] != 2:
+        raise Unmet("iteration 2", show(reply))
+
+
+@suite("10.4")
+def COMMIT_repeated_to_a_restarted_worker(stage: Stage) -> None:
+    """The replies to COMMITs are durable: after the worker's end the repeat gets the reply."""
+    session = stage.session("TRIAL", "closing")
+    client, number = session.lines[0].client, session.lines[0].next()
+    request = session.request("COMMIT")
+    first = answered(session.ask(request, sequence=number), "COMMITTED")
+    session.do("CLOSE")
+    session.resume()
+    session.join()
+    again = session.ask(request.having(epoch=session.epoch), sequence=number, client=client)
+    if answered(again, "COMMITTED").fields != first.fields:
+        raise Unmet(f"the reply that was lost, {show(first)}", show(again))
+
+
+@suite("10.4")
+def MOVE_repeated_to_a_restarted_worker(stage: Stage) -> None:
+    """A MOVE that is repeated to a restarted worker is computed again, with the same result."""
+    session = stage.session("READY", "closing")
+    client, number = session.lines[0].client, session.lines[0].next()
+    request = session.request("MOVE")
+    first = answered(session.ask(request, sequence=number), "MOVED")
+    session.do("CLOSE")
+    session.resume()
+    session.join()
+    again = answered(session.ask(request.having(epoch=session.epoch), sequence=number, client=client), "MOVED")
+    if again.frames[1:] != first.frames[1:]:
+        raise Unmet("the same arrays, bitwise", show(again))
+
+
+@suite("10.5")
+def error_is_not_remembered(stage: Stage) -> None:
+    """The repeat of a request that was answered by ERROR is tried again."""
+    session = stage.session("READY")
+    session.do("ROLLBACK")
+    number = session.lines[0].next()
+    commit = session.request("COMMIT")
+    refused(session.ask(commit, sequence=number), "FAILED_PRECONDITION.STATE")
+    session.do("MOVE")
+    answered(session.ask(commit, sequence=number), "COMMITTED")
+
+
+@suite("10.6")
+def repeat_of_RESUME(stage: Stage) -> None:
+    """A repeated RESUME gets the stored reply: the epoch is raised once."""
+    session = stage.session("READY")
+    number = stage.control.next()
+    first = answered(stage.ask(session.request("RESUME"), sequence=number), "RESUMED")
+    again = stage.ask(session.request("RESUME"), sequence=number)
+    session.epoch = first.fields["epoch"]
+    session.join()
+    _stored(again, first)
+
+
+@suite("10.6")
+def repeat_of_OPEN(stage: Stage) -> None:
+    """A repeated OPEN gets the stored reply, on another connection too; another content is a conflict."""
+    line, other = stage.line(), stage.line()
+    request = Request("OPEN", {"dimension": 2, "label": "repeated"})
+    number = line.next()
+    first = answered(stage.ask(request, line, sequence=number, seconds=stage.opening_seconds), "OPENED")
+    session = Session(stage, first, ())
+    try:
+        _stored(stage.ask(request, line, sequence=number), first)
+        _stored(stage.ask(request, other, sequence=number, client=line.client), first)
+        refused(stage.ask(request.having(label="x"), line, sequence=number), "ABORTED.CONFLICT")
+        refused(stage.ask(request.having(dimension=3), line, sequence=number), "ABORTED.CONFLICT")
+    finally:
+        session.lines = [session.connect()]
+        stage.ask(session.request("JOIN"), session.lines[0])
+        session.discard()
+
+
+@suite.family
+def anew() -> Iterator[Case]:
+    """10.7"""
+
+    def run(kind: str) -> Callable[[Stage], None]:
+        def repeated(stage: Stage) -> None:
+            session = stage.session("READY")
+            number = session.lines[0].next()
+            session.ask(kind, sequence=number)
+            before = session.ask("STATUS", sequence=number).fields["state"]
+            answered(session.ask("MOVE", sequence=number), "MOVED")
+            after = session.ask("STATUS", sequence=number).fields["state"]
+            if (before, after) != ("READY", "TRIAL"):
+                raise Unmet("STATUS of the moment, READY and then TRIAL", f"{before}, {after}")
+
+        return repeated
+
+    for kind in ("PING", "JOIN", "FETCH", "STATUS"):
+        yield Case("10.7", f"{kind}-is-answered-anew", "What changes nothing is answered anew", run(kind))

@@ -1,0 +1,230 @@
+"""Section 11: broken connections, PROBE, RESUME, fencing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.session import Session
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+
+def _probe(stage: Stage, session: Session) -> dict[str, Any]:
+    return answered(stage.ask(session.request("PROBE")), "PROBED").fields
+
+
+@suite("11.1")
+def PROBE_of_a_live_session(stage: Stage) -> None:
+    """PROBED tells "alive", the session's epoch and its endpoint."""
+    session = stage.session("READY")
+    found = _probe(stage, session)
+    wanted = {"session": session.id, "worker": "alive", "epoch": session.epoch, "endpoint": session.endpoint}
+    if {name: found.get(name) for name in wanted} != wanted:
+        raise Unmet(str(wanted), str(found))
+
+
+@suite("11.1")
+def PROBE_of_a_closed_session(stage: Stage) -> None:
+    """PROBED tells "none" or "dead", without an endpoint, of a session whose worker has ended."""
+    session = stage.session("READY", "closing")
+    session.do("CLOSE")
+    found = stage.until(lambda: _probe(stage, session), lambda fields: fields["worker"] in ("none", "dead"))
+    if found["endpoint"] != "" or (found["worker"] == "none" and found["epoch"] != 0):
+        raise Unmet("no endpoint; epoch 0 with worker none", str(found))
+    session.resume()
+    session.join()
+
+
+@suite("11.1")
+def connecting_again(stage: Stage) -> None:
+    """A client whose connection broke connects again and joins under the epoch it holds; a trial is still there."""
+    session = stage.session("TRIAL")
+    session.lines[0].close()
+    joined = session.join()[0]
+    if (joined.fields["state"], joined.fields["iteration"]) != ("TRIAL", 1):
+        raise Unmet("TRIAL at iteration 1", show(joined))
+    session.do("COMMIT")
+
+
+@suite("11.1")
+def connection_cut_while_a_move_is_computed(stage: Stage) -> None:
+    """A MOVE whose connection is cut at once is executed once, and answered when it is repeated."""
+    session = stage.session("READY")
+    line, number = session.lines[0], session.lines[0].next()
+    request = session.request("MOVE")
+    stage.put(line, request.frames(line.client, number))
+    line.close()
+    session.join()
+    reply = answered(session.ask(request, sequence=number, client=line.client), "MOVED")
+    if reply.fields["iteration"] != 1 or session.status()["iteration"] != 1:
+        raise Unmet("iteration 1", show(reply))
+
+
+@suite("11.1")
+def newest_connection_speaks(stage: Stage) -> None:
+    """The connection that joined last speaks for the partition; the one before has to join again."""
+    session = stage.session("READY")
+    old = session.lines[0]
+    session.lines = [session.connect()]
+    session.do("JOIN")
+    refused(stage.ask(session.request("STATUS"), old), "UNAUTHENTICATED")
+    answered(session.ask("STATUS"), "STATUS_REPORT")
+    old.close()
+
+
+@suite("11.3")
+def RESUME_raises_the_epoch(stage: Stage) -> None:
+    """RESUME raises the session's epoch in any case; JOINED and STATUS go on under it."""
+    session = stage.session("TRIAL")
+    before = session.epoch
+    for more in (1, 2, 3):
+        resumed = session.resume()
+        if resumed.fields["epoch"] != before + more:
+            raise Unmet(f"epoch {before + more}", show(resumed))
+        if (resumed.fields["session"], resumed.fields["state"]) != (session.id, "READY"):
+            raise Unmet(f"session {session.id} in state READY", show(resumed))
+    session.join()
+
+
+@suite.family
+def fenced() -> Iterator[Case]:
+    """11.3"""
+
+    def run(kind: str) -> Callable[[Stage], None]:
+        def older(stage: Stage) -> None:
+            session = stage.session("READY")
+            old, request = session.lines[0], session.request(kind)
+            session.resume()
+            refused(stage.ask(request, old), "ABORTED.FENCED", state="READY")
+            session.join()
+            refused(session.ask(request), "ABORTED.FENCED", state="READY")
+
+        return older
+
+    for kind in tables().data:
+        if kind != "PING":
+            yield Case("11.3", f"{kind}-of-an-older-epoch", "Requests with an older epoch are answered ABORTED.FENCED", run(kind))
+
+
+@suite("11.3")
+def fenced_holder_has_to_join(stage: Stage) -> None:
+    """After RESUME the old connection is joined no more, even under the new epoch."""
+    session = stage.session("READY")
+    old = session.lines[0]
+    session.resume()
+    refused(stage.ask(session.request("STATUS"), old), "UNAUTHENTICATED")
+    answered(stage.ask(session.request("JOIN"), old), "JOINED")
+    session.join()
+
+
+@suite("11.4")
+def RESUMED_says_the_last_step(stage: Stage) -> None:
+    """RESUMED says the last committed step, of a worker that lives and of one from the journal."""
+    session = stage.session("TRIAL", "closing")
+    session.do("COMMIT")
+    step = session.step
+    for close in (False, True):
+        if close:
+            session.do("CLOSE")
+        resumed = session.resume()
+        if (resumed.fields["step"], resumed.fields["state"]) != (step, "READY"):
+            raise Unmet(f"step {step}, READY", show(resumed))
+        session.join()
+
+
+@suite("7.3")
+def committed_state_survives_the_worker(stage: Stage) -> None:
+    """A session that is BUILT survives the end of its worker at its last committed step, bitwise."""
+    session = stage.session("TRIAL", "closing")
+    session.do("COMMIT")
+    session.do("MOVE")
+    before = session.do("FETCH").arrays["points"]
+    session.do("CLOSE")
+    session.resume()
+    joined = session.join()[0]
+    after = session.do("FETCH").arrays["points"]
+    if after.tobytes() != before.tobytes() or joined.fields["iteration"] != 0:
+        raise Unmet("the committed coordinates, bitwise, and no trial", show(joined))
+    if joined.arrays["moving_nodes"].tolist() != session.parts[0].moving.tolist():
+        raise Unmet("moving_nodes as in BUILT", show(joined))
+
+
+@suite("11.6")
+def discarded_session_is_gone(stage: Stage) -> None:
+    """CLOSE with outcome discard deletes the session."""
+    session = stage.session("READY", "closing")
+    answered(session.ask(session.request("CLOSE").having(outcome="discard")), "CLOSED")
+    reply = stage.until(lambda: stage.ask(session.request("PROBE")), lambda reply: reply.kind == "ERROR")
+    refused(reply, "NOT_FOUND", state="")
+    refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
+
+
+@suite.family
+def strangers() -> Iterator[Case]:
+    """11.8"""
+
+    def run(kind: str, **wrong: Any) -> Callable[[Stage], None]:
+        def stranger(stage: Stage) -> None:
+            session = stage.session("READY")
+            reply = refused(stage.ask(session.request(kind).having(**wrong)), "NOT_FOUND", state="")
+            other = refused(stage.ask(session.request(kind).having(session="f" * 32, token=bytes(32))), "NOT_FOUND")
+            if set(reply.fields["details"]) != set(other.fields["details"]):
+                raise Unmet("details alike for a wrong token and for no session", show(reply))
+
+        return stranger
+
+    wrongs: dict[str, dict[str, Any]] = {
+        "wrong-token": {"token": bytes(32)},
+        "unknown-session": {"session": "f" * 32},
+        "empty-session": {"session": ""},
+        "path-as-session": {"session": "../../../etc"},
+        "session-in-capitals": {"session": "F" * 32},
+    }
+    for kind in ("RESUME", "PROBE"):
+        for name, wrong in wrongs.items():
+            yield Case("11.8", f"{kind}-{name}", "A session or token that does not exist is answered NOT_FOUND, alike",
+                       run(kind, **wrong))  # fmt: skip
+
+
+@suite("11.8")
+def JOIN_with_a_wrong_token(stage: Stage) -> None:
+    """JOIN proves the right to the session: a wrong token is answered NOT_FOUND, and nothing is joined."""
+    session = stage.session("READY")
+    line = session.connect()
+    refused(stage.ask(session.request("JOIN").having(token=bytes(32)), line), "NOT_FOUND")
+    refused(stage.ask(session.request("STATUS"), line), "UNAUTHENTICATED")
+    answered(session.ask("STATUS"), "STATUS_REPORT")
+
+
+@suite.family
+def other_sessions() -> Iterator[Case]:
+    """11.8 at a data endpoint"""
+
+    def run(kind: str, name: str) -> Callable[[Stage], None]:
+        def elsewhere(stage: Stage) -> None:
+            session = stage.session("READY")
+            refused(session.ask(session.request(kind).having(session=name)), "NOT_FOUND", state="READY")
+
+        return elsewhere
+
+    for kind in tables().data:
+        if kind != "PING":
+            yield Case("11.8", f"{kind}-of-another-session", "A data endpoint knows its own session only", run(kind, "f" * 32))
+
+
+@suite("11.8")
+def LIST_tells_no_secrets(stage: Stage) -> None:
+    """LISTED holds no token."""
+    session = stage.session("READY")
+    listed = answered(stage.ask(Request("LIST")), "LISTED")
+    if any(session.token in frame or session.token.hex().encode() in frame for frame in listed.frames):
+        raise Unmet("no secrets", "the session's token in LISTED")

@@ -1,0 +1,210 @@
+"""A session as its holder has it: what a right request is at this moment, and how to get into a state."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_conformance.case import Unmet
+from mesh_motion_conformance.checks import answered
+from mesh_motion_conformance.line import Ended, Line, Silence
+from mesh_motion_conformance.server.mesh import Part
+from mesh_motion_conformance.server.requests import Header, Request
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
+from mesh_motion_conformance.wire import Malformed, Message
+
+if TYPE_CHECKING:
+    from mesh_motion_conformance.server.stage import Stage
+
+__all__ = ["Session", "data_endpoint"]
+
+#: What takes computing, or starts a process.
+_LONG = ("BUILD", "MOVE", "COMMIT")
+
+
+def data_endpoint(control: str, data: str) -> str:
+    """SPEC 2.3: a wildcard host stands for that of the control endpoint."""
+    host, _, port = data.removeprefix("tcp://").rpartition(":")
+    if data.startswith("tcp://") and host in ("0.0.0.0", "[::]"):
+        return f"{control.rpartition(':')[0]}:{port}"
+    return data
+
+
+class Session:
+    """One session and a connection for each of its partitions.
+
+    Parameters
+    ----------
+    stage : Stage
+    opened : Message
+        OPENED.
+    parts : tuple of Part
+        The mesh, by partition.
+
+    Attributes
+    ----------
+    id, token, endpoint, epoch
+        As in OPENED, or as in the last RESUMED.
+    lines : list of Line
+        By partition.
+    step : int
+        The last committed step, as far as it is known here.
+    """
+
+    def __init__(self, stage: Stage, opened: Message, parts: tuple[Part, ...]) -> None:
+        self.stage, self.parts = stage, parts
+        self.id: str = opened.fields["session"]
+        self.token: bytes = opened.fields["token"]
+        self.endpoint: str = opened.fields["endpoint"]
+        self.epoch: int = opened.fields["epoch"]
+        self.lines: list[Line] = []
+        self.step = 0
+        self.built: Message | None = None
+
+    # --- requests ----------------------------------------------------------------------------------------------------
+
+    def address(self, partition: int = 0) -> dict[str, Any]:
+        """The fields that all requests to the session share."""
+        return {"session": self.id, "epoch": self.epoch} | ({"partition": partition} if partition else {})
+
+    def request(self, kind: str, partition: int = 0) -> Request:
+        """A right request of this kind, in a state that takes it."""
+        at = self.address(partition)
+        if kind in ("RESUME", "PROBE"):
+            return Request(kind, {"session": self.id, "token": self.token})
+        if kind == "JOIN":
+            return Request(kind, at | {"token": self.token})
+        if kind == "UPLOAD":
+            fields, rows = list(self.parts[partition].uploads())[-1]
+            return Request(kind, at | fields, {"rows": rows[:1]})
+        if kind == "MOVE":
+            return Request(kind, at | {"step": self.step + 1}, {"displacement": self.rows(partition)})
+        if kind in ("COMMIT", "ROLLBACK"):
+            return Request(kind, at | {"step": self.step + 1})
+        return Request(kind, at if kind in ("BUILD", "FETCH", "STATUS", "CLOSE") else {})
+
+    def rows(self, partition: int = 0, size: float = 0.01) -> NDArray[np.float64]:
+        """(k, d) displacement of a partition's moving nodes: a shift that tenths and float64 do not divide evenly."""
+        part = self.parts[partition]
+        shift = np.array([size / 3, size, size / 7])[: part.points.shape[1]]
+        return np.tile(shift, (len(part.moving), 1))
+
+    def ask(
+        self,
+        request: Request | str,
+        partition: int = 0,
+        *,
+        sequence: int | None = None,
+        client: bytes | None = None,
+        change: Callable[[Header], Any] | None = None,
+    ) -> Message:
+        """Send a request, or a right one of this kind, on the partition's connection and take the reply."""
+        right = self.request(request, partition) if isinstance(request, str) else request
+        seconds = self.stage.opening_seconds if right.kind in _LONG else None
+        return self.stage.ask(
+            right, self.lines[partition], sequence=sequence, client=client, change=change, seconds=seconds
+        )
+
+    def do(self, request: Request | str, partition: int = 0) -> Message:
+        """The same, and the reply must be that of the table."""
+        kind = request if isinstance(request, str) else request.kind
+        reply = answered(self.ask(request, partition), tables().requests[kind]["reply"])
+        if kind == "COMMIT":
+            self.step = reply.fields["step"]
+        elif kind == "BUILD":
+            self.built = reply
+        return reply
+
+    # --- its life ----------------------------------------------------------------------------------------------------
+
+    def connect(self) -> Line:
+        """A connection to the data endpoint that has not joined."""
+        return self.stage.line(data_endpoint(self.stage.endpoint, self.endpoint))
+
+    def join(self) -> list[Message]:
+        """New connections for all partitions; JOINED of each."""
+        for line in self.lines:
+            line.close()
+        self.lines = [self.connect() for _ in self.parts]
+        joined = [self.do("JOIN", partition) for partition in range(len(self.parts))]
+        self.step = joined[0].fields["step"]
+        return joined
+
+    def resume(self) -> Message:
+        """Take the session anew, under the next epoch."""
+        reply = answered(self.stage.ask(self.request("RESUME"), seconds=self.stage.opening_seconds), "RESUMED")
+        self.endpoint, self.epoch = reply.fields["endpoint"], reply.fields["epoch"]
+        self.step = reply.fields["step"]
+        return reply
+
+    def upload(self) -> None:
+        """The whole mesh."""
+        for partition, part in enumerate(self.parts):
+            for fields, rows in part.uploads():
+                self.do(Request("UPLOAD", self.address(partition) | fields, {"rows": rows}), partition)
+
+    def together(self, kind: str, change: Callable[[Request], Request] = lambda request: request) -> list[Message]:
+        """A collective request by all partitions, sent before any reply is read."""
+        sent = []
+        for partition, line in enumerate(self.lines):
+            number = line.next()
+            sent.append((line, number))
+            self.stage.put(line, change(self.request(kind, partition)).frames(line.client, number))
+        replies = [line.receive(self.stage.opening_seconds) for line, _ in sent]
+        for reply, (line, number) in zip(replies, sent, strict=True):
+            if (reply.client, reply.sequence) != (line.client, number):
+                raise Unmet("each partition's reply on its own connection", show(reply))
+        return replies
+
+    def status(self) -> dict[str, Any]:
+        """STATUS_REPORT's fields."""
+        return self.do("STATUS").fields
+
+    def reach(self, state: str) -> Session:
+        """Bring the session into this state, from any that leads there."""
+        for _ in range(4):
+            now = self._look()
+            self.step = now["step"]
+            if now["state"] == state:
+                return self
+            self._towards(state, now["state"])
+        raise Unmet(f"a session in state {state}", f"state {now['state']}")
+
+    def _look(self) -> dict[str, Any]:
+        """Where it stands; joined again where the connection or the epoch is lost."""
+        try:
+            return self.status()
+        except (Unmet, Silence, Ended, Malformed):
+            self.resume()
+            self.join()
+            return self.status()
+
+    def _towards(self, state: str, now: str) -> None:
+        """One step on the way."""
+        if now == "NEW" and state != "NEW":
+            self.upload()
+        elif now == "OPENING":
+            for reply in self.together("BUILD"):
+                answered(reply, "BUILT")
+        elif now == "READY" and state == "TRIAL":
+            self.do("MOVE")
+        elif now == "TRIAL":
+            self.do("ROLLBACK")
+        elif now == "SUSPENDED":
+            self.join()
+        else:
+            raise Unmet(f"a session in state {state}", f"state {now}")
+
+    def discard(self) -> None:
+        """Give it up, as far as the server lets us."""
+        for partition, line in enumerate(self.lines):
+            with contextlib.suppress(Exception):
+                if not line.closed:
+                    self.stage.ask(self.request("CLOSE", partition).having(outcome="discard"), line, seconds=2.0)
+            line.close()
+

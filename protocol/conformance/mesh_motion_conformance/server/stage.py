@@ -1,0 +1,189 @@
+"""Where the cases for servers are played: the endpoint, and a few sessions that they share.
+
+Opening a session may take a server seconds. A request that is refused changes nothing (7.2), so hundreds of cases can
+be put to one session; :meth:`Stage.session` brings one into the state that a case wants, whatever happened before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from mesh_motion_conformance.case import Unmet
+from mesh_motion_conformance.checks import answered, check_identity
+from mesh_motion_conformance.line import Ended, Line, Silence
+from mesh_motion_conformance.server.mesh import SQUARE, Part
+from mesh_motion_conformance.server.requests import Header, Request
+from mesh_motion_conformance.server.session import Session
+from mesh_motion_conformance.show import show_frames
+from mesh_motion_conformance.wire import Malformed, Message
+
+__all__ = ["Stage"]
+
+Seen = TypeVar("Seen")
+
+#: Sessions that could not be opened, after which no other is tried.
+_FAILED_OPENINGS = 2
+
+
+class Stage:
+    """A server under test.
+
+    Parameters
+    ----------
+    endpoint : str
+        Of its control socket.
+    seconds, opening_seconds : float
+        The longest waits: for a reply, for one to OPEN, RESUME, BUILD.
+    patience : float
+        Limits of the server that end after more than this, as its leases, are not waited for.
+    """
+
+    def __init__(
+        self, endpoint: str, *, seconds: float = 10.0, opening_seconds: float = 60.0, patience: float = 5.0
+    ) -> None:
+        self.endpoint, self.seconds, self.opening_seconds, self.patience = endpoint, seconds, opening_seconds, patience
+        self.sent = ""
+        self._control: Line | None = None
+        self._limits: dict[str, int] = {}
+        self._sessions: dict[str, Session] = {}
+        self._lines: list[Line] = []
+        self._failed_openings = 0
+
+    # --- asking ------------------------------------------------------------------------------------------------------
+
+    @property
+    def control(self) -> Line:
+        """The connection to the control endpoint that most cases use."""
+        if self._control is None:
+            self._control = self.line(self.endpoint)
+        return self._control
+
+    def line(self, endpoint: str | None = None) -> Line:
+        """A further connection, by default to the control endpoint; closed after the run."""
+        line = Line(endpoint or self.endpoint, self.seconds)
+        self._lines.append(line)
+        return line
+
+    def ask(
+        self,
+        request: Request,
+        line: Line | None = None,
+        *,
+        sequence: int | None = None,
+        client: bytes | None = None,
+        change: Callable[[Header], Any] | None = None,
+        seconds: float | None = None,
+    ) -> Message:
+        """Send a request and take its reply, which has its id and the fields of its message."""
+        line = line or self.control
+        number, who = line.next() if sequence is None else sequence, client or line.client
+        self.put(line, request.frames(who, number, change))
+        reply = line.receive(seconds)
+        check_identity(reply, who, number)
+        return reply
+
+    def put(self, line: Line, frames: list[bytes]) -> None:
+        """Send frames as they are."""
+        self.sent = show_frames(frames)
+        line.send(frames)
+
+    def limits(self) -> dict[str, int]:
+        """WELCOME's limits."""
+        if not self._limits:
+            self._limits = answered(self.ask(Request("HELLO")), "WELCOME").fields["limits"]
+        return self._limits
+
+    def until(self, look: Callable[[], Seen], good: Callable[[Seen], bool]) -> Seen:
+        """What is seen once it is good, or when the wait for a reply would be over."""
+        deadline = time.monotonic() + self.seconds
+        while not good(seen := look()) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        return seen
+
+    # --- sessions ----------------------------------------------------------------------------------------------------
+
+    def open(self, *parts: Part, settings: dict[str, Any] | None = None, label: str = "conformance") -> Session:
+        """A session of its own, in state NEW and joined by all of its partitions."""
+        if self._failed_openings >= _FAILED_OPENINGS:
+            raise Unmet("a session", f"none after {self._failed_openings} tries to open one")
+        parts = parts or (SQUARE,)
+        fields: dict[str, Any] = {"dimension": parts[0].points.shape[1], "label": label}
+        if len(parts) > 1:
+            fields["partitions"] = len(parts)
+        if settings is not None:
+            fields["settings"] = settings
+        try:
+            reply = answered(self.ask(Request("OPEN", fields), seconds=self.opening_seconds), "OPENED")
+            session = Session(self, reply, parts)
+            session.join()
+        except Exception:
+            self._failed_openings += 1
+            raise
+        return session
+
+    def session(self, state: str, kind: str = "shared") -> Session:
+        """A shared session in this state; ``kind`` names one, so that several may be there at once.
+
+        NEW, OPENING, READY and TRIAL are states that can be had.
+        """
+        key = f"{kind} {'READY' if state in ('READY', 'TRIAL') else state}"
+        session = self._sessions.get(key)
+        if session is not None:
+            try:
+                return session.reach(state)
+            except (Unmet, Silence, Ended, Malformed):
+                self._sessions.pop(key).discard()
+        sent = self.sent
+        session = self._sessions[key] = self.open()
+        session.reach(state)
+        self.sent = sent
+        return session
+
+    def kept(self, key: str, make: Callable[[], Session]) -> Session:
+        """A shared session of another kind, made once, and again after it was lost."""
+        session = self._sessions.get(key)
+        if session is not None:
+            try:
+                session.status()
+            except (Unmet, Silence, Ended, Malformed):
+                self._sessions.pop(key).discard()
+            else:
+                return session
+        self._sessions[key] = session = make()
+        return session
+
+    # --- between the cases -------------------------------------------------------------------------------------------
+
+    def between(self) -> None:
+        """Every request is answered by exactly one reply (2.5)."""
+        for line in self._open_lines():
+            if line.pending():
+                stray = line.receive(0.0)
+                self.mend()
+                raise Unmet("exactly one reply to a request (SPEC 2.5)", f"another one: {show_frames(stray.frames)}")
+
+    def mend(self) -> None:
+        """Forget late replies, and a control connection that may have ended."""
+        for line in self._open_lines():
+            with contextlib.suppress(Silence):
+                while True:
+                    with contextlib.suppress(Malformed, Ended):
+                        line.receive(0.02)
+        if self._control is not None:
+            self._control.close()
+            self._lines.remove(self._control)
+            self._control = None
+
+    def close(self) -> None:
+        """End all sessions and connections."""
+        for session in self._sessions.values():
+            session.discard()
+        for line in self._lines:
+            line.close()
+
+    def _open_lines(self) -> list[Line]:
+        self._lines = [line for line in self._lines if not line.closed]
+        return self._lines
