@@ -4,6 +4,7 @@
 status  meaning
 ======  =============================================================================================
 0       done; warnings, if any, were printed
+1       `conform`: a demand of SPEC.md is not met
 2       usage, or an invalid case, mesh, table or setting
 3       refused: no acceptable mesh was found for a motion
 4       the session or the server's limits or storage do not allow it, or results cannot be written
@@ -29,6 +30,7 @@ class ExitStatus(IntEnum):
     """Exit statuses; those from 64 on are those of sysexits.h."""
 
     DONE = 0
+    UNMET = 1
     INVALID = 2
     REFUSED = 3
     FAILED = 4

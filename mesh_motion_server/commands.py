@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 _EPILOGUE = (
-    "Exit status: 0 done, 2 usage or invalid input, 3 refused (no acceptable mesh), 4 session, limit or storage, "
-    "69 nobody answers or not installed, 70 defect, 78 wrong or unsafe server settings, 130 interrupted."
+    "Exit status: 0 done, 1 a demand not met (conform), 2 usage or invalid input, 3 refused (no acceptable mesh), "
+    "4 session, limit or storage, 69 nobody answers or not installed, 70 defect, 78 wrong or unsafe server settings, "
+    "130 interrupted."
 )
 
 app = typer.Typer(
@@ -305,6 +306,54 @@ def inspect(
     if found.damaged:
         complain(f"damaged: {', '.join(found.damaged)}")
         raise typer.Exit(ExitStatus.FAILED)
+
+
+# --- conform ---------------------------------------------------------------------------------------------------------
+
+
+@app.command(short_help="Check a server or a client against SPEC.md.")
+def conform(
+    endpoint: EndpointOption = None,
+    client: Annotated[
+        str | None, typer.Option(metavar="COMMAND", help="A client's driver program, with its arguments.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="SECTION", help="A section or the beginning of a case's id; repeatable.")
+    ] = None,
+    list_cases: Annotated[bool, typer.Option("--list", help="List the cases and do nothing.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the report as JSON.")] = None,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report as JUnit XML.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print failures and the summary only.")] = False,
+    timeout: Annotated[float, typer.Option(metavar="S", min=0.1, help="Longest wait for a reply.")] = 10.0,
+    patience: Annotated[float, typer.Option(metavar="S", help="Longest wait for a server's own time-outs.")] = 5.0,
+) -> None:
+    """Check any server, or any client, against protocol/SPEC.md, sentence by sentence; status 1 if one is not met.
+
+    The suite knows the document only. A client is driven through a small program in its own language:
+    protocol/conformance/README.md has its contract.
+
+    \b
+    mesh-motion conform --endpoint tcp://127.0.0.1:7440 --quiet
+    mesh-motion conform --endpoint tcp://127.0.0.1:7440 --only 10 --only 11.3 --json report.json
+    mesh-motion conform --client "python -m mesh_motion_client.conformance"
+    """
+    from mesh_motion_conformance.command import Subject, listed
+    from mesh_motion_conformance.command import conform as put_cases
+
+    if (endpoint is None) == (client is None):
+        raise typer.BadParameter("give either --endpoint or --client", param_hint="--endpoint")
+    subject = Subject(endpoint or "", client or "", timeout, patience)
+    if list_cases:
+        _out.print(listed(subject, only or ()), markup=False)
+        return
+    outcomes = put_cases(subject, _plain, only=only or (), json=json_file, junit=junit, quiet=quiet)
+    if any(outcome.verdict == "FAIL" for outcome in outcomes):
+        raise typer.Exit(ExitStatus.UNMET)
+
+
+def _plain(line: str) -> None:
+    """A line as it is: frames may look like markup."""
+    _out.print(line, markup=False)
 
 
 # --- demo, version ---------------------------------------------------------------------------------------------------

@@ -10,6 +10,8 @@ import ast
 import inspect
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -25,6 +27,7 @@ from mesh_motion_server.session.state import TABLE, Operation, State
 from mesh_motion_server.settings import MethodSettings
 
 SPEC = Path(__file__).parent / "SPEC.md"
+SPEC_TABLES = "conformance/mesh_motion_conformance/spec_tables.py"
 _BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _KINDS = {str: "str", bytes: "bin", int: "int", float: "float", bool: "bool", list: "array", dict: "map", Any: "any"}
 
@@ -222,3 +225,5 @@ def _settings() -> str:
 
 if __name__ == "__main__":
     SPEC.write_text(rendered(SPEC.read_text(encoding="utf-8")), encoding="utf-8")
+    # The conformance suite knows nothing but the document, so it gets these tables from there.
+    subprocess.run([sys.executable, Path(__file__).parent / SPEC_TABLES, SPEC], check=True)

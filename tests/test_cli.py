@@ -50,15 +50,27 @@ def one_line(text: str) -> str:
 def test_help_lists_the_commands_and_statuses(run: Run) -> None:
     status, out, _ = run("--help")
     assert status == 0
-    for word in ("play", "check", "serve", "inspect", "demo", "version", "Exit status"):
+    for word in ("play", "check", "serve", "inspect", "conform", "demo", "version", "Exit status"):
         assert word in out
 
 
-@pytest.mark.parametrize("command", ["play", "check", "serve", "inspect"])
+@pytest.mark.parametrize("command", ["play", "check", "serve", "inspect", "conform"])
 def test_each_command_explains_itself_with_examples(run: Run, command: str) -> None:
     status, out, _ = run(command, "--help")
     assert status == 0
     assert f"mesh-motion {command} " in out
+
+
+def test_conform_lists_its_cases(run: Run) -> None:
+    status, out, _ = run("conform", "--endpoint", "tcp://127.0.0.1:1", "--list", "--only", "16")
+    assert status == 0
+    assert out.startswith("16-one-move: ")
+
+
+def test_conform_tells_what_is_not_met(run: Run) -> None:
+    status, out, _ = run("conform", "--endpoint", "tcp://127.0.0.1:1", "--only", "19", "--timeout", "0.2", "-q")
+    assert status == ExitStatus.UNMET
+    assert "FAIL 19-PING-byte-by-byte-at-control" in out
 
 
 def test_version(run: Run) -> None:
@@ -70,7 +82,8 @@ def test_version(run: Run) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [["fly"], ["play"], ["play", "a", "--out"], ["play", "a", "--out", "b", "--every", "0"], ["inspect"],
-     ["inspect", "a", "--endpoint", "b"], ["serve", "--log-level", "loud"], ["check", "a", "--xml"]],
+     ["inspect", "a", "--endpoint", "b"], ["serve", "--log-level", "loud"], ["check", "a", "--xml"], ["conform"],
+     ["conform", "--endpoint", "a", "--client", "b"]],
 )  # fmt: skip
 def test_wrong_usage_is_status_2(run: Run, arguments: list[str]) -> None:
     status, out, err = run(*arguments)

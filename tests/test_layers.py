@@ -11,20 +11,25 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "mesh_motion_server": ROOT / "mesh_motion_server",
     "mesh_motion_protocol": ROOT / "protocol" / "mesh_motion_protocol",
+    "mesh_motion_conformance": ROOT / "protocol" / "conformance" / "mesh_motion_conformance",
     "mesh_motion_client": ROOT / "adapters" / "python" / "mesh_motion_client",
 }
 LAYERS = ["numerics", "distributed", "session", "service", "transport"]
 ENGINE = ("dask", "distributed")
+#: Packages that stand without the server, and what else they may not import.
+APART = {
+    "mesh_motion_protocol": ("zmq", "mesh_motion_client", "mesh_motion_conformance"),
+    "mesh_motion_conformance": ("mesh_motion_protocol", "mesh_motion_client"),
+    "mesh_motion_client": (),
+}
 HEAVY = ("scipy", "numba", "pydantic", "mesh_motion_server")
 
 
 def forbidden(module: str) -> tuple[str, ...]:
     """Prefixes that the module may not import."""
     package, *inner = module.split(".")
-    if package == "mesh_motion_protocol":
-        return (*HEAVY, "zmq", "mesh_motion_client")
-    if package == "mesh_motion_client":
-        return HEAVY
+    if package in APART:
+        return (*HEAVY, *APART[package])
     if not inner or inner[0] not in (*LAYERS, "files"):
         return ()
     if inner[0] == "files":
@@ -78,6 +83,7 @@ def test_imports_point_to_the_left(module: str, path: Path) -> None:
         ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),
         ("mesh_motion_server.service.seeded", "from ..transport import gateway"),
         ("mesh_motion_protocol.seeded", "from scipy.spatial import cKDTree"),
+        ("mesh_motion_conformance.seeded", "from mesh_motion_protocol.codec import decode"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),
     ],
 )

@@ -33,6 +33,6 @@ def answer(session: Session, request: Fetch) -> Fetched:
     return Fetched(
         client=request.client,
         sequence=request.sequence,
-        step=session.step if request.what == "committed" else 0,
+        step=session.step,
         points=points,
     )

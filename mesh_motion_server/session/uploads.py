@@ -171,41 +171,45 @@ def _title(part: Part) -> str:
 def _check_names(part: Part, dimension: int, roles: dict[str, str]) -> None:
     """Item, cell type, patch name and role are known and agree with earlier parts."""
     if part.item not in ITEMS:
-        raise InvalidInput(
-            f"UPLOAD: unknown item {part.item!r}; known are {', '.join(ITEMS)}", details={"item": part.item}
-        )
+        raise _wrong_value(f"UPLOAD: unknown item {part.item!r}; known are {', '.join(ITEMS)}", item=part.item)
     if part.item == "cells":
         _check_cell_type(part.name, dimension)
     elif part.item == "patch":
         _check_patch(part, roles)
     elif part.name:
-        raise InvalidInput(f"UPLOAD of {part.item}: takes no name, got {part.name!r}")
+        raise _wrong_value(f"UPLOAD of {part.item}: takes no name, got {part.name!r}", item=part.item, name=part.name)
     if part.role and part.item != "patch":
-        raise InvalidInput(f"UPLOAD of {_title(part)}: only patches have a role, got {part.role!r}")
+        raise _wrong_value(f"UPLOAD of {_title(part)}: only patches have a role, got {part.role!r}", role=part.role)
 
 
 def _check_cell_type(name: str, dimension: int) -> None:
     known = [t.name for t in CELL_TYPES.values() if t.dimension == dimension]
     if name not in known:
-        raise InvalidInput(
-            f"UPLOAD of cells: {name!r} is no cell type of a {dimension}D mesh; those are {', '.join(known)}",
-            details={"type": name},
+        raise _wrong_value(
+            f"UPLOAD of cells: {name!r} is no cell type of a {dimension}D mesh; those are {', '.join(known)}", type=name
         )
 
 
 def _check_patch(part: Part, roles: dict[str, str]) -> None:
     if not part.name:
-        raise InvalidInput("UPLOAD of a patch: a name is required")
+        raise _wrong_value("UPLOAD of a patch: a name is required", item=part.item)
     if part.role not in ROLES:
-        raise InvalidInput(
+        raise _wrong_value(
             f"UPLOAD of patch {part.name!r}: unknown role {part.role!r}; known are {', '.join(ROLES)}",
-            details={"patch": part.name, "value": part.role},
+            patch=part.name,
+            value=part.role,
         )
     if roles.get(part.name, part.role) != part.role:
-        raise InvalidInput(
+        raise _wrong_value(
             f"UPLOAD of patch {part.name!r}: role {part.role!r}, but earlier parts have {roles[part.name]!r}",
-            details={"patch": part.name, "value": part.role},
+            patch=part.name,
+            value=part.role,
         )
+
+
+def _wrong_value(message: str, **details: str) -> InvalidInput:
+    """An item, name or role that is none of those which the table of SPEC.md's section 13 has for it."""
+    return InvalidInput(message, code="INVALID_ARGUMENT.VALUE", details=dict(details))
 
 
 def _check_finite(rows: _Rows, partition: int, before: int) -> None:

@@ -42,21 +42,25 @@ def test_an_empty_part_is_a_part(upload: MeshUpload) -> None:
 @pytest.mark.parametrize(
     ("part", "code", "says"),
     [
-        (Part("edges", "", "", np.zeros((1, 2))), "", "unknown item 'edges'"),
-        (Part("nodes", "a", "", np.zeros((1, 2))), "", "takes no name"),
-        (Part("nodes", "", "moving", np.zeros((1, 2))), "", "only patches have a role"),
+        (Part("edges", "", "", np.zeros((1, 2))), ".VALUE", "unknown item 'edges'"),
+        (Part("nodes", "a", "", np.zeros((1, 2))), ".VALUE", "takes no name"),
+        (Part("nodes", "", "moving", np.zeros((1, 2))), ".VALUE", "only patches have a role"),
         (Part("nodes", "", "", np.zeros((1, 3))), ".SHAPE", r"expected an array of shape \(k, 2\), got \(1, 3\)"),
         (Part("nodes", "", "", np.zeros(2)), ".SHAPE", "expected an array"),
         (Part("nodes", "", "", np.zeros((1, 2), int)), ".DTYPE", "expected float rows"),
         (Part("nodes", "", "", np.array([[0.0, np.nan]])), ".NONFINITE", "node 0: coordinate 1 is nan"),
         (Part("global_ids", "", "", np.zeros((1, 2), int)), ".SHAPE", r"shape \(k, 1\)"),
         (Part("global_ids", "", "", np.zeros((1, 1))), ".DTYPE", "expected integer rows"),
-        (Part("cells", "tetra", "", np.zeros((1, 4), int)), "", "no cell type of a 2D mesh; those are triangle, quad"),
-        (Part("cells", "", "", np.zeros((1, 3), int)), "", "no cell type"),
+        (
+            Part("cells", "tetra", "", np.zeros((1, 4), int)),
+            ".VALUE",
+            "no cell type of a 2D mesh; those are triangle, quad",
+        ),
+        (Part("cells", "", "", np.zeros((1, 3), int)), ".VALUE", "no cell type"),
         (Part("cells", "quad", "", np.zeros((1, 3), int)), ".SHAPE", r"shape \(k, 4\)"),
-        (Part("patch", "", "moving", np.zeros((1, 1), int)), "", "a name is required"),
-        (Part("patch", "wall", "", np.zeros((1, 1), int)), "", "unknown role ''"),
-        (Part("patch", "wall", "wall", np.zeros((1, 1), int)), "", "unknown role 'wall'"),
+        (Part("patch", "", "moving", np.zeros((1, 1), int)), ".VALUE", "a name is required"),
+        (Part("patch", "wall", "", np.zeros((1, 1), int)), ".VALUE", "unknown role ''"),
+        (Part("patch", "wall", "wall", np.zeros((1, 1), int)), ".VALUE", "unknown role 'wall'"),
     ],
 )
 def test_a_wrong_part_is_refused_and_leaves_nothing(upload: MeshUpload, part: Part, code: str, says: str) -> None:

@@ -40,7 +40,11 @@ def selected(cases: Iterable[Case], only: Sequence[str]) -> list[Case]:
 
 def _names(name: str, case: Case) -> bool:
     """``10`` names 10, 10.2 and all their cases, ``10.2-repeat`` those that begin so."""
-    return name in (case.section, case.id) or case.section.startswith(f"{name}.") or ("-" in name and case.id.startswith(name))
+    return (
+        name in (case.section, case.id)
+        or case.section.startswith(f"{name}.")
+        or ("-" in name and case.id.startswith(name))
+    )
 
 
 def run(cases: Iterable[Case], stage: Stage, told: Callable[[Outcome], None] | None = None) -> list[Outcome]:

@@ -17,7 +17,9 @@ _LONGEST = 600
 def show(message: Message) -> str:
     """``TYPE sequence {fields} arrays`` in one line."""
     arrays = [f"{name} {array.dtype.str}{list(array.shape)}" for name, array in message.arrays.items()]
-    return _cut(f"{message.kind} #{message.sequence} {_plain(message.fields)}{' + ' if arrays else ''}{', '.join(arrays)}")
+    return _cut(
+        f"{message.kind} #{message.sequence} {_plain(message.fields)}{' + ' if arrays else ''}{', '.join(arrays)}"
+    )
 
 
 def show_frames(frames: Sequence[bytes]) -> str:

@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 
 from mesh_motion_conformance.tables import tables
 
-__all__ = ["CHUNK_BYTES", "HEADER_BYTES", "KEYS", "Malformed", "Message", "check_reply", "declaration", "frames_of", "pack", "read"]
+__all__ = [
+    "CHUNK_BYTES",
+    "HEADER_BYTES",
+    "KEYS",
+    "Malformed",
+    "Message",
+    "check_reply",
+    "declaration",
+    "frames_of",
+    "pack",
+    "read",
+]
 
 Array = NDArray[Any]
 

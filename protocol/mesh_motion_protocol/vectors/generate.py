@@ -42,17 +42,18 @@ def plain_message(message: Message) -> dict[str, Any]:
 
 def valid_cases() -> list[dict[str, Any]]:
     """Frames that are messages. ``canonical``: encoding the message gives the same frames."""
-    cases = [_valid(message.type.lower(), _frames(message), canonical=True) for message in MESSAGES]
-    for name, frames in _variants():
-        cases.append(_valid(name, frames, canonical=False))
+    cases = [_valid(message.type.lower(), "12", _frames(message), canonical=True) for message in MESSAGES]
+    for name, section, frames in _variants():
+        cases.append(_valid(name, section, frames, canonical=False))
     return cases
 
 
 def invalid_cases() -> list[dict[str, Any]]:
     """Frames that are no messages, with the error code and why."""
-    cases = [*_broken_headers(), *_broken_keys(), *_broken_fields(), *_broken_arrays()]
+    groups = {"4": (*_broken_headers(), *_broken_keys()), "12": _broken_fields(), "5": _broken_arrays()}
     return [
-        {"name": name, "frames": [frame.hex() for frame in frames], "error": code, "why": why}
+        {"name": name, "section": section, "frames": [frame.hex() for frame in frames], "error": code, "why": why}
+        for section, cases in groups.items()
         for name, frames, code, why in cases
     ]
 
@@ -62,9 +63,15 @@ def render(cases: list[dict[str, Any]]) -> str:
     return "[\n" + ",\n".join(json.dumps(case, ensure_ascii=False) for case in cases) + "\n]\n"
 
 
-def _valid(name: str, frames: Frames, *, canonical: bool) -> dict[str, Any]:
+def _valid(name: str, section: str, frames: Frames, *, canonical: bool) -> dict[str, Any]:
     message = plain_message(decode(frames))
-    return {"name": name, "canonical": canonical, "frames": [f.hex() for f in frames], "message": message}
+    return {
+        "name": name,
+        "section": section,
+        "canonical": canonical,
+        "frames": [f.hex() for f in frames],
+        "message": message,
+    }
 
 
 def _frames(message: Message) -> Frames:
@@ -109,20 +116,59 @@ def _array(kind: str, key: str, value: Any) -> Frames:
     return _changed(kind, lambda header: header["arrays"][0].update({key: value}))
 
 
-def _variants() -> Iterable[tuple[str, Frames]]:
+def _variants() -> Iterable[tuple[str, str, Frames]]:
     """Other spellings that a receiver must take."""
     narrow = np.array([[0.5, -0.25], [0.125, 3.0]], dtype="<f4").tobytes()
-    yield "move-f4-is-widened", [_array("MOVE", "dtype", "<f4")[0], narrow]
-    yield "joined-i4-is-widened", [_array("JOINED", "dtype", "<i4")[0], np.array([2, 3], "<i4").tobytes()]
-    yield "defaults-left-out", _changed("OPEN", lambda header: header.update(fields={"dimension": 3}))
-    yield "optional-array-left-out", [_changed("JOINED", lambda header: header.update(arrays=[]))[0]]
-    yield "empty-array-has-no-frame", [_array("MOVE", "shape", [0, 2])[0]]
-    yield "keys-in-another-order", [msgpack.packb(dict(reversed(_header("PING").items())))]
-    yield "unknown-field-in-a-reply-is-ignored", _field("COMMITTED", "from_a_later_version", 1)
+    yield "move-f4-is-widened", "5.1", [_array("MOVE", "dtype", "<f4")[0], narrow]
+    yield "joined-i4-is-widened", "5.1", [_array("JOINED", "dtype", "<i4")[0], np.array([2, 3], "<i4").tobytes()]
+    yield "defaults-left-out", "4", _changed("OPEN", lambda header: header.update(fields={"dimension": 3}))
+    yield "optional-array-left-out", "12", [_changed("JOINED", lambda header: header.update(arrays=[]))[0]]
+    yield "empty-array-has-no-frame", "5.3", [_array("MOVE", "shape", [0, 2])[0]]
+    yield "keys-in-another-order", "4", [msgpack.packb(dict(reversed(_header("PING").items())))]
+    yield "unknown-field-in-a-reply-is-ignored", "4", _field("COMMITTED", "from_a_later_version", 1)
     ping, wide = _frames(_BY_TYPE["PING"])[0], b"\xa8sequence\xd3" + (7).to_bytes(8, "big")
-    yield "integer-in-64-bits", [ping.replace(b"\xa8sequence\x07", wide)]
-    yield "largest-sequence", _changed("PING", lambda header: header.update(sequence=2**63 - 1))
-    yield "integer-where-a-number-is-asked", _field("MOVED", "seconds", {"total": 1})
+    yield "integer-in-64-bits", "4.4", [ping.replace(b"\xa8sequence\x07", wide)]
+    yield "largest-sequence", "4", _changed("PING", lambda header: header.update(sequence=2**63 - 1))
+    yield "integer-where-a-number-is-asked", "4.5", _field("MOVED", "seconds", {"total": 1})
+    for bits, code in ((8, b"\xd0"), (16, b"\xd1"), (32, b"\xd2")):
+        raw = b"\xa8sequence" + code + (7).to_bytes(bits // 8, "big")
+        yield f"integer-in-{bits}-bits", "4.4", [ping.replace(b"\xa8sequence\x07", raw)]
+    for bits, code in ((8, b"\xcc"), (16, b"\xcd"), (32, b"\xce"), (64, b"\xcf")):
+        raw = b"\xa8sequence" + code + (7).to_bytes(bits // 8, "big")
+        yield f"unsigned-integer-in-{bits}-bits", "4.4", [ping.replace(b"\xa8sequence\x07", raw)]
+    yield "map-in-32-bits", "4", [b"\xdf" + (6).to_bytes(4, "big") + ping[1:]]
+    yield "map-in-16-bits", "4", [b"\xde" + (6).to_bytes(2, "big") + ping[1:]]
+    yield "text-in-8-bits", "4", [ping.replace(b"\xa4PING", b"\xd9\x04PING")]
+    yield "text-in-16-bits", "4", [ping.replace(b"\xa4PING", b"\xda\x00\x04PING")]
+    yield "binary-in-16-bits", "4", [ping.replace(b"\xc4\x10", b"\xc5\x00\x10")]
+    yield "binary-in-32-bits", "4", [ping.replace(b"\xc4\x10", b"\xc6\x00\x00\x00\x10")]
+    yield (
+        "empty-containers-in-16-bits",
+        "4",
+        [ping.replace(b"fields\x80", b"fields\xde\0\0").replace(b"arrays\x90", b"arrays\xdc\0\0")],
+    )
+    yield "nil-inside-a-map", "4.7", _field("OPEN", "settings", {"support_radius": None})
+    yield (
+        "float-of-32-bits",
+        "4.5",
+        [_frames(_BY_TYPE["OPEN"])[0].replace(b"\xcb\x3f\xe0" + bytes(6), b"\xca\x3f\0\0\0")],
+    )
+    yield "twelve-levels", "4.9", _field("OPEN", "settings", {"a": _nested(HEADER_DEPTH - 3)})
+    yield "256-items", "4.9", _field("OPEN", "settings", {str(number): 0 for number in range(CONTAINER_ITEMS)})
+    yield "utf-8-of-four-bytes", "4.2", _field("OPEN", "label", "a\u00e9\u20ac\U0001f600")
+    yield "label-of-256-bytes", "12", _field("OPEN", "label", "\u00e9" * 128)
+    yield "unknown-error-detail", "17", _field("ERROR", "code", "ABORTED.FROM_A_LATER_VERSION")
+    yield "upload-of-i4", "5.1", [_array("UPLOAD", "dtype", "<i4")[0], np.arange(8, dtype="<i4").tobytes()]
+    yield "upload-of-f4", "5.1", [_array("UPLOAD", "dtype", "<f4")[0], np.arange(8, dtype="<f4").tobytes()]
+    yield "upload-without-rows", "12", [_changed("UPLOAD", lambda header: header.update(arrays=[]))[0]]
+    shape = _array("FETCHED", "shape", [2, 3])[0]
+    yield "three-coordinates", "5.4", [shape, np.arange(6, dtype="<f8").tobytes()]
+    yield "one-coordinate", "5.4", [_array("FETCHED", "shape", [6, 1])[0], np.arange(6, dtype="<f8").tobytes()]
+
+
+def _nested(levels: int) -> Any:
+    """1 inside so many arrays."""
+    return [_nested(levels - 1)] if levels else 1
 
 
 def _broken_headers() -> Iterable[tuple[str, Frames, str, str]]:
@@ -141,10 +187,12 @@ def _broken_headers() -> Iterable[tuple[str, Frames, str, str]]:
     yield "extension", [ping.replace(b"\xa4PING", b"\xd4\x05\x00")], code, "no extension types"
     yield "timestamp", [ping.replace(b"\xa4PING", b"\xd6\xff\0\0\0\0")], code, "no extension types"
     yield "deep", [b"\x91" * 2000], code, "nested deeper than the limit"
-    nested: Any = 1
-    for _ in range(HEADER_DEPTH):
-        nested = [nested]
-    yield "one-level-too-deep", _field("OPEN", "settings", {"a": nested}), code, "nested deeper than the limit"
+    yield (
+        "one-level-too-deep",
+        _field("OPEN", "settings", {"a": _nested(HEADER_DEPTH - 2)}),
+        code,
+        "nested deeper than the limit",
+    )
     yield "declared-huge-array", [b"\xdd\xff\xff\xff\xff"], code, "four billion items announced"
     yield "declared-huge-map", [b"\xdf\xff\xff\xff\xff"], code, "four billion items announced"
     yield "declared-huge-text", [b"\xdb\xff\xff\xff\xff"], code, "four billion bytes announced"

@@ -1,1 +1,50 @@
-"""The cases for servers: one module or more a section of SPEC.md, in its order."""
+"""The cases for servers: a module for each section of SPEC.md, or a few of them, in its order."""
+
+from __future__ import annotations
+
+from mesh_motion_conformance.case import Case
+from mesh_motion_conformance.server import (
+    section_02_transport,
+    section_03_frames,
+    section_04_header,
+    section_05_arrays,
+    section_06_limits,
+    section_07_session,
+    section_08_states,
+    section_09_partitions,
+    section_10_exactly_once,
+    section_11_resume,
+    section_12_messages,
+    section_13_mesh,
+    section_14_settings,
+    section_15_reports,
+    section_17_errors,
+    vectors,
+)
+from mesh_motion_conformance.server.stage import Stage
+
+__all__ = ["Stage", "server_cases"]
+
+_SUITES = (
+    section_02_transport.suite,
+    section_03_frames.suite,
+    section_04_header.suite,
+    section_05_arrays.suite,
+    section_06_limits.suite,
+    section_07_session.suite,
+    section_08_states.suite,
+    section_09_partitions.suite,
+    section_10_exactly_once.suite,
+    section_11_resume.suite,
+    section_12_messages.suite,
+    section_13_mesh.suite,
+    section_14_settings.suite,
+    section_15_reports.suite,
+    section_17_errors.suite,
+    vectors.suite,
+)
+
+
+def server_cases() -> list[Case]:
+    """All cases for servers, in the order in which they share sessions best."""
+    return [case for suite in _SUITES for case in suite]

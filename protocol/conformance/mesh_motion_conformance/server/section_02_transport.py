@@ -55,9 +55,13 @@ def wrong_endpoint() -> Iterator[Case]:
 
     for kind, row in tables().requests.items():
         if row["endpoint"] == "data":
-            yield Case("2.2", f"{kind}-at-control", "The control endpoint takes no requests of a session", at_control(kind))
+            yield Case(
+                "2.2", f"{kind}-at-control", "The control endpoint takes no requests of a session", at_control(kind)
+            )
         elif row["endpoint"] == "control":
-            yield Case("2.2", f"{kind}-at-data", "A data endpoint takes no requests of the control endpoint", at_data(kind))
+            yield Case(
+                "2.2", f"{kind}-at-data", "A data endpoint takes no requests of the control endpoint", at_data(kind)
+            )
 
 
 @suite("2.2")

@@ -69,11 +69,18 @@ def keys() -> Iterator[Case]:
         demand = "v is the int 1; a header of another version is answered with ours"
         yield _case("4", name, demand, ping, _set("v", value), "UNIMPLEMENTED.VERSION")
     for size in (0, 15, 17, 32):
-        yield _case("4", f"client-of-{size}-bytes", "client has 16 bytes", ping, _set("client", bytes(size)),
-                    "INVALID_ARGUMENT.VALUE")  # fmt: skip
+        yield _case(
+            "4",
+            f"client-of-{size}-bytes",
+            "client has 16 bytes",
+            ping,
+            _set("client", bytes(size)),
+            "INVALID_ARGUMENT.VALUE",
+        )
     for value in (0, -1, -(2**63)):
-        yield _case("4", f"sequence-{value}", "sequence is 1 … 2⁶³−1", ping, _set("sequence", value),
-                    "INVALID_ARGUMENT.VALUE")  # fmt: skip
+        yield _case(
+            "4", f"sequence-{value}", "sequence is 1 … 2⁶³−1", ping, _set("sequence", value), "INVALID_ARGUMENT.VALUE"
+        )
     for kind in ("PUNG", "", "ping", "MOVE ", "SHUTDOWN"):
         yield _case("4", f"type-{kind!r}", "a type of section 12", Request(kind), None, "UNIMPLEMENTED.MESSAGE")
 
@@ -140,18 +147,43 @@ def keys_are_str_and_unique() -> Iterator[Case]:
     for name, key in (("int", 1), ("bin", b"v"), ("nil", None), ("true", True), ("float", 1.5)):
         yield _case("4.1", f"{name}-key-in-the-header", demand, Request("PING"), _renamed("v", key), _HEADER)
         yield _case("4.1", f"{name}-key-in-fields", demand, Request("PING"), _set("fields", {key: 1}), _HEADER)
-        yield _case("4.1", f"{name}-key-in-a-field", demand, Request("OPEN", {"dimension": 2, "settings": {key: 1}}),
-                    None, _HEADER)  # fmt: skip
+        yield _case(
+            "4.1",
+            f"{name}-key-in-a-field",
+            demand,
+            Request("OPEN", {"dimension": 2, "settings": {key: 1}}),
+            None,
+            _HEADER,
+        )
     twice = "A key does not come twice in a map"
-    yield _case("4.1", "key-twice-in-the-header", twice, Request("PING"),
-                lambda h: b"\x87" + pack(h)[1:] + b"\xa1v\x01", _HEADER)  # fmt: skip
+    yield _case(
+        "4.1",
+        "key-twice-in-the-header",
+        twice,
+        Request("PING"),
+        lambda h: b"\x87" + pack(h)[1:] + b"\xa1v\x01",
+        _HEADER,
+    )
     hello = Request("HELLO", {"agent": "a"})
-    yield _case("4.1", "key-twice-in-fields", twice, hello,
-                _raw(b"\x81\xa5agent\xa1a", b"\x82\xa5agent\xa1a\xa5agent\xa1a"), _HEADER)  # fmt: skip
-    yield _case("4.1", "key-twice-in-a-field", twice, _setting(1), _raw(b"\x81\xa1a\x01", b"\x82\xa1a\x01\xa1a\x01"),
-                _HEADER)  # fmt: skip
-    yield _case("4.1", "key-twice-in-an-array-of-maps", twice, _setting([{"b": 1}]),
-                _raw(b"\x81\xa1b\x01", b"\x82\xa1b\x01\xa1b\x02"), _HEADER)  # fmt: skip
+    yield _case(
+        "4.1",
+        "key-twice-in-fields",
+        twice,
+        hello,
+        _raw(b"\x81\xa5agent\xa1a", b"\x82\xa5agent\xa1a\xa5agent\xa1a"),
+        _HEADER,
+    )
+    yield _case(
+        "4.1", "key-twice-in-a-field", twice, _setting(1), _raw(b"\x81\xa1a\x01", b"\x82\xa1a\x01\xa1a\x01"), _HEADER
+    )
+    yield _case(
+        "4.1",
+        "key-twice-in-an-array-of-maps",
+        twice,
+        _setting([{"b": 1}]),
+        _raw(b"\x81\xa1b\x01", b"\x82\xa1b\x01\xa1b\x02"),
+        _HEADER,
+    )
 
 
 def _renamed(old: str, new: Any) -> Change:
@@ -165,13 +197,27 @@ def text_is_utf_8() -> Iterator[Case]:
     bad = {"ff": b"\xff", "overlong": b"\xc0\xaf", "surrogate": b"\xed\xa0\x80", "cut": b"\xc3", "lone-80": b"\x80"}
     for name, raw in bad.items():
         text = bytes([0xA0 + len(raw)]) + raw
-        yield _case("4.2", f"{name}-in-a-field", demand, Request("HELLO", {"agent": "@"}), _raw(b"\xa1@", text), _HEADER)
+        yield _case(
+            "4.2", f"{name}-in-a-field", demand, Request("HELLO", {"agent": "@"}), _raw(b"\xa1@", text), _HEADER
+        )
         yield _case("4.2", f"{name}-in-a-key", demand, _setting(1), _raw(b"\xa1a\x01", text + b"\x01"), _HEADER)
     yield _case("4.2", "ff-in-the-type", demand, Request("PING"), _raw(b"\xa4PING", b"\xa4PIN\xff"), _HEADER)
-    yield _case("4.2", "str-for-bin", "str and bin are different types",
-                Request("PROBE", {"session": "0" * 32, "token": "0" * 32}), None, _HEADER)  # fmt: skip
-    yield _case("4.2", "bin-for-str", "str and bin are different types",
-                Request("PROBE", {"session": b"0" * 32, "token": b"0" * 32}), None, _HEADER)  # fmt: skip
+    yield _case(
+        "4.2",
+        "str-for-bin",
+        "str and bin are different types",
+        Request("PROBE", {"session": "0" * 32, "token": "0" * 32}),
+        None,
+        _HEADER,
+    )
+    yield _case(
+        "4.2",
+        "bin-for-str",
+        "str and bin are different types",
+        Request("PROBE", {"session": b"0" * 32, "token": b"0" * 32}),
+        None,
+        _HEADER,
+    )
 
 
 @suite("4.2")
@@ -219,14 +265,33 @@ def integers() -> Iterator[Case]:
     for name, value in (("2-63", 2**63), ("2-64-1", 2**64 - 1)):
         yield _case("4.4", f"{name}-as-sequence", demand, Request("PING"), _set("sequence", value), _HEADER)
         yield _case("4.4", f"{name}-in-a-map", demand, _setting(value), None, _HEADER)
-        yield _case("4.4", f"{name}-as-a-field", demand, Request("OPEN", {"dimension": 2, "bytes_reserved": value}),
-                    None, _HEADER)  # fmt: skip
+        yield _case(
+            "4.4",
+            f"{name}-as-a-field",
+            demand,
+            Request("OPEN", {"dimension": 2, "bytes_reserved": value}),
+            None,
+            _HEADER,
+        )
         yield _case("4.4", f"{name}-in-an-array", demand, Request("HELLO", {"versions": [[1, value]]}), None, _HEADER)
-    for name, value in (("float", 2.0), ("true", True), ("false", False)):
-        yield _case("4.4", f"{name}-for-an-integer", f"{name} is not an integer", Request("OPEN", {"dimension": value}),
-                    None, _HEADER)  # fmt: skip
-        yield _case("4.4", f"{name}-in-an-array-of-integers", f"{name} is not an integer",
-                    Request("HELLO", {"versions": [[value, 0]]}), None, _HEADER)  # fmt: skip
+    others: dict[str, Any] = {"float": 2.0, "true": True, "false": False}
+    for name, value in others.items():
+        yield _case(
+            "4.4",
+            f"{name}-for-an-integer",
+            f"{name} is not an integer",
+            Request("OPEN", {"dimension": value}),
+            None,
+            _HEADER,
+        )
+        yield _case(
+            "4.4",
+            f"{name}-in-an-array-of-integers",
+            f"{name} is not an integer",
+            Request("HELLO", {"versions": [[value, 0]]}),
+            None,
+            _HEADER,
+        )
 
 
 @suite("4.4")
@@ -252,15 +317,26 @@ def numbers_are_finite() -> Iterator[Case]:
 def one_map() -> Iterator[Case]:
     """4.8"""
     demand = "Nothing follows the map in frame 0"
-    for name, tail in (("nil", b"\xc0"), ("zero-byte", b"\0"), ("map", b"\x80"), ("itself", b"")):
-        change: Change = (lambda h: pack(h) * 2) if name == "itself" else lambda h, tail=tail: pack(h) + tail  # type: ignore[misc]
-        yield _case("4.8", f"{name}-behind-the-map", demand, Request("PING"), change, _HEADER)
-    for name, raw in (("array", pack([1])), ("text", pack("x")), ("nil", b"\xc0"), ("nothing", b""), ("c1", b"\xc1")):
-        yield _case("4.8", f"{name}-instead-of-the-map", "Frame 0 is one map", Request("PING"), lambda _, raw=raw: raw,
-                    _HEADER)  # fmt: skip
+    tails = {"nil": b"\xc0", "zero-byte": b"\0", "map": b"\x80", "one": b"\x01", "long-text": b"\xa5after"}
+    for name, tail in tails.items():
+        yield _case(
+            "4.8", f"{name}-behind-the-map", demand, Request("PING"), _bytes(lambda raw, t=tail: raw + t), _HEADER
+        )
+    yield _case("4.8", "itself-behind-the-map", demand, Request("PING"), _bytes(lambda raw: raw * 2), _HEADER)
+    others = {"array": pack([1]), "text": pack("x"), "nil": b"\xc0", "nothing": b"", "c1": b"\xc1"}
+    for name, other in others.items():
+        demand = "Frame 0 is one map"
+        yield _case("4.8", f"{name}-instead-of-the-map", demand, Request("PING"), _bytes(lambda _, o=other: o), _HEADER)
     for cut in (1, 2, 9, 30):
-        change = lambda h, cut=cut: pack(h)[:-cut]  # type: ignore[misc]  # noqa: E731
-        yield _case("4.8", f"{cut}-bytes-cut-off", "Frame 0 is a whole map", Request("PING"), change, _HEADER)
+        demand = "Frame 0 is a whole map"
+        yield _case(
+            "4.8", f"{cut}-bytes-cut-off", demand, Request("PING"), _bytes(lambda raw, c=cut: raw[:-c]), _HEADER
+        )
+
+
+def _bytes(change: Callable[..., bytes]) -> Change:
+    """Frame 0 changed once it is packed."""
+    return lambda header: change(pack(header))
 
 
 @suite.family
@@ -282,15 +358,28 @@ def bounds() -> Iterator[Case]:
     demand = "256 items in one map or array"
     items = Request("OPEN", {"dimension": 2, "settings": many})
     yield _case("4.9", "257-items-in-a-map", demand, items, None, _HEADER, "RESOURCE_EXHAUSTED.BYTES")
-    fewer = Request("OPEN", {"dimension": 2, "settings": {key: 0 for key in list(many)[:256]}})
+    fewer = Request("OPEN", {"dimension": 2, "settings": dict.fromkeys(list(many)[:256], 0)})
     yield _case("4.9", "256-items-in-a-map", demand, fewer, None, "INVALID_ARGUMENT.SETTINGS")
-    yield _case("4.9", "257-items-in-an-array", demand, Request("HELLO", {"features": ["x"] * 257}), None, _HEADER,
-                "RESOURCE_EXHAUSTED.BYTES")  # fmt: skip
+    yield _case(
+        "4.9",
+        "257-items-in-an-array",
+        demand,
+        Request("HELLO", {"features": ["x"] * 257}),
+        None,
+        _HEADER,
+        "RESOURCE_EXHAUSTED.BYTES",
+    )
     announced = {"array": b"\xdd\xff\xff\xff\xff", "map": b"\xdf\xff\xff\xff\xff", "text": b"\xdb\xff\xff\xff\xff",
                  "binary": b"\xc6\xff\xff\xff\xff", "array-16": b"\xdc\xff\xff", "map-16": b"\xde\xff\xff"}  # fmt: skip
     for name, raw in announced.items():
-        yield _case("4.9", f"huge-{name}-announced", "What a header announces is bounded before it is there",
-                    _setting(1), _raw(b"\xa1a\x01", b"\xa1a" + raw), _HEADER)  # fmt: skip
+        yield _case(
+            "4.9",
+            f"huge-{name}-announced",
+            "What a header announces is bounded before it is there",
+            _setting(1),
+            _raw(b"\xa1a\x01", b"\xa1a" + raw),
+            _HEADER,
+        )
 
 
 @suite("4.9")

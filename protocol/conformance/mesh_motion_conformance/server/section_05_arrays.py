@@ -52,20 +52,25 @@ def _declared(kind: str, name: str, demand: str, change: Callable[[dict[str, Any
 def declarations() -> Iterator[Case]:
     """Exactly the keys name, dtype and shape, each of its type and among its values."""
     keys = "An entry of arrays has exactly the keys name, dtype, shape"
+    value: Any
     for kind in _STATE:
         yield _declared(kind, "fourth-key", keys, lambda _: {"order": "C"}, _HEADER)
         for value in (1, None, b"displacement", ["x"]):
-            yield _declared(kind, f"name-is-{type(value).__name__.lower()}", "name is str", _value("name", value), _HEADER)
+            yield _declared(
+                kind, f"name-is-{type(value).__name__.lower()}", "name is str", _value("name", value), _HEADER
+            )
         yield _declared(kind, "unknown-name", "name is a field of section 12", _value("name", "force"), _HEADER)
         for value in (8, None, b"<f8", ["<f8"]):
-            yield _declared(kind, f"dtype-is-{type(value).__name__.lower()}", "dtype is str", _value("dtype", value),
-                            _HEADER)  # fmt: skip
+            yield _declared(
+                kind, f"dtype-is-{type(value).__name__.lower()}", "dtype is str", _value("dtype", value), _HEADER
+            )
         for value in ("", "f8", ">f8", "=f8", "|f8", "<f2", "<f16", "<c16", "<u8", "<i2", "|b1", "O", "|O", "V8", "S8",
                       "<U4", "<M8", "float64", "S2147483647", "<f8,<f8", "<f8 "):  # fmt: skip
             yield _declared(kind, f"dtype-{value!r}", "dtype is one of four", _value("dtype", value), _DTYPE)
         for value in ("2,2", 4, None, {}):
-            yield _declared(kind, f"shape-is-{type(value).__name__.lower()}", "shape is an array", _value("shape", value),
-                            _HEADER)  # fmt: skip
+            yield _declared(
+                kind, f"shape-is-{type(value).__name__.lower()}", "shape is an array", _value("shape", value), _HEADER
+            )
         for name, items in (("float", [2.0, 2]), ("text", ["2", 2]), ("nil", [None, 2]), ("true", [True, 2])):
             yield _declared(kind, f"{name}-in-shape", "shape is an array of int", _value("shape", items), _SHAPE)
         for items in ([], [8], [2, 2, 1], [-2, 2], [2, -2], [-2, -2]):
@@ -73,10 +78,21 @@ def declarations() -> Iterator[Case]:
             yield _declared(kind, f"shape-{items}".replace(" ", ""), demand, _value("shape", items), _SHAPE)
         large = "Lengths whose product no machine holds are refused before memory is taken"
         for items in ([2**62, 2], [2**32, 2**32], [2**63 - 1, 2]):
-            yield _declared(kind, f"shape-{items[0]:x}-{items[1]:x}", large, _value("shape", items), _SHAPE,
-                            "RESOURCE_EXHAUSTED.BYTES")  # fmt: skip
-        yield _declared(kind, "shape-2-40-rows", "max_message_bytes bounds all arrays of a message",
-                        _value("shape", [2**40, 2]), "RESOURCE_EXHAUSTED.BYTES")  # fmt: skip
+            yield _declared(
+                kind,
+                f"shape-{items[0]:x}-{items[1]:x}",
+                large,
+                _value("shape", items),
+                _SHAPE,
+                "RESOURCE_EXHAUSTED.BYTES",
+            )
+        yield _declared(
+            kind,
+            "shape-2-40-rows",
+            "max_message_bytes bounds all arrays of a message",
+            _value("shape", [2**40, 2]),
+            "RESOURCE_EXHAUSTED.BYTES",
+        )
     for dtype in ("<i8", "<i4"):
         yield _declared("MOVE", f"dtype-{dtype}", "displacement is <f8 or <f4", _value("dtype", dtype), _DTYPE)
     for columns in (0, 4, 100):
@@ -109,7 +125,7 @@ def narrow_indices_are_widened(stage: Stage) -> None:
     answered(session.ask(request.carrying(rows=request.arrays["rows"].astype("<i4"))), "UPLOADED")
 
 
-def _same_content(stage: Stage, request: Request, other: Request, session: Session) -> None:
+def _same_content(request: Request, other: Request, session: Session) -> None:
     """The two forms under one request id are one request."""
     number = session.lines[0].next()
     first = session.ask(request, sequence=number)
@@ -127,7 +143,7 @@ def narrow_and_wide_floats_are_one_content(stage: Stage) -> None:
     rows = session.rows().astype("<f4")
     move = session.request("MOVE")
     wide, narrow = move.carrying(displacement=rows.astype("<f8")), move.carrying(displacement=rows)
-    _same_content(stage, wide, narrow, session)
+    _same_content(wide, narrow, session)
 
 
 @suite("5.1")
@@ -135,7 +151,7 @@ def narrow_and_wide_indices_are_one_content(stage: Stage) -> None:
     """The <i4 and the <i8 form of the same values are the same content."""
     session = stage.session("OPENING")
     upload = session.request("UPLOAD")
-    _same_content(stage, upload, upload.carrying(rows=upload.arrays["rows"].astype("<i4")), session)
+    _same_content(upload, upload.carrying(rows=upload.arrays["rows"].astype("<i4")), session)
 
 
 @suite("5.2")
@@ -289,7 +305,9 @@ def dimension() -> Iterator[Case]:
         return shaped
 
     for shape in ((4, 1), (4, 3)):
-        yield Case("5.4", f"{shape[1]}-columns-in-2D", "Axes named dimension have the length of the session", run(shape))
+        yield Case(
+            "5.4", f"{shape[1]}-columns-in-2D", "Axes named dimension have the length of the session", run(shape)
+        )
     for shape in ((0, 2), (3, 2), (5, 2), (16, 2)):
         yield Case("13.5", f"{shape[0]}-rows", "One row a moving node of the partition", run(shape))
 
@@ -314,5 +332,9 @@ def non_finite() -> Iterator[Case]:
     for kind in _STATE:
         for value in (float("nan"), float("inf"), float("-inf")):
             for dtype in ("<f8", "<f4"):
-                yield Case("5.6", f"{kind}-{value}-{dtype}", "NaN and infinities in arrays of requests are refused",
-                           run(kind, value, dtype))  # fmt: skip
+                yield Case(
+                    "5.6",
+                    f"{kind}-{value}-{dtype}",
+                    "NaN and infinities in arrays of requests are refused",
+                    run(kind, value, dtype),
+                )

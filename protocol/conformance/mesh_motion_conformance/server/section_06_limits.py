@@ -36,7 +36,9 @@ def announced() -> Iterator[Case]:
         return carried
 
     for name in tables().limits:
-        yield Case("6", f"{name}-in-WELCOME", "WELCOME carries all limits, those of the protocol with its values", run(name))
+        yield Case(
+            "6", f"{name}-in-WELCOME", "WELCOME carries all limits, those of the protocol with its values", run(name)
+        )
 
 
 @suite("6")

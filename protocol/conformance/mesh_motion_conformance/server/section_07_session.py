@@ -30,12 +30,14 @@ def _points(session: Session, what: str = "committed") -> Array:
 
 def _bitwise(got: Array, wanted: Array, what: str) -> None:
     if got.shape != wanted.shape or got.tobytes() != wanted.tobytes():
-        where = np.argwhere(got != wanted) if got.shape == wanted.shape else []
-        first = f"{got.shape} for {wanted.shape}"
-        if len(where):
-            at = tuple(where[0])
-            first = f"{got[at]!r} for {wanted[at]!r} at {[int(i) for i in at]}, and {len(where) - 1} others"
-        raise Unmet(f"{what}, bitwise", first)
+        raise Unmet(f"{what}, bitwise", _first_difference(got, wanted))
+
+
+def _first_difference(got: Array, wanted: Array) -> str:
+    if got.shape != wanted.shape:
+        return f"shape {got.shape} for {wanted.shape}"
+    at = [tuple(int(i) for i in index) for index in np.argwhere(got != wanted)]
+    return f"{got[at[0]]!r} for {wanted[at[0]]!r} at {at[0]}, and {len(at) - 1} others" if at else "another zero or NaN"
 
 
 @suite.family
@@ -150,7 +152,9 @@ def refusals_without_effect() -> Iterator[Case]:
         "CLOSE-with-a-wrong-outcome": lambda s: s.request("CLOSE").having(outcome="burn"),
     }
     for name, make in ways.items():
-        yield Case("7.2", name, "A request that is answered by ERROR has had no effect; a trial is still there", run(make))
+        yield Case(
+            "7.2", name, "A request that is answered by ERROR has had no effect; a trial is still there", run(make)
+        )
 
 
 @suite("7.2")
@@ -201,7 +205,12 @@ def sums() -> Iterator[Case]:
         return summed
 
     for frame in ("committed", "reference"):
-        yield Case("7.5", f"{frame}-frame", "displacement + the frame's coordinates are the coordinates held", run(frame, frame))
+        yield Case(
+            "7.5",
+            f"{frame}-frame",
+            "displacement + the frame's coordinates are the coordinates held",
+            run(frame, frame),
+        )
 
 
 @suite("7")

@@ -85,7 +85,9 @@ def _closing(state: str) -> Callable[[Stage], None]:
 def _is_over(session: Session) -> None:
     """In state CLOSED nobody answers at the data endpoint, or refuses."""
     try:
-        refused(session.stage.ask(session.request("STATUS"), session.lines[0], seconds=0.3), "FAILED_PRECONDITION.STATE")
+        refused(
+            session.stage.ask(session.request("STATUS"), session.lines[0], seconds=0.3), "FAILED_PRECONDITION.STATE"
+        )
     except (Silence, Ended):
         session.lines[0].close()
 

@@ -100,8 +100,12 @@ def partition_numbers() -> Iterator[Case]:
 
     for kind in ("JOIN", "MOVE", "STATUS", "FETCH", "CLOSE"):
         for partition in (2, 255):
-            yield Case("9.1", f"{kind}-of-partition-{partition}", "There are as many partitions as OPEN said",
-                       run(kind, partition))  # fmt: skip
+            yield Case(
+                "9.1",
+                f"{kind}-of-partition-{partition}",
+                "There are as many partitions as OPEN said",
+                run(kind, partition),
+            )
 
 
 @suite("9.1")
@@ -177,7 +181,9 @@ def shared_node_moved_to_two_places(stage: Stage) -> None:
     """A node that several partitions give is given the same displacement by each."""
     session = _pair(stage, "TRIAL")
     numbers = [
-        _ask(session, session.request("MOVE", partition).carrying(displacement=session.rows(partition, size)), partition)
+        _ask(
+            session, session.request("MOVE", partition).carrying(displacement=session.rows(partition, size)), partition
+        )
         for partition, size in enumerate((0.01, 0.02))
     ]
     for partition, number in enumerate(numbers):
@@ -278,7 +284,9 @@ def division_does_not_show(stage: Stage) -> None:
             whole.do("MOVE")
             digests.add(whole.do("COMMIT").fields["digest"])
             if len(digests) != 1:
-                raise Unmet("one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests]))
+                raise Unmet(
+                    "one digest of both partitions and of the undivided mesh", str([d.hex()[:12] for d in digests])
+                )
     finally:
         pair.discard()
         whole.discard()
@@ -317,8 +325,13 @@ def meshes_that_do_not_fit() -> Iterator[Case]:
 
     high = HALVES[1]
     moved = Part(high.points + 0.05 * (np.arange(8) == 7)[:, None], high.triangles, high.sides, high.global_ids)
-    yield Case("9.1", "shared-node-at-two-places", "A node that several partitions hold has the same coordinates in each",
-               run(moved, "INVALID_ARGUMENT"))  # fmt: skip
+    yield Case(
+        "9.1",
+        "shared-node-at-two-places",
+        "A node that several partitions hold has the same coordinates in each",
+        run(moved, "INVALID_ARGUMENT"),
+    )
     bare = Part(high.points, high.triangles, high.sides)
-    yield Case("13.2", "no-global-ids", "global_ids are required with more than one partition",
-               run(bare, "INVALID_ARGUMENT"))  # fmt: skip
+    yield Case(
+        "13.2", "no-global-ids", "global_ids are required with more than one partition", run(bare, "INVALID_ARGUMENT")
+    )

@@ -46,8 +46,12 @@ def repeats() -> Iterator[Case]:
         return repeat
 
     for kind in _STATE:
-        yield Case("10.1", f"repeat-of-{kind}", "A request that is executed is executed once; its repeat gets the stored reply",
-                   run(kind))  # fmt: skip
+        yield Case(
+            "10.1",
+            f"repeat-of-{kind}",
+            "A request that is executed is executed once; its repeat gets the stored reply",
+            run(kind),
+        )
 
 
 @suite.family
@@ -163,10 +167,18 @@ def same_content() -> Iterator[Case]:
 
         return same
 
-    yield Case("10.2", "default-written-out", "A field left out and its default are the same content",
-               run("MOVE", lambda r: r.having(frame="committed", partition=0)))  # fmt: skip
-    yield Case("10.2", "order-of-fields", "Fields in another order are the same content",
-               run("COMMIT", lambda r: Request(r.kind, dict(reversed(r.fields.items())))))  # fmt: skip
+    yield Case(
+        "10.2",
+        "default-written-out",
+        "A field left out and its default are the same content",
+        run("MOVE", lambda r: r.having(frame="committed", partition=0)),
+    )
+    yield Case(
+        "10.2",
+        "order-of-fields",
+        "Fields in another order are the same content",
+        run("COMMIT", lambda r: Request(r.kind, dict(reversed(r.fields.items())))),
+    )
 
 
 @suite("10.2")

@@ -112,7 +112,12 @@ def fenced() -> Iterator[Case]:
 
     for kind in tables().data:
         if kind != "PING":
-            yield Case("11.3", f"{kind}-of-an-older-epoch", "Requests with an older epoch are answered ABORTED.FENCED", run(kind))
+            yield Case(
+                "11.3",
+                f"{kind}-of-an-older-epoch",
+                "Requests with an older epoch are answered ABORTED.FENCED",
+                run(kind),
+            )
 
 
 @suite("11.3")
@@ -191,8 +196,12 @@ def strangers() -> Iterator[Case]:
     }
     for kind in ("RESUME", "PROBE"):
         for name, wrong in wrongs.items():
-            yield Case("11.8", f"{kind}-{name}", "A session or token that does not exist is answered NOT_FOUND, alike",
-                       run(kind, **wrong))  # fmt: skip
+            yield Case(
+                "11.8",
+                f"{kind}-{name}",
+                "A session or token that does not exist is answered NOT_FOUND, alike",
+                run(kind, **wrong),
+            )
 
 
 @suite("11.8")
@@ -218,7 +227,9 @@ def other_sessions() -> Iterator[Case]:
 
     for kind in tables().data:
         if kind != "PING":
-            yield Case("11.8", f"{kind}-of-another-session", "A data endpoint knows its own session only", run(kind, "f" * 32))
+            yield Case(
+                "11.8", f"{kind}-of-another-session", "A data endpoint knows its own session only", run(kind, "f" * 32)
+            )
 
 
 @suite("11.8")

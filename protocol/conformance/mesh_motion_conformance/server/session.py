@@ -189,8 +189,7 @@ class Session:
         if now == "NEW" and state != "NEW":
             self.upload()
         elif now == "OPENING":
-            for reply in self.together("BUILD"):
-                answered(reply, "BUILT")
+            self.built = next(iter([answered(reply, "BUILT") for reply in self.together("BUILD")]))
         elif now == "READY" and state == "TRIAL":
             self.do("MOVE")
         elif now == "TRIAL":
@@ -207,4 +206,3 @@ class Session:
                 if not line.closed:
                     self.stage.ask(self.request("CLOSE", partition).having(outcome="discard"), line, seconds=2.0)
             line.close()
-

@@ -1,0 +1,142 @@
+"""The driver program of this client for the conformance suite: ``python -m mesh_motion_client.conformance``.
+
+``protocol/conformance/README.md`` has the contract: verbs in, one JSON object a line out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+
+from mesh_motion_client.errors import MeshMotionError
+from mesh_motion_client.mesh import Mesh, Patch
+from mesh_motion_client.server import Server, connect
+from mesh_motion_client.session import Frame, Session
+
+__all__ = ["Driver", "main"]
+
+_MESH = Mesh(
+    np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+    {"triangle": np.array([[0, 1, 2], [0, 2, 3]])},
+    {"left": Patch("moving", np.array([0, 3])), "right": Patch("fixed", np.array([1, 2]))},
+)
+
+Result = dict[str, Any]
+
+
+class Driver:
+    """One run: a server, a session, and how many displacements were given.
+
+    Parameters
+    ----------
+    endpoint : str
+    timeout : float
+        Seconds for each verb.
+    """
+
+    def __init__(self, endpoint: str, timeout: float) -> None:
+        self._endpoint, self._timeout = endpoint, timeout
+        self._moves = 0
+        self._server: Server | None = None
+        self._session: Session | None = None
+        self._last: Callable[[], Result] = dict
+
+    @property
+    def server(self) -> Server:
+        """The server that ``hello`` connected to."""
+        if self._server is None:
+            raise MeshMotionError("there is no server", code="UNAVAILABLE")
+        return self._server
+
+    @property
+    def session(self) -> Session:
+        """The session that ``open`` opened."""
+        if self._session is None:
+            raise MeshMotionError("there is no session", code="FAILED_PRECONDITION.STATE")
+        return self._session
+
+    def do(self, verb: str) -> Result:
+        """One verb, as the line that is printed."""
+        if verb != "again":
+            self._last = self._call(verb)
+        try:
+            return {"verb": verb, "ok": True} | self._last()
+        except MeshMotionError as error:
+            return {"verb": verb, "ok": False, "code": error.code, "message": error.message}
+
+    def close(self) -> None:
+        """Leave nothing open."""
+        if self._server is not None:
+            self._server.close()
+
+    def _call(self, verb: str) -> Callable[[], Result]:
+        """The call that a verb is; making it again makes the same call."""
+        if verb in ("move", "move-reference"):
+            self._moves += 1
+            return lambda k=self._moves: self._move("committed" if verb == "move" else "reference", k)  # type: ignore[misc]
+        calls: dict[str, Callable[[], Result]] = {
+            "hello": self._hello,
+            "open": self._open,
+            "resume": self._resume,
+            "commit": self._commit,
+            "rollback": self._rollback,
+            "status": lambda: {key: getattr(self.session.status(), key) for key in ("state", "step")},
+            "points": lambda: {"points": self.session.points().ravel().tolist()},
+            "close": lambda: self._close("keep"),
+            "discard": lambda: self._close("discard"),
+        }
+        return calls[verb]
+
+    def _hello(self) -> Result:
+        self._server = connect(self._endpoint, timeout=self._timeout, compute_timeout=self._timeout)
+        return {"version": self._server.welcome.version}
+
+    def _open(self) -> Result:
+        self._session = self.server.open(_MESH)
+        return {"moving_nodes": self.session.moving_nodes.tolist()}
+
+    def _resume(self) -> Result:
+        self._session = self.server.resume(self.session.credentials)
+        return {"step": self.session.step}
+
+    def _move(self, frame: Frame, number: int) -> Result:
+        rows = np.tile([number / 8, number / 16], (2, 1))
+        moved = self.session.move(rows, frame=frame)
+        return {"iteration": moved.iteration, "displacement": moved.displacement.ravel().tolist()}
+
+    def _rollback(self) -> Result:
+        self.session.rollback()
+        return {}
+
+    def _close(self, outcome: Literal["keep", "discard"]) -> Result:
+        self.session.close(outcome)
+        return {}
+
+    def _commit(self) -> Result:
+        committed = self.session.commit()
+        return {"step": committed.step, "digest": committed.digest.hex()}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Do the verbs; after a ``hello`` or ``open`` that failed there is nothing to go on with."""
+    parser = argparse.ArgumentParser(prog="mesh_motion_client.conformance")
+    parser.add_argument("--endpoint", required=True)
+    parser.add_argument("--timeout", type=float, default=10.0)
+    parser.add_argument("--scenario", required=True, help="verbs, with blanks between them")
+    given = parser.parse_args(arguments)
+    driver = Driver(given.endpoint, given.timeout)
+    for verb in given.scenario.split():
+        line = driver.do(verb)
+        sys.stdout.write(json.dumps(line) + "\n")
+        sys.stdout.flush()
+    driver.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

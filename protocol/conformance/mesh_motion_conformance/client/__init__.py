@@ -1,0 +1,23 @@
+"""The cases for clients: a scripted server that does to a client whatever a network and a server may do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mesh_motion_conformance.case import Case
+from mesh_motion_conformance.client.scenario import Scenario, scenarios
+from mesh_motion_conformance.client.stage import ClientStage
+
+__all__ = ["ClientStage", "client_cases"]
+
+
+def client_cases() -> list[Case]:
+    """All cases for clients: a scenario each."""
+    return [Case(scenario.section, scenario.name, scenario.demand, _play(scenario)) for scenario in scenarios()]
+
+
+def _play(scenario: Scenario) -> Callable[[ClientStage], None]:
+    def run(stage: ClientStage) -> None:
+        stage.play(scenario)
+
+    return run

@@ -1,0 +1,95 @@
+"""The command: which cases, put to whom, and what is told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mesh_motion_conformance.case import Case, Outcome
+from mesh_motion_conformance.client import ClientStage, client_cases
+from mesh_motion_conformance.report import line_of, summary, write_json, write_junit
+from mesh_motion_conformance.runner import run, selected
+from mesh_motion_conformance.server import Stage, server_cases
+
+__all__ = ["Subject", "conform", "listed"]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is tested: a server's endpoint, or the command of a client's driver program.
+
+    Attributes
+    ----------
+    endpoint, client : str
+        One of them; the other one is empty.
+    seconds : float
+        The longest wait for a reply.
+    patience : float
+        Time-outs of a server that are longer than this are not waited for.
+    """
+
+    endpoint: str = ""
+    client: str = ""
+    seconds: float = 10.0
+    patience: float = 5.0
+
+    def cases(self) -> list[Case]:
+        """The cases that can be put to it."""
+        return client_cases() if self.client else server_cases()
+
+    def stage(self) -> Stage | ClientStage:
+        """Where they are played."""
+        if self.client:
+            return ClientStage(self.client, seconds=self.seconds)
+        return Stage(self.endpoint, seconds=self.seconds, patience=self.patience)
+
+
+def listed(subject: Subject, only: Sequence[str] = ()) -> str:
+    """The cases, one a line."""
+    return "\n".join(f"{case.id}: {case.demand}" for case in selected(subject.cases(), only))
+
+
+def conform(
+    subject: Subject,
+    tell: Callable[[str], None],
+    *,
+    only: Sequence[str] = (),
+    json: Path | None = None,
+    junit: Path | None = None,
+    quiet: bool = False,
+) -> list[Outcome]:
+    """Put the cases to the subject.
+
+    Parameters
+    ----------
+    subject : Subject
+    tell : callable
+        Takes each line of the report.
+    only : sequence of str
+        Sections or beginnings of ids; empty: all.
+    json, junit : Path, optional
+        Where a report is written.
+    quiet : bool
+        Tell failures and the summary only.
+
+    Returns
+    -------
+    list of Outcome
+    """
+
+    def told(outcome: Outcome) -> None:
+        if outcome.verdict == "FAIL" or not quiet:
+            tell(line_of(outcome))
+
+    stage = subject.stage()
+    try:
+        outcomes = run(selected(subject.cases(), only), stage, told)
+    finally:
+        stage.close()
+    tell(summary(outcomes))
+    if json is not None:
+        write_json(json, outcomes, subject.client or subject.endpoint)
+    if junit is not None:
+        write_junit(junit, outcomes)
+    return outcomes

@@ -1,0 +1,108 @@
+"""Section 14: the keys of OPEN's settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import refused
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+
+def _refused(name: str, demand: str, key: str, value: Any) -> Case:
+    def run(stage: Stage) -> None:
+        request = Request("OPEN", {"dimension": 2, "settings": {key: value}})
+        reply = refused(stage.ask(request), "INVALID_ARGUMENT.SETTINGS", state="")
+        if key not in str(reply.fields["details"]) + reply.fields["message"]:
+            raise Unmet(f"an ERROR that names {key}", show(reply))
+
+    return Case("14", name, demand, run)
+
+
+@suite.family
+def wrong_types() -> Iterator[Case]:
+    """A wrong type is refused."""
+    values = {"str": "0.5", "bin": b"x", "int": 1, "float": 0.5, "bool": True, "nil": None, "array": [0.5], "map": {}}
+    for key, row in tables().settings.items():
+        admitted = {row["kind"]} | ({"int"} if row["kind"] == "float" else set()) | ({"nil"} if row["nil"] else set())
+        for name in (
+            ("int", "str", "bool", "nil", "array") if row["kind"] == "str" else ("str", "bool", "nil", "map", "int")
+        ):
+            if name not in admitted:
+                yield _refused(f"{key}-is-{name}", f"{key} is {row['kind']}", key, values[name])
+
+
+@suite.family
+def wrong_values() -> Iterator[Case]:
+    """A value outside its choices or range is refused."""
+    for key, row in tables().settings.items():
+        if "choices" in row:
+            yield _refused(f"{key}-no-choice", f"{key} is one of its choices", key, "no-such-choice")
+        if "low" in row:
+            step = 1 if row["kind"] == "int" else 0.001
+            yield _refused(f"{key}-below", f"{key} is {row['low']} … {row['high']}", key, row["low"] - step)
+            yield _refused(f"{key}-above", f"{key} is {row['low']} … {row['high']}", key, row["high"] + step)
+        if "above" in row:
+            for value in (0, -0.5):
+                yield _refused(f"{key}-is-{value}".replace("-0.5", "negative"), f"{key} > 0", key, value)
+
+
+@suite.family
+def unknown_keys() -> Iterator[Case]:
+    """An unknown key is refused."""
+    for key in ("no_such_setting", "Basis", "support radius", "method"):
+        yield _refused(f"unknown-{key}".replace(" ", "_"), "An unknown key is refused", key, 1)
+
+
+def _in_force(stage: Stage) -> dict[str, Any]:
+    """BUILT's settings of a session that was opened with three numbers written in three ways."""
+    settings = {
+        "support_radius": 1,
+        "enrichment_radius": 0.5,
+        "quality_threshold": 0.25,
+        "volume_reduction_length": None,
+    }
+    session = stage.kept("settings", lambda: stage.open(settings=settings))
+    if session.built is None:
+        session.upload()
+        session.do("BUILD")
+    return session.built.fields["settings"] if session.built else {}
+
+
+@suite.family
+def in_force() -> Iterator[Case]:
+    """BUILT's settings are those in force, defaults filled in."""
+
+    def run(key: str, wanted: Any) -> Callable[[Stage], None]:
+        def told(stage: Stage) -> None:
+            found = _in_force(stage)
+            if key not in found:
+                raise Unmet(f"{key} in BUILT's settings", str(sorted(found)))
+            if wanted is not None and found[key] != wanted:
+                raise Unmet(f"{key} = {wanted!r}", repr(found[key]))
+
+        return told
+
+    given = {"support_radius": 1.0, "enrichment_radius": 0.5, "quality_threshold": 0.25}
+    for key, row in tables().settings.items():
+        yield Case(
+            "14",
+            f"{key}-in-BUILT",
+            "BUILT's settings are those in force, defaults filled in",
+            run(key, given.get(key, row["default"])),
+        )
+    yield Case(
+        "4.5", "integer-for-a-float", "Where a float is asked for, an integer is admitted", run("support_radius", 1.0)
+    )
+    yield Case("4.5", "float-of-64-bits", "Floats are of 32 or 64 bits", run("quality_threshold", 0.25))
+    yield Case(
+        "4.7", "nil-inside-a-map", "nil is admitted inside fields of type map", run("volume_reduction_length", None)
+    )

@@ -1,0 +1,201 @@
+"""Sections 15 and 16: what the maps of replies hold, and the digest recomputed."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.tables import tables
+from mesh_motion_conformance.wire import Array
+
+__all__ = ["digest", "suite"]
+
+suite = Suite()
+
+_NUMBER = (int, float)
+_STATISTICS = dict.fromkeys(("min", "mean", "p1", "p5", "p50"), _NUMBER)
+_SUMMARY: dict[str, Any] = dict.fromkeys(("size", "skew", "size_skew", "metric"), _STATISTICS) | {
+    "inverted": int, "cells": int, "worst": list,
+}  # fmt: skip
+_WORST: dict[str, Any] = {
+    "partition": int, "type": str, "cell": int, "centre": list, "size": _NUMBER, "skew": _NUMBER,
+    "size_skew": _NUMBER, "metric": _NUMBER,
+}  # fmt: skip
+
+
+def _check(value: Any, wanted: Any, where: str) -> None:
+    """At least these keys, of these types."""
+    if isinstance(wanted, dict):
+        if not isinstance(value, dict):
+            raise Unmet(f"{where}: a map", f"{value!r:.80}")
+        for key, kind in wanted.items():
+            if key not in value:
+                raise Unmet(f"{where}.{key}", f"the keys {sorted(value)}")
+            _check(value[key], kind, f"{where}.{key}")
+    elif (isinstance(value, bool) and wanted is not bool) or not isinstance(value, wanted):
+        raise Unmet(f"{where}: {wanted}", f"{value!r:.80}")
+
+
+def _summary(value: Any, where: str) -> None:
+    """A summary with its worst cells."""
+    _check(value, _SUMMARY, where)
+    if not 0 < len(value["worst"]) <= 10:
+        raise Unmet(f"{where}.worst: at most 10 cells", str(len(value["worst"])))
+    for cell in value["worst"]:
+        _check(cell, _WORST, f"{where}.worst")
+    metrics = [cell["metric"] for cell in value["worst"]]
+    if metrics != sorted(metrics):
+        raise Unmet(f"{where}.worst: worst first", str(metrics))
+    if value["cells"] != 18 or value["inverted"] != 0:
+        raise Unmet(f"{where}: 18 cells, none inverted", f"{value['cells']}, {value['inverted']}")
+    if not all(value[name]["min"] <= value[name]["p50"] for name in ("size", "skew", "size_skew", "metric")):
+        raise Unmet(f"{where}: min ≤ p50", str({name: value[name] for name in ("size", "skew")}))
+
+
+@suite.family
+def reports() -> Iterator[Case]:
+    """15"""
+
+    def run(kind: str, look: Callable[[dict[str, Any]], None]) -> Callable[[Stage], None]:
+        def reported(stage: Stage) -> None:
+            if kind == "BUILD":
+                session = stage.session("READY")
+                if session.built is None:
+                    session = stage.session("READY", "reported")
+                look(session.built.fields if session.built else {})
+            else:
+                look(stage.session("TRIAL" if kind == "COMMIT" else "READY").do(kind).fields)
+
+        return reported
+
+    keys = "Fields of type map in replies have at least these keys"
+    yield Case("15", "COMMITTED-quality", keys, run("COMMIT", lambda f: _summary(f["quality"], "quality")))
+    yield Case("15", "BUILT-quality", keys, run("BUILD", lambda f: _summary(f["quality"], "quality")))
+    yield Case("15", "MOVED-quality", keys, run("MOVE", _moved_quality))
+    for name, wanted in _MOVED.items():
+        yield Case("15", f"MOVED-{name}", keys, run("MOVE", lambda f, n=name, w=wanted: _check(f[n], w, n)))  # type: ignore[misc]
+    yield Case("15", "MOVED-factorization", "factorization is reused or made", run("MOVE", _factorization))
+    yield Case("15", "BUILT-mesh", keys, run("BUILD", _built_mesh))
+
+
+def _factorization(fields: dict[str, Any]) -> None:
+    if fields["caches"]["factorization"] not in ("reused", "made"):
+        raise Unmet("caches.factorization: reused or made", str(fields["caches"]))
+
+
+_MOVED: dict[str, Any] = {
+    "correction": {"method": str, "enrichment_points": int, "freed_nodes": int, "iterations": int, "reached": bool,
+                   "control_points": int, "support_radius": _NUMBER, "sub_steps": int},
+    "caches": {"factorization": str},
+    "seconds": dict.fromkeys(("solve", "predict", "correct", "displace", "total"), _NUMBER),
+}  # fmt: skip
+
+
+def _moved_quality(fields: dict[str, Any]) -> None:
+    quality = fields["quality"]
+    _check(quality, {"metric": str, "threshold": _NUMBER}, "quality")
+    for name in ("standard", "corrected"):
+        _summary(quality[name], f"quality.{name}")
+    metrics = tables().settings["quality_metric"]["choices"]
+    if quality["metric"] not in metrics:
+        raise Unmet(f"quality.metric: one of {metrics}", repr(quality["metric"]))
+
+
+def _built_mesh(fields: dict[str, Any]) -> None:
+    mesh = fields["mesh"]
+    wanted = {"nodes": 16, "cells": {"triangle": 18}, "moving_nodes": 4}
+    if {name: mesh.get(name) for name in wanted} != wanted:
+        raise Unmet(str(wanted), str(mesh))
+    sides = {name: (row["role"], row["nodes"]) for name, row in mesh["patches"].items()}
+    if sides != {"left": ("moving", 4), "right": ("fixed", 4)}:
+        raise Unmet("patches left: moving, 4 nodes; right: fixed, 4 nodes", str(mesh["patches"]))
+    low, high = mesh["box"]
+    if low != [0.0, 0.0] or max(abs(x - 0.3) for x in high) > 1e-15:
+        raise Unmet("box [[0, 0], [0.3, 0.3]]", str(mesh["box"]))
+    _check(mesh, {"warnings": list}, "mesh")
+
+
+@suite("15")
+def LISTED_sessions(stage: Stage) -> None:
+    """LISTED's entries have session, label, state, step, partitions, worker."""
+    session = stage.session("TRIAL")
+    entries = answered(stage.ask(Request("LIST")), "LISTED").fields["sessions"]
+    wanted = {"session": str, "label": str, "state": str, "step": int, "partitions": int, "worker": str}
+    for entry in entries:
+        _check(entry, wanted, "sessions")
+    own = stage.until(
+        lambda: next(
+            e for e in answered(stage.ask(Request("LIST")), "LISTED").fields["sessions"] if e["session"] == session.id
+        ),
+        lambda entry: entry["state"] == "TRIAL",
+    )
+    shown = {name: own[name] for name in ("label", "state", "step", "partitions", "worker")}
+    told = {"label": "conformance", "state": "TRIAL", "step": session.step, "partitions": 1, "worker": "alive"}
+    if shown != told:
+        raise Unmet(str(told), str(shown))
+
+
+@suite("15")
+def details_of_a_refused_quality(stage: Stage) -> None:
+    """FAILED_PRECONDITION.QUALITY tells best, fraction and worst."""
+    session = stage.session("READY")
+    request = session.request("MOVE").carrying(displacement=session.rows(size=50.0))
+    details = refused(session.ask(request), "FAILED_PRECONDITION.QUALITY", state="READY").fields["details"]
+    _check(details, {"best": _NUMBER, "fraction": (int, float, type(None)), "worst": list}, "details")
+    for cell in details["worst"]:
+        _check(cell, {"partition": int, "type": str, "cell": int}, "details.worst")
+
+
+# --- 16 --------------------------------------------------------------------------------------------------------------
+
+
+def digest(step: int, points: Array) -> bytes:
+    """SHA-256 over what section 16's table lists."""
+    text = b"mesh-motion state 1\n" + struct.pack("<qqq", step, *points.shape) + points.astype("<f8").tobytes()
+    return hashlib.sha256(text).digest()
+
+
+@suite.family
+def digests() -> Iterator[Case]:
+    """16"""
+
+    def run(moves: list[float], drop: bool) -> Callable[[Stage], None]:
+        def recomputed(stage: Stage) -> None:
+            session = stage.session("READY")
+            if drop:
+                session.do("MOVE")
+                session.do("ROLLBACK")
+            for size in moves:
+                session.do(session.request("MOVE").carrying(displacement=session.rows(size=size)))
+            committed = session.do("COMMIT").fields
+            wanted = digest(session.step, session.do("FETCH").arrays["points"])
+            if committed["digest"] != wanted:
+                raise Unmet(f"digest {wanted.hex()}", committed["digest"].hex())
+            if committed["durable_step"] > committed["step"]:
+                raise Unmet("durable_step ≤ step", str(committed["durable_step"]))
+
+        return recomputed
+
+    demand = "The digest is SHA-256 over the prefix, step, n, d and the committed coordinates"
+    yield Case("16", "one-move", demand, run([0.01], False))
+    yield Case("16", "last-of-three-moves", demand, run([0.01, 0.02, 0.005], False))
+    yield Case("16", "after-a-rollback", demand, run([-0.01], True))
+    yield Case("16", "no-motion", demand, run([0.0], False))
+
+
+@suite("16")
+def same_state_same_digest_after_resume(stage: Stage) -> None:
+    """After RESUME the committed coordinates are those of the digest."""
+    session = stage.session("TRIAL")
+    committed = session.do("COMMIT").fields["digest"]
+    session.resume()
+    session.join()
+    wanted = digest(session.step, session.do("FETCH").arrays["points"])
+    if committed != wanted:
+        raise Unmet(f"digest {wanted.hex()}", committed.hex())

@@ -1,0 +1,87 @@
+"""The golden vectors, put to a server: what is no message is refused with the vector's code, what is one is not.
+
+They are read from ``mesh_motion_protocol/vectors``, which are part of SPEC.md; nothing else of that package is used.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from importlib.resources import files
+from typing import Any
+
+import msgpack
+
+from mesh_motion_conformance.case import Case, Suite, Unmet
+from mesh_motion_conformance.checks import refused
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+from mesh_motion_conformance.tables import tables
+
+__all__ = ["load_vectors", "suite"]
+
+suite = Suite()
+
+#: What a message that is well-formed may be answered by: its session does not exist, or this is not its place.
+_MALFORMED = ("INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.FRAMES", "INVALID_ARGUMENT.DTYPE", "INVALID_ARGUMENT.SHAPE",
+              "UNIMPLEMENTED.VERSION", "INTERNAL")  # fmt: skip
+
+
+def load_vectors(name: str) -> list[dict[str, Any]]:
+    """``valid`` or ``invalid``: each with ``name``, ``frames`` (bytes) and what they are or cause."""
+    text = files("mesh_motion_protocol").joinpath("vectors", f"{name}.json").read_text(encoding="utf-8")
+    return [case | {"frames": [bytes.fromhex(frame) for frame in case["frames"]]} for case in json.loads(text)]
+
+
+def _kind(frames: list[bytes]) -> str:
+    """The message type, as far as a lenient reader sees one."""
+    try:
+        return str(msgpack.unpackb(frames[0], raw=False, strict_map_key=False)["type"])
+    except Exception:
+        return "PING"
+
+
+def _is_request(kind: str) -> bool:
+    return kind in tables().requests or kind not in tables().messages
+
+
+@suite.family
+def invalid() -> Iterator[Case]:
+    """Frames that are no message."""
+
+    def run(vector: dict[str, Any], at_data: bool) -> Callable[[Stage], None]:
+        def refuse(stage: Stage) -> None:
+            line = stage.session("READY").lines[0] if at_data else stage.control
+            stage.put(line, vector["frames"])
+            refused(line.receive(), vector["error"])
+
+        return refuse
+
+    for vector in load_vectors("invalid"):
+        kind = _kind(vector["frames"])
+        if _is_request(kind):
+            at_data = tables().requests.get(kind, {}).get("endpoint") == "data"
+            yield Case(vector["section"], f"vector-{vector['name']}", vector["why"], run(vector, at_data))
+
+
+@suite.family
+def valid() -> Iterator[Case]:
+    """Frames that are a request."""
+
+    def run(vector: dict[str, Any], at_data: bool) -> Callable[[Stage], None]:
+        def understood(stage: Stage) -> None:
+            line = stage.session("READY").connect() if at_data else stage.line()
+            stage.put(line, vector["frames"])
+            reply = line.receive(stage.opening_seconds)
+            line.close()
+            code = reply.fields.get("code", "")
+            if code in _MALFORMED:
+                raise Unmet(f"{vector['message']['type']} to be understood", show(reply))
+
+        return understood
+
+    for vector in load_vectors("valid"):
+        kind = vector["message"]["type"]
+        if kind in tables().requests and kind != "OPEN":
+            at_data = tables().requests[kind]["endpoint"] == "data"
+            yield Case(vector["section"], f"vector-{vector['name']}", f"the frames are a {kind}", run(vector, at_data))

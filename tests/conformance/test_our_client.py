@@ -1,0 +1,16 @@
+"""Our client meets every demand of SPEC.md that a scripted server can put to it."""
+
+import shlex
+import sys
+
+import pytest
+from mesh_motion_conformance.command import Subject, conform
+
+DRIVER = shlex.join([sys.executable, "-m", "mesh_motion_client.conformance"])
+
+
+@pytest.mark.slow
+def test_every_scenario():
+    lines = []
+    outcomes = conform(Subject(client=DRIVER), lines.append, quiet=True)
+    assert [outcome.case.id for outcome in outcomes if outcome.verdict != "PASS"] == [], "\n".join(lines)

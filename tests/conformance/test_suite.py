@@ -1,0 +1,156 @@
+"""The suite itself: made from the document, its cases named by it, its report readable."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mesh_motion_conformance.__main__ import main
+from mesh_motion_conformance.case import Case, Outcome, Skip, Unmet, section_order
+from mesh_motion_conformance.client import client_cases
+from mesh_motion_conformance.line import Silence
+from mesh_motion_conformance.report import line_of, summary
+from mesh_motion_conformance.runner import run, selected
+from mesh_motion_conformance.server import server_cases
+from mesh_motion_conformance.spec_tables import TABLES, read_spec, rendered
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEC = ROOT / "protocol" / "SPEC.md"
+README = ROOT / "protocol" / "conformance" / "README.md"
+
+
+def counts(cases):
+    """The README's rows: a section with its number of cases and its title."""
+    titles = dict(re.findall(r"^## (\d+) (.+)$", SPEC.read_text(encoding="utf-8"), re.MULTILINE))
+    sections = [case.section.partition(".")[0] for case in cases]
+    return "".join(
+        f"| {s} | {sections.count(s)} | {titles[s]} |\n" for s in sorted(set(sections), key=section_order)
+    ) + (f"| all | {len(cases)} | |\n")
+
+
+def test_the_tables_are_those_of_the_document():
+    assert rendered(read_spec(SPEC.read_text(encoding="utf-8"))) == TABLES.read_text(encoding="utf-8"), (
+        "run python protocol/render_spec.py"
+    )
+
+
+@pytest.mark.parametrize("cases", [server_cases(), client_cases()], ids=["server", "client"])
+def test_every_case_is_named_by_a_sentence_of_the_document(cases):
+    ids = [case.id for case in cases]
+    assert len(set(ids)) == len(ids)
+    text = SPEC.read_text(encoding="utf-8")
+    for case in cases:
+        section, _, sentence = case.section.partition(".")
+        part = re.search(rf"^## {section} .*?(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+        assert part, case.id
+        assert not sentence or re.search(rf"^{sentence}\. ", part[0], re.MULTILINE), case.id
+        assert case.demand, case.id
+
+
+def test_there_are_at_least_600_cases():
+    assert len(server_cases()) >= 600
+    assert len(client_cases()) >= 60
+
+
+def test_the_readme_counts_the_cases_and_not_too_many():
+    text = README.read_text(encoding="utf-8")
+    for name, cases in (("server", server_cases()), ("client", client_cases())):
+        block = re.search(rf"<!-- counts: {name} -->\n(.*?)<!-- end -->", text, re.DOTALL)
+        said, true = (re.findall(r"^\| (\w+) \| (\d+) \|", rows, re.MULTILINE) for rows in (block[1], counts(cases)))
+        assert [section for section, _ in said] == [section for section, _ in true]
+        assert all(int(a) <= int(b) for (_, a), (_, b) in zip(said, true, strict=True)), counts(cases)
+
+
+def test_it_imports_neither_the_server_nor_what_computes():
+    code = "import mesh_motion_conformance.command, sys; print(*sys.modules)"
+    paths = [str(ROOT / "protocol" / "conformance"), str(ROOT / "protocol")]
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path[:0] = {paths!r}; {code}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert not loaded & {"mesh_motion_server", "mesh_motion_client", "numba", "scipy", "pydantic", "typer"}
+    assert not any(name.startswith("mesh_motion_protocol.codec") for name in done.stdout.split())
+
+
+def test_no_case_is_made_from_the_implementation():
+    folder = ROOT / "protocol" / "conformance" / "mesh_motion_conformance"
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not [n for n in names if n.startswith(("mesh_motion_protocol", "mesh_motion_client"))], path
+
+
+class Plain:
+    """A stage that does nothing."""
+
+    sent = "PING #1 {}"
+
+    def between(self):
+        pass
+
+    def mend(self):
+        pass
+
+
+def case(section, name, run=lambda stage: None):
+    return Case(section, name, "a demand", run)
+
+
+def raising(error):
+    def run(stage):
+        raise error
+
+    return run
+
+
+def test_outcomes_and_their_lines():
+    cases = [
+        case("2.1", "good"),
+        case("2.2", "bad", raising(Unmet("PONG", "ERROR #1 {}"))),
+        case("10", "odd", raising(KeyError("step"))),
+        case("10", "skipped", raising(Skip("no disk to break"))),
+    ]
+    outcomes = run(cases, Plain())
+    assert [outcome.verdict for outcome in outcomes] == ["PASS", "FAIL", "FAIL", "SKIP"]
+    text = line_of(outcomes[1])
+    assert text.splitlines()[0] == "FAIL 2.2-bad: a demand"
+    assert [line.split()[0] for line in text.splitlines()[1:]] == ["sent", "expected", "got"]
+    assert "no disk to break" in line_of(outcomes[3])
+    assert [row.split()[0] for row in summary(outcomes).splitlines()] == ["2", "10", "all,"]
+
+
+@pytest.mark.parametrize(
+    ("only", "ids"),
+    [
+        ([], ["1-a", "10-b", "10.2-c", "10.20-d"]),
+        (["10"], ["10-b", "10.2-c", "10.20-d"]),
+        (["10.2"], ["10.2-c"]),
+        (["10.2-c", "1"], ["1-a", "10.2-c"]),
+        (["9"], []),
+    ],
+)
+def test_selection(only, ids):
+    cases = [case("1", "a"), case("10", "b"), case("10.2", "c"), case("10.20", "d")]
+    assert [c.id for c in selected(cases, only)] == ids
+
+
+def test_a_server_that_falls_silent_does_not_take_all_day():
+    silent = [case("2", f"number-{n}", raising(Silence("no reply"))) for n in range(40)]
+    outcomes: list[Outcome] = run(silent, Plain())
+    assert [o.verdict for o in outcomes] == ["FAIL"] * 10 + ["SKIP"] * 30
+
+
+def test_command_lists_cases(capsys):
+    assert main(["--endpoint", "tcp://127.0.0.1:1", "--list", "--only", "16"]) == 0
+    assert all(line.startswith("16-") for line in capsys.readouterr().out.splitlines())
+
+
+def test_command_without_anybody_there_ends_with_1(capsys):
+    assert main(["--endpoint", "tcp://127.0.0.1:1", "--only", "19-PING", "--timeout", "0.2"]) == 1
+    assert "FAIL 19-PING-byte-by-byte-at-control" in capsys.readouterr().out
