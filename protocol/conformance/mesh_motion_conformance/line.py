@@ -56,7 +56,9 @@ class Line:
         return self.sequence
 
     def send(self, frames: Sequence[bytes]) -> None:
-        """One multipart message."""
+        """One multipart message; :class:`Ended` over a connection that was closed from here."""
+        if self.closed:
+            raise Ended("the connection is closed")
         self._socket.send_multipart(list(frames))
 
     def send_part(self, frame: bytes) -> None:
