@@ -1,7 +1,7 @@
 """The server's own parts in one thread: what a seeded fault in any of them looks like from outside, in milliseconds.
 
-Gateway, control, workers and session hosts are the real ones; only the processes between them are left out, and the model
-is one that computes next to nothing.
+Gateway, control, workers and session hosts are the real ones; only the processes between them are left out, and the
+model is one that computes next to nothing.
 """
 
 import contextlib
