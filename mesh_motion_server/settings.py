@@ -99,6 +99,7 @@ class ServerSettings(_Strict):
 
     endpoint: str = "tcp://127.0.0.1:7440"
     state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")
+    keys_folder: Annotated[Path | None, Field(strict=False)] = None
     max_sessions: Annotated[int, Field(ge=1)] = 64
     max_partitions: Annotated[int, Field(ge=1, le=256)] = 256
     max_session_bytes: Annotated[int, Field(ge=1 << 10)] = 4 << 30

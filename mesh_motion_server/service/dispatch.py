@@ -163,13 +163,15 @@ class SessionHost:
 
     def handle(self, envelope: Envelope) -> list[Envelope]:
         """The replies that are due because of this request; an error is a reply too."""
-        try:
-            replies = self._handle(envelope)
-        except Exception as error:
-            refusal = error_reply(envelope.message, known_error(error), self._session)
-            replies = [Envelope(envelope.peer, refusal)]
-        self._counts.update(reply.message.type for reply in replies)
-        return replies
+        return self._answered(envelope, self._handle)
+
+    def oversee(self, envelope: Envelope) -> list[Envelope]:
+        """STATUS and CLOSE of a user who need not have joined; transport has checked the right to it.
+
+        STATUS tells no coordinates. CLOSE is for all partitions: those that wait are answered ABORTED, and the session
+        is closed.
+        """
+        return self._answered(envelope, self._oversee)
 
     def expire(self, now: float) -> list[Envelope]:
         """Answer a collective request that has waited too long; nothing was changed by it."""
@@ -212,6 +214,28 @@ class SessionHost:
         self._end(discard=False)
 
     # --- inside ----------------------------------------------------------------------------------------------------
+
+    def _answered(self, envelope: Envelope, answer: Callable[[Envelope], list[Envelope]]) -> list[Envelope]:
+        """The replies, or the error."""
+        try:
+            replies = answer(envelope)
+        except Exception as error:
+            refusal = error_reply(envelope.message, known_error(error), self._session)
+            replies = [Envelope(envelope.peer, refusal)]
+        self._counts.update(reply.message.type for reply in replies)
+        return replies
+
+    def _oversee(self, envelope: Envelope) -> list[Envelope]:
+        request, peer = envelope.message, envelope.peer
+        if isinstance(request, Status):
+            self._holders.check_address(request)
+            reply = status.answer(self._session, request, self._execution.missing, dict(self._counts))
+            return [Envelope(peer, status.without_places(reply))]
+        if isinstance(request, Close):
+            self._holders.check_address(request)
+            self._holders.clear()
+            return self._close_partition(peer, request)
+        raise SessionError(f"{request.type} needs a JOIN", code="PERMISSION_DENIED")
 
     def _handle(self, envelope: Envelope) -> list[Envelope]:
         request, peer = envelope.message, envelope.peer

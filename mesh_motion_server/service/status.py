@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+from dataclasses import replace
 
 import msgpack
 from mesh_motion_protocol.messages import Status, StatusReport
@@ -10,7 +11,7 @@ from mesh_motion_protocol.messages import Status, StatusReport
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
-__all__ = ["answer"]
+__all__ = ["answer", "without_places"]
 
 
 def answer(session: Session, request: Status, waiting_for: list[int], counts: dict[str, int]) -> StatusReport:
@@ -43,3 +44,9 @@ def answer(session: Session, request: Status, waiting_for: list[int], counts: di
         waiting_for=waiting_for,
         report=report,
     )
+
+
+def without_places(reply: StatusReport) -> StatusReport:
+    """The same without the worst cells, which have coordinates: how a session does, and nothing of its mesh."""
+    quality = {key: value for key, value in reply.report.get("quality", {}).items() if key != "worst"}
+    return replace(reply, report=reply.report | ({"quality": quality} if quality else {}))

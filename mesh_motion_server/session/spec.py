@@ -31,6 +31,8 @@ class SessionSpec:
     label : str
     durability : str
         One of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
+    owner : str
+        The public key of who opened it; empty on a server without keys.
     """
 
     session: str
@@ -40,15 +42,16 @@ class SessionSpec:
     settings: MethodSettings = field(default_factory=MethodSettings)
     label: str = ""
     durability: str = "full"
+    owner: str = ""
 
 
 @dataclass(frozen=True)
 class StoredSpec:
-    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here.
+    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here; no owner, no key.
 
     Attributes
     ----------
-    session, label, durability : str
+    session, label, durability, owner : str
     token_sha256 : str
         Hexadecimal.
     dimension, partitions : int
@@ -63,6 +66,7 @@ class StoredSpec:
     settings: MethodSettings
     label: str
     durability: str
+    owner: str = ""
 
     @classmethod
     def of(cls, spec: SessionSpec) -> StoredSpec:
@@ -75,6 +79,7 @@ class StoredSpec:
             settings=spec.settings,
             label=spec.label,
             durability=spec.durability,
+            owner=spec.owner,
         )
 
     def admits(self, token: bytes) -> bool:
@@ -85,6 +90,8 @@ class StoredSpec:
         """The file's content."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         values |= {"format": _FORMAT, "settings": self.settings.model_dump()}
+        if not self.owner:
+            del values["owner"]
         return json.dumps(values, indent=1, sort_keys=True, allow_nan=False).encode() + b"\n"
 
     @classmethod

@@ -48,6 +48,8 @@ class StoredSession:
     dimension, partitions, step : int
     state : State
         READY, or FAILED when its files do not verify.
+    owner : str
+        The public key of who opened it, empty where there are no keys.
     """
 
     session: str
@@ -56,6 +58,7 @@ class StoredSession:
     partitions: int
     step: int
     state: State
+    owner: str = ""
 
 
 class SessionFolder:
@@ -184,6 +187,18 @@ class SessionStore:
             self._files.close(lock)
             raise
 
+    def owner(self, session: str) -> str | None:
+        """The public key of a stored session's owner, ``""`` if it was opened without keys; None: no such session.
+
+        Raises
+        ------
+        JournalError
+            If the session's spec cannot be read.
+        """
+        if not _SESSION_ID.fullmatch(session) or not self._files.exists(self._sessions / session / MANIFEST):
+            return None
+        return self._read_spec(self._sessions / session).owner
+
     def check_token(self, session: str, token: bytes) -> StoredSpec:
         """The spec of a session whose token this is.
 
@@ -263,12 +278,14 @@ class SessionStore:
             raise JournalError(f"the session's spec cannot be read: {error.strerror or error}") from error
 
     def _describe(self, path: Path) -> StoredSession:
+        owner = ""
         try:
             spec = self._read_spec(path)
+            owner = spec.owner
             step = read_ledger(path, self._files).step
         except MeshMotionError:
-            return StoredSession(path.name, "", 0, 0, 0, State.FAILED)
-        return StoredSession(path.name, spec.label, spec.dimension, spec.partitions, step, State.READY)
+            return StoredSession(path.name, "", 0, 0, 0, State.FAILED, owner)
+        return StoredSession(path.name, spec.label, spec.dimension, spec.partitions, step, State.READY, spec.owner)
 
 
 def _not_found(session: str) -> SessionError:

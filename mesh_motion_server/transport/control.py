@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import secrets
 import time
+from collections import deque
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, Probe, Probed, Resume, Resumed
 
-from mesh_motion_server.errors import InvalidInput, MeshMotionError, ResourceError
+from mesh_motion_server.errors import InvalidInput, JournalError, MeshMotionError, ResourceError
+from mesh_motion_server.security.allow_list import Access
+from mesh_motion_server.security.authorisation import Verdict, decide, not_found, refusal
 from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook
@@ -28,6 +32,9 @@ _START_SECONDS = 600.0
 #: A live worker that shall take a new holder but computes for the old one has this long, seconds; then it is killed,
 #: for the trial that it computes is lost anyway, and another one resumes from the journal.
 _RECLAIM_SECONDS = 5.0
+#: NOT_FOUND is told so long after the question: longer than looking a session up takes, so that the time tells nothing.
+_NOT_FOUND_SECONDS = 0.05
+_SEEN = (Verdict.USE, Verdict.OVERSEE)
 
 
 class Control:
@@ -41,6 +48,8 @@ class Control:
         Order for a worker → the child that has it.
     send : callable
         Peer and frame → to the gateway.
+    access : Access
+        Which roles a user has.
     """
 
     def __init__(
@@ -49,32 +58,40 @@ class Control:
         settings: ServerSettings,
         start: Callable[[dict[str, Any]], Child],
         send: Callable[[bytes, bytes], None],
+        access: Access,
     ) -> None:
         self.registry = registry
         self.draining = False
         self._settings = settings
         self._start = start
         self._send = send
+        self._access = access
         self._book = RequestBook()
+        self._asked_at = 0.0
+        self._later: deque[tuple[float, bytes, bytes]] = deque()
 
     # --- requests ----------------------------------------------------------------------------------------------------
 
-    def request(self, peer: bytes, frame: bytes) -> None:
-        """Take a control request that the gateway has checked."""
+    def request(self, peer: bytes, user: str, frame: bytes) -> None:
+        """Take a control request that the gateway has checked; ``user`` is the key that it came under."""
+        self._asked_at = time.monotonic()
         request = decode([frame])
         try:
             if isinstance(request, List):
-                self._reply(peer, self._list(request))
+                self._reply(peer, self._list(request, user))
             elif isinstance(request, Probe):
-                self._reply(peer, self._probe(request))
+                self._reply(peer, self._probe(request, user))
             else:
-                self._once(peer, request)
+                self._once(peer, user, request)
         except MeshMotionError as error:
-            self._reply(peer, error_reply(request, error))
+            self._reply_error(peer, request, error)
 
-    def _once(self, peer: bytes, request: Message) -> None:
-        """OPEN and RESUME execute once per request id."""
-        asked, new = self._book.enter(peer, request)
+    def _once(self, peer: bytes, user: str, request: Message) -> None:
+        """OPEN and RESUME execute once per user and request id."""
+        verdict = decide(self._access.roles(user), request.type, own=True)
+        if verdict is not Verdict.USE:
+            raise refusal(verdict, request.type)
+        asked, new = self._book.enter(peer, user, request)
         if asked.reply is not None:
             self._send(peer, asked.reply)
         if not new:
@@ -105,12 +122,20 @@ class Control:
                 "method": request.settings,
                 "label": request.label,
                 "durability": durability,
+                "owner": asked.user,
             }
         )
-        live = Live(session, token, child, request.label, request.partitions)
+        live = Live(session, token, asked.user, child, request.label, request.partitions)
         self._expect(live, asked)
         self.registry.live[session] = live
-        log().info("open", session=session, label=request.label, partitions=request.partitions, worker=child.pid)
+        log().info(
+            "open",
+            session=session,
+            label=request.label,
+            partitions=request.partitions,
+            worker=child.pid,
+            owner=self._access.name(asked.user),
+        )
 
     def _check_open(self, request: Open) -> str:
         """Refuse what can be refused before a worker is taken; the durability in force."""
@@ -142,11 +167,10 @@ class Control:
             )
 
     def _resume(self, asked: Asked, request: Resume) -> None:
-        live = self.registry.authorised(request.session, request.token)
+        live = self._found(request, asked.user)
         if live is None:
             self._check_room()
-            child = self._start({"order": "resume", "session": request.session, "token": request.token})
-            live = Live(request.session, request.token, child)
+            live = Live(request.session, request.token, asked.user, self._start(_resume_order(request, asked.user)))
             self.registry.live[request.session] = live
             self._expect(live, asked)
         elif live.asked is not None:
@@ -162,19 +186,48 @@ class Control:
     def _restart(self, live: Live, asked: Asked) -> None:
         """Another worker for a session whose worker is gone, from its journal."""
         live.status, live.reclaiming = "starting", False
-        live.child = self._start({"order": "resume", "session": live.session, "token": live.token})
+        live.child = self._start(_resume_order(live, live.owner))
         self._expect(live, asked)
         log().info("resume", session=live.session, worker=live.child.pid)
 
     def _expect(self, live: Live, asked: Asked, *, seconds: float = _START_SECONDS) -> None:
         live.asked, live.deadline = asked, time.monotonic() + seconds
 
-    def _list(self, request: List) -> Listed:
-        sessions, more = self.registry.page(request.after)
+    def _found(self, request: Resume | Probe, user: str) -> Live | None:
+        """The session that a request is about, None for one that only the store has.
+
+        Raises
+        ------
+        SessionError
+            NOT_FOUND alike for an unknown session, a wrong token, and somebody else's session.
+        """
+        verdict = decide(self._access.roles(user), request.type, own=self._is_own(request.session, user))
+        if verdict is Verdict.USE:
+            return self.registry.authorised(request.session, request.token)
+        if verdict is Verdict.OVERSEE:
+            return self.registry.overseen(request.session)
+        raise refusal(verdict, request.type, request.session)
+
+    def _is_own(self, session: str, user: str) -> bool:
+        try:
+            return self.registry.owner(session) == user
+        except JournalError:
+            if user:
+                return False  # who owns it cannot be read: nobody
+            raise
+
+    def _list(self, request: List, user: str) -> Listed:
+        roles = self._access.roles(user)
+        sees = {own: decide(roles, request.type, own=own) for own in (True, False)}
+        if sees[True] not in _SEEN:
+            raise refusal(sees[True], request.type)
+        page, more = self.registry.page(request.after, lambda owner: sees[owner == user] in _SEEN)
+        named = sees[False] in _SEEN
+        sessions = [entry | ({"owner": self._access.name(owner)} if named else {}) for owner, entry in page]
         return Listed(client=request.client, sequence=request.sequence, sessions=sessions, more=more)
 
-    def _probe(self, request: Probe) -> Probed:
-        live = self.registry.authorised(request.session, request.token)
+    def _probe(self, request: Probe, user: str) -> Probed:
+        live = self._found(request, user)
         worker, epoch, endpoint = (live.status, live.epoch, live.endpoint) if live else ("none", 0, "")
         return Probed(
             client=request.client,
@@ -258,6 +311,9 @@ class Control:
 
     def keep_time(self, now: float) -> None:
         """Kill workers that did not start or did not take the new holder in time; :meth:`gone` then goes on."""
+        while self._later and self._later[0][0] <= now:
+            _, peer, frame = self._later.popleft()
+            self._send(peer, frame)
         for live in self.registry.live.values():
             if live.deadline is not None and live.deadline <= now:
                 live.deadline = None
@@ -265,7 +321,8 @@ class Control:
 
     def next_deadline(self) -> float | None:
         """When :meth:`keep_time` will have something to do."""
-        return min((live.deadline for live in self.registry.live.values() if live.deadline), default=None)
+        deadlines = [live.deadline for live in self.registry.live.values() if live.deadline]
+        return min(deadlines + [when for when, _, _ in islice(self._later, 1)], default=None)
 
     # --- replies -----------------------------------------------------------------------------------------------------
 
@@ -275,10 +332,23 @@ class Control:
 
     def _refuse(self, asked: Asked, error: MeshMotionError) -> None:
         self._book.forget(asked)
-        self._reply(asked.peer, error_reply(asked.request, error))
+        self._reply_error(asked.peer, asked.request, error)
+
+    def _reply_error(self, peer: bytes, request: Message, error: MeshMotionError) -> None:
+        """An error; NOT_FOUND in the same words and after the same time, whatever there was to look up."""
+        if error.code == "NOT_FOUND":
+            reply = error_reply(request, not_found(getattr(request, "session", "")))
+            self._later.append((self._asked_at + _NOT_FOUND_SECONDS, peer, bytes(encode(reply)[0])))
+            return
+        self._reply(peer, error_reply(request, error))
 
     def _reply(self, peer: bytes, reply: Message) -> None:
         self._send(peer, bytes(encode(reply)[0]))
+
+
+def _resume_order(session: Resume | Live, owner: str) -> dict[str, Any]:
+    """For a worker that shall take a stored session up."""
+    return {"order": "resume", "session": session.session, "token": session.token, "owner": owner}
 
 
 def _remove_socket(endpoint: str) -> None:

@@ -148,7 +148,9 @@ def bind(socket: zmq.Socket[bytes], address: str) -> str:
     return where.rstrip(b"\0").decode() if isinstance(where, bytes) else address
 
 
-def router(context: zmq.Context[zmq.Socket[bytes]], *, message_bytes: int, queued: int) -> zmq.Socket[bytes]:
+def router(
+    context: zmq.Context[zmq.Socket[bytes]], *, message_bytes: int, queued: int, handshake_seconds: float
+) -> zmq.Socket[bytes]:
     """A ROUTER socket with every bound set.
 
     Parameters
@@ -158,6 +160,8 @@ def router(context: zmq.Context[zmq.Socket[bytes]], *, message_bytes: int, queue
         Largest frame; a peer that announces more is disconnected before memory is taken.
     queued : int
         Messages queued per peer and direction.
+    handshake_seconds : float
+        A connection that has not said who it is by then is closed.
     """
     socket = context.socket(zmq.ROUTER)
     socket.setsockopt(zmq.MAXMSGSIZE, message_bytes)
@@ -165,7 +169,7 @@ def router(context: zmq.Context[zmq.Socket[bytes]], *, message_bytes: int, queue
     socket.setsockopt(zmq.SNDHWM, queued)
     socket.setsockopt(zmq.ROUTER_HANDOVER, 0)
     socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
-    socket.setsockopt(zmq.HANDSHAKE_IVL, 5_000)
+    socket.setsockopt(zmq.HANDSHAKE_IVL, max(1, round(1000 * handshake_seconds)))
     socket.setsockopt(zmq.HEARTBEAT_IVL, 10_000)
     socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 30_000)
     socket.setsockopt(zmq.LINGER, 5_000)

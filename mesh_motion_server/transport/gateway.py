@@ -2,12 +2,16 @@
 
 It decodes, answers HELLO and PING itself and passes OPEN, RESUME, LIST, PROBE on to the supervisor, which knows the
 sessions. It holds nothing, so the supervisor may start it again at any time.
+
+On a server with keys it also decides every handshake, its own and the workers' (:mod:`.authenticator`), and shows
+itself that it does before it says that it is bound (:mod:`.self_test`).
 """
 
 from __future__ import annotations
 
 import contextlib
 import sys
+from pathlib import Path
 from typing import Any
 
 import zmq
@@ -18,10 +22,15 @@ from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import CONTROL, Hello, Message, Ping, Pong, Welcome
 
 from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.security.allow_list import AllowList
+from mesh_motion_server.security.authorisation import Verdict, refusal
+from mesh_motion_server.transport.authenticator import Authenticator
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
-from mesh_motion_server.transport.processes import die_with_parent, limit_address_space
+from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, limit_descriptors
+from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
 from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
+from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
 from mesh_motion_server.transport.telemetry import configure, log
 
 __all__ = ["Gateway", "main"]
@@ -29,6 +38,8 @@ __all__ = ["Gateway", "main"]
 #: Beyond what Python and zmq map: queues of headers.
 _MEMORY = 512 << 20
 _QUEUED = 32
+#: Open files and connections; beyond it new connections wait in the kernel until some have ended.
+_DESCRIPTORS = 4096
 
 
 class Gateway:
@@ -42,18 +53,35 @@ class Gateway:
         Bound ROUTER.
     welcome : dict
         What WELCOME says: server, boot, limits, durability.
+    protection : Protection, optional
+        Of the socket, on a server with keys.
+    insecure : bool
+        Whether other machines reach it without keys: its greetings are counted.
     """
 
-    def __init__(self, channel: Channel, socket: zmq.Socket[bytes], welcome: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        channel: Channel,
+        socket: zmq.Socket[bytes],
+        welcome: dict[str, Any],
+        *,
+        protection: Protection | None = None,
+        insecure: bool = False,
+    ) -> None:
         self._channel = channel
         self._socket = socket
         self._welcome = welcome
+        self._protection = protection
+        self._access = Protection.access(protection)
+        self._insecure_hellos = 0 if insecure else None
 
-    def run(self) -> None:
+    def run(self, authenticator: Authenticator | None = None) -> None:
         """Work until the supervisor closes the channel."""
         poller = zmq.Poller()
         poller.register(self._socket, zmq.POLLIN)
         poller.register(self._channel.fileno(), zmq.POLLIN)
+        if authenticator is not None:
+            poller.register(authenticator.socket, zmq.POLLIN)
         while True:
             ready = dict(poller.poll())
             if self._channel.fileno() in ready:
@@ -61,25 +89,42 @@ class Gateway:
                 if order is None:
                     return
                 self._send(order["peer"], [order["frame"]])
+            if authenticator is not None and authenticator.socket in ready:
+                authenticator.answer()
             if self._socket in ready:
                 self._receive()
 
     def _receive(self) -> None:
-        peer, *frames = self._socket.recv_multipart()
+        peer, *parts = self._socket.recv_multipart(copy=False)
+        self._take(peer.bytes, user_of(parts[-1] if parts else peer, self._protection), [p.bytes for p in parts])
+
+    def _take(self, peer: bytes, user: str, frames: list[bytes]) -> None:
+        """One request of a user."""
         try:
             request = decode(frames)
         except ProtocolError as error:
             log().warning("refused", code=error.code, frames=len(frames))
             self._reply(peer, undecodable(error))
             return
+        try:
+            self._check_known(request, user)
+        except MeshMotionError as error:
+            self._reply(peer, error_reply(request, error))
+            return
         if isinstance(request, Hello):
             self._reply(peer, self._greet(request))
         elif isinstance(request, Ping):
             self._reply(peer, Pong(client=request.client, sequence=request.sequence))
         elif request.type in CONTROL:
-            self._channel.send({"peer": peer, "frame": frames[0]})
+            self._channel.send({"peer": peer, "user": user, "frame": frames[0]})
         else:
             self._reply(peer, unexpected(request, "control"))
+
+    def _check_known(self, request: Message, user: str) -> None:
+        """Raise for a key that has been taken off the allow-list since it connected."""
+        roles = self._access.roles(user)
+        if not roles:
+            raise refusal(Verdict.UNKNOWN, request.type)
 
     def _greet(self, hello: Hello) -> Message:
         """WELCOME with the common version, or the versions we speak."""
@@ -92,6 +137,9 @@ class Gateway:
                 details={"versions": [[major, minor]]},
             )
             return error_reply(hello, error)
+        if self._insecure_hellos is not None:
+            self._insecure_hellos += 1
+            log().warning("insecure_hello", count=self._insecure_hellos)
         log().info("hello", agent=hello.agent)
         version = [major, min(minor, max(theirs))]
         return Welcome(client=hello.client, sequence=hello.sequence, version=version, features=[], **self._welcome)
@@ -113,19 +161,55 @@ def main(arguments: list[str]) -> int:
     order = channel.receive()
     if order is None:
         return 0
+    limit_descriptors(_DESCRIPTORS)
+    protection = Protection.of_order(order)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    socket = router(context, message_bytes=HEADER_BYTES, queued=_QUEUED)
+    authenticator = _authenticator(context, protection)
+    socket = router(context, message_bytes=HEADER_BYTES, queued=_QUEUED, handshake_seconds=order["handshake_seconds"])
     try:
-        endpoint = bind(socket, Endpoint.parse(order["endpoint"]).address)
-    except zmq.ZMQError as error:
-        channel.send({"event": "unbound", "reason": str(error)})
+        endpoint = _listen(socket, order["endpoint"], protection, authenticator)
+    except (zmq.ZMQError, ProtectionError) as error:
+        channel.send({"event": "unbound", "reason": str(error), "unprotected": isinstance(error, ProtectionError)})
         return 1
     channel.send({"event": "bound", "endpoint": endpoint})
     limit_address_space(_MEMORY)
-    Gateway(channel, socket, order["welcome"]).run()
+    gateway = Gateway(channel, socket, order["welcome"], protection=protection, insecure=order["insecure"])
+    gateway.run(authenticator)
     socket.close(linger=1000)
+    if authenticator is not None:
+        authenticator.close()
     context.term()
     return 0
+
+
+def _authenticator(context: zmq.Context[zmq.Socket[bytes]], protection: Protection | None) -> Authenticator | None:
+    """On a server with keys: who decides handshakes."""
+    if protection is None:
+        return None
+    keep_secrets_out_of_core_files()
+    return Authenticator(context, AllowList(Path(protection.allow_list)), protection.handshakes)
+
+
+def _listen(
+    socket: zmq.Socket[bytes], address: str, protection: Protection | None, authenticator: Authenticator | None
+) -> str:
+    """Bind; with keys only if real connections show that they matter.
+
+    Raises
+    ------
+    ProtectionError
+    """
+    if protection is None or authenticator is None:
+        return bind(socket, Endpoint.parse(address).address)
+    protection.protect(socket)
+    endpoint = bind(socket, Endpoint.parse(address).address)
+    public, secret = zmq.curve_keypair()
+    authenticator.guest = public.decode()
+    check_admits(endpoint, protection, secret, authenticator.answer_waiting)
+    authenticator.guest = ""
+    check_refuses(endpoint, protection, authenticator.answer_waiting)
+    log().info("self_test_passed", endpoint=endpoint)
+    return endpoint
 
 
 if __name__ == "__main__":

@@ -39,6 +39,9 @@ class SessionHost(Protocol):
     def handle(self, envelope: Envelope) -> Sequence[Envelope]:
         """Replies that are due because of this request."""
 
+    def oversee(self, envelope: Envelope) -> Sequence[Envelope]:
+        """Replies to STATUS or CLOSE of a user who may make them without having joined."""
+
     def expire(self, now: float) -> Sequence[Envelope]:
         """Replies to requests that waited too long."""
 

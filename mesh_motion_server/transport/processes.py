@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from mesh_motion_server.transport.channel import Channel
 
-__all__ = ["Child", "die_with_parent", "limit_address_space", "spawn", "wake_on_signals"]
+__all__ = ["Child", "die_with_parent", "limit_address_space", "limit_descriptors", "spawn", "wake_on_signals"]
 
 _PR_SET_PDEATHSIG = 1
 
@@ -90,6 +90,13 @@ def limit_address_space(allowance: int) -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         limit = mapped + allowance
         resource.setrlimit(resource.RLIMIT_AS, (limit if hard < 0 else min(limit, hard), hard))
+
+
+def limit_descriptors(count: int) -> None:
+    """Bound the open files and connections; further connections then wait until some have ended."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    limit = count if hard < 0 else min(count, hard)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
 
 
 def _mapped_bytes() -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hmac
 from collections import OrderedDict, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,7 @@ from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import Message
 
 from mesh_motion_server.errors import MeshMotionError, SessionError
+from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.transport.processes import Child
 
 __all__ = ["Asked", "Live", "Registry", "RequestBook"]
@@ -29,6 +31,7 @@ class Asked:
     """A control request and where its reply goes: the newest connection that sent it."""
 
     peer: bytes
+    user: str
     request: Message
     content: bytes
     reply: bytes | None = None
@@ -38,13 +41,15 @@ class Asked:
 class Live:
     """A session that has, or had since this server started, a worker.
 
-    ``status`` is PROBED's ``worker``: starting, alive or dead. ``asked`` is the OPEN or RESUME that waits for the
-    worker; ``deadline`` is when that wait ends; ``queue`` holds further RESUMEs. ``failure`` and ``over`` are the
-    worker's last words: why it could not start, that it ended as it should.
+    ``owner`` is the public key of who opened it, empty on a server without keys. ``status`` is PROBED's ``worker``:
+    starting, alive or dead. ``asked`` is the OPEN or RESUME that waits for the worker; ``deadline`` is when that wait
+    ends; ``queue`` holds further RESUMEs. ``failure`` and ``over`` are the worker's last words: why it could not start,
+    that it ended as it should.
     """
 
     session: str
     token: bytes = field(repr=False)
+    owner: str
     child: Child
     label: str = ""
     partitions: int = 1
@@ -68,12 +73,15 @@ class Live:
 
 
 class RequestBook:
-    """Control requests by id: a repeat gets the stored reply, or takes the place of the one that still waits."""
+    """Control requests by user and id: a repeat gets the stored reply, or takes the place of the one that waits.
+
+    The ids are the users' own: nobody gets a reply, and the token in it, by using another one's id.
+    """
 
     def __init__(self) -> None:
-        self._known: OrderedDict[tuple[bytes, int], Asked] = OrderedDict()
+        self._known: OrderedDict[tuple[str, bytes, int], Asked] = OrderedDict()
 
-    def enter(self, peer: bytes, request: Message) -> tuple[Asked, bool]:
+    def enter(self, peer: bytes, user: str, request: Message) -> tuple[Asked, bool]:
         """The entry of a request, and whether it is new.
 
         Raises
@@ -81,10 +89,10 @@ class RequestBook:
         SessionError
             ABORTED.CONFLICT if the id was used for another content.
         """
-        key, content = (request.client, request.sequence), request_digest(request)
+        key, content = (user, request.client, request.sequence), request_digest(request)
         known = self._known.get(key)
         if known is None:
-            self._known[key] = asked = Asked(peer, request, content)
+            self._known[key] = asked = Asked(peer, user, request, content)
             while len(self._known) > _REMEMBERED:
                 self._known.popitem(last=False)
             return asked, True
@@ -99,7 +107,7 @@ class RequestBook:
 
     def forget(self, asked: Asked) -> None:
         """The request failed without any effect: a repeat is a new try."""
-        self._known.pop((asked.request.client, asked.request.sequence), None)
+        self._known.pop((asked.user, asked.request.client, asked.request.sequence), None)
 
 
 class Registry:
@@ -114,35 +122,54 @@ class Registry:
         self._store = store
         self.live: dict[str, Live] = {}
 
+    def owner(self, session: str) -> str | None:
+        """The public key of a session's owner, empty for one opened without keys; None if there is no such session.
+
+        Raises
+        ------
+        JournalError
+            If the stored session does not say.
+        """
+        live = self.live.get(session)
+        if live is not None:
+            return live.owner
+        owner: str | None = self._store.owner(session)
+        return owner
+
     def authorised(self, session: str, token: bytes) -> Live | None:
         """The live session, or None for one that only the store has.
 
         Raises
         ------
         SessionError
-            NOT_FOUND, alike for an unknown session and a wrong token: a stranger learns nothing.
+            NOT_FOUND, alike for an unknown session and a wrong token.
         """
         live = self.live.get(session)
         if live is None:
             self._store.check_token(session, token)
             return None
         if not hmac.compare_digest(live.token, token):
-            raise SessionError(
-                f"there is no session {session!r:.40} for this token",
-                code="NOT_FOUND",
-                hint="check the session id and its token",
-            )
+            raise not_found(session)
         return live
+
+    def overseen(self, session: str) -> Live | None:
+        """Like :meth:`authorised`, for somebody who needs no token."""
+        if self.owner(session) is None:
+            raise not_found(session)
+        return self.live.get(session)
 
     def working(self) -> int:
         """Sessions with a worker."""
         return sum(live.status != "dead" for live in self.live.values())
 
-    def page(self, after: str) -> tuple[list[dict[str, Any]], bool]:
-        """LISTED's sessions behind ``after``, and whether there are more."""
-        entries = {s.session: _stored(s) for s in self._store.sessions()}
-        entries |= {live.session: live.listed() for live in self.live.values()}
-        behind = [entries[session] for session in sorted(entries) if session > after]
+    def page(self, after: str, shown: Callable[[str], bool]) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
+        """LISTED's sessions behind ``after`` with their owners, and whether there are more.
+
+        ``shown`` says of an owner whether the asker may see the sessions.
+        """
+        entries = {s.session: (s.owner, _stored(s)) for s in self._store.sessions()}
+        entries |= {live.session: (live.owner, live.listed()) for live in self.live.values()}
+        behind = [entries[name] for name in sorted(entries) if name > after and shown(entries[name][0])]
         return behind[:_LISTED], len(behind) > _LISTED
 
     def of(self, child: Child) -> Live | None:

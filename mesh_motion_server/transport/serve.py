@@ -11,6 +11,8 @@ from mesh_motion_server import __version__
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock_folder
 from mesh_motion_server.transport.hosting import Hosting
+from mesh_motion_server.transport.protection import Protection
+from mesh_motion_server.transport.self_test import ProtectionError
 from mesh_motion_server.transport.supervisor import Supervisor
 from mesh_motion_server.transport.telemetry import configure, log
 
@@ -38,7 +40,8 @@ def serve(
     Parameters
     ----------
     settings : ServerSettings
-        ``endpoint`` is ``tcp://HOST:PORT`` (port 0: the system chooses) or ``ipc:///path``.
+        ``endpoint`` is ``tcp://HOST:PORT`` (port 0: the system chooses) or ``ipc:///path``. With ``keys_folder`` only
+        keys on its allow-list get a connection.
     insecure : bool
         Listen on an address that other machines reach, without encryption and authentication.
     ready_file : Path, optional
@@ -53,25 +56,26 @@ def serve(
     -------
     int
         Exit status: 0 after a drain, 69 if the endpoint is taken, 70 if the gateway or the workers keep falling, 78
-        if the endpoint is wrong or unsafe.
+        if the endpoint is wrong or unsafe, or the keys do not protect it.
     """
     configure("supervisor", level)
     if ready_file is not None:
         ready_file.unlink(missing_ok=True)
     lifeline = os.environ.pop(LIFELINE, None)
     try:
-        endpoint = _allowed(settings.endpoint, insecure)
+        protection = Protection.of_folder(settings.keys_folder.expanduser()) if settings.keys_folder else None
+        endpoint = _allowed(settings.endpoint, insecure=insecure, protected=protection is not None)
         lock = lock_folder(endpoint)
     except EndpointError as error:
         log().error("refused", reason=error.message, hint=error.hint)
         return EXIT_CONFIGURATION
     settings = settings.model_copy(update={"state_folder": settings.state_folder.expanduser()})
-    supervisor = Supervisor(settings, hosting or Hosting(), level)
+    supervisor = Supervisor(settings, hosting or Hosting(), level, protection)
     try:
         where = supervisor.start()
     except EndpointError as error:
         log().error("refused", reason=error.message, hint=error.hint)
-        return EXIT_UNAVAILABLE
+        return EXIT_CONFIGURATION if isinstance(error, ProtectionError) else EXIT_UNAVAILABLE
     _announce(where, supervisor.boot, ready_file)
     try:
         return supervisor.run(int(lifeline) if lifeline else None)
@@ -82,15 +86,16 @@ def serve(
             lock.close()
 
 
-def _allowed(text: str, insecure: bool) -> Endpoint:
-    """The endpoint, if it is local or the caller insists."""
+def _allowed(text: str, *, insecure: bool, protected: bool) -> Endpoint:
+    """The endpoint, if it is local or protected by keys, or the caller insists."""
     endpoint = Endpoint.parse(text)
-    if endpoint.is_local:
+    if endpoint.is_local or protected:
         return endpoint
     if not insecure:
         raise EndpointError(
-            f"{text} is reached by other machines, and this server neither encrypts nor authenticates",
-            hint="listen on 127.0.0.1 or ipc and tunnel with ssh; --insecure listens there all the same",
+            f"{text} is reached by other machines, and without keys this server neither encrypts nor authenticates",
+            hint="give --keys (`mesh-motion keys server DIR` makes them), or listen on 127.0.0.1 or ipc and tunnel "
+            "with ssh; --insecure listens there all the same",
         )
     log().warning("insecure", endpoint=text, consequence="whoever reaches this address may open sessions")
     return endpoint

@@ -10,8 +10,10 @@ import os
 import selectors
 import signal
 import socket
+import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from mesh_motion_protocol.limits import default_limits
@@ -19,10 +21,12 @@ from mesh_motion_protocol.limits import default_limits
 from mesh_motion_server import __version__
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from mesh_motion_server.transport.control import Control
-from mesh_motion_server.transport.endpoints import EndpointError
+from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
 from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.processes import Child, spawn, wake_on_signals
+from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
+from mesh_motion_server.transport.self_test import ProtectionError
 from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["Supervisor"]
@@ -44,9 +48,13 @@ class Supervisor:
     hosting : Hosting
     level : str
         Log level, handed to the children.
+    protection : Protection, optional
+        The server's keys; without them whoever reaches an endpoint may use it.
     """
 
-    def __init__(self, settings: ServerSettings, hosting: Hosting, level: str) -> None:
+    def __init__(
+        self, settings: ServerSettings, hosting: Hosting, level: str, protection: Protection | None = None
+    ) -> None:
         self._settings = settings
         self._hosting = hosting
         self._level = level
@@ -60,10 +68,16 @@ class Supervisor:
         self._killed_at: float | None = None
         self._signals = 0
         self.boot = self._boot.hex()
+        self._private = tempfile.TemporaryDirectory(prefix="mesh-motion-") if protection is not None else None
+        self._protection = protection
+        if protection is not None and self._private is not None:
+            self._protection = replace(protection, handshakes=f"ipc://{self._private.name}/handshakes")
         store = hosting.load_store()(settings.state_folder)
         for name in store.sweep():
             log().info("swept", session=name)
-        self._control = Control(Registry(store), settings, self._start_session, self._to_gateway)
+        self._control = Control(
+            Registry(store), settings, self._start_session, self._to_gateway, Protection.access(protection)
+        )
 
     # --- the server's life -------------------------------------------------------------------------------------------
 
@@ -73,7 +87,7 @@ class Supervisor:
         Raises
         ------
         EndpointError
-            If the endpoint cannot be bound.
+            If the endpoint cannot be bound; ProtectionError if it admits or refuses the wrong ones.
         """
         self._start_gateway()
         self._spare = self._start_worker()
@@ -142,6 +156,8 @@ class Supervisor:
             return _DEFECT
         self._selector.unregister(gateway.channel)
         gateway.reap()
+        if self._private is not None:
+            self._private.cleanup()
         log().info("stopped")
         return _DEFECT if self._workers_fail else 0
 
@@ -158,10 +174,14 @@ class Supervisor:
             "limits": limits,
             "durability": list(DURABILITY_LEVELS),
         }
-        gateway.channel.send({"endpoint": self._endpoint, "welcome": welcome})
+        insecure = self._protection is None and not Endpoint.parse(self._endpoint).is_local
+        order = self._order() | {"welcome": welcome, "insecure": insecure}
+        gateway.channel.send(order | {"handshake_seconds": self._settings.handshake_seconds})
         answer = gateway.channel.receive()
         if answer is None or answer["event"] != "bound":
             gateway.reap()
+            if answer is not None and answer["unprotected"]:
+                raise ProtectionError(answer["reason"])
             reason = answer["reason"] if answer else "the gateway ended"
             raise EndpointError(
                 f"cannot listen on {self._endpoint}: {reason}", hint="stop who listens there, or use another endpoint"
@@ -170,13 +190,18 @@ class Supervisor:
         self._gateway = gateway
         self._listen(gateway.channel, self._gateway_spoke)
 
+    def _order(self) -> dict[str, Any]:
+        """What gateway and workers have to know alike."""
+        protection = self._protection.to_order() if self._protection is not None else None
+        return {"endpoint": self._endpoint, "protection": protection}
+
     def _gateway_spoke(self, _source: Any) -> None:
         gateway = self._gateway
         if gateway is None:
             return
         message = gateway.channel.receive()
         if message is not None:
-            self._control.request(message["peer"], message["frame"])
+            self._control.request(message["peer"], message["user"], message["frame"])
             return
         self._selector.unregister(gateway.channel)
         log().error("gateway_ended", code=gateway.reap())
@@ -205,7 +230,7 @@ class Supervisor:
     def _start_session(self, order: dict[str, Any]) -> Child:
         """Give the order to the spare, which reads it as soon as it has imported everything; start the next spare."""
         child, self._spare = self._spare or self._start_worker(), None
-        child.channel.send(order | {"settings": self._settings.model_dump_json(), "endpoint": self._endpoint})
+        child.channel.send(order | self._order() | {"settings": self._settings.model_dump_json()})
         self._spare = self._start_worker()
         return child
 

@@ -26,14 +26,23 @@ from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import CONTROL, REPLIES, Message, Ping, Pong
 
 from mesh_motion_server.errors import MeshMotionError, ResourceError
+from mesh_motion_server.security.authorisation import Verdict
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
 from mesh_motion_server.transport.hosting import Hosting, SessionHost
-from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, wake_on_signals
+from mesh_motion_server.transport.processes import (
+    die_with_parent,
+    limit_address_space,
+    limit_descriptors,
+    wake_on_signals,
+)
+from mesh_motion_server.transport.protection import Protection, forward_handshakes, keep_secrets_out_of_core_files
 from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
+from mesh_motion_server.transport.rights import Rights
+from mesh_motion_server.transport.self_test import check_refuses
 from mesh_motion_server.transport.telemetry import configure, log
 from mesh_motion_server.transport.warmup import warm_up
 
@@ -41,27 +50,35 @@ __all__ = ["Lease", "Worker", "main"]
 
 #: Whole messages queued per connection: the high-water mark counts messages, whatever their size.
 _QUEUED = 2
+#: Open files and connections: the journal's few, libraries', and one connection a partition and client.
+_DESCRIPTORS = 2048
 _DATA = REPLIES.keys() - CONTROL
 
 
 class Lease:
-    """Counts open connections of a socket and tells for how long there has been none."""
+    """Knows the open connections of a socket and tells for how long there has been none.
+
+    They are told apart by their descriptors: the end of one whose handshake failed is not that of another.
+    """
 
     def __init__(self, socket: zmq.Socket[bytes], now: float) -> None:
-        self.monitor = socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
-        self._connections = 0
+        self.monitor = socket.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
+        self._connections: set[int] = set()
         self._alone_since = now
 
     def update(self, now: float) -> None:
         """Take the monitor's news in."""
         while self.monitor.poll(0):
-            event = zmq.utils.monitor.recv_monitor_message(self.monitor)["event"]
-            self._connections += 1 if event == zmq.EVENT_HANDSHAKE_SUCCEEDED else -1
+            news = zmq.utils.monitor.recv_monitor_message(self.monitor)
+            if news["event"] == zmq.EVENT_ACCEPTED:
+                self._connections.add(news["value"])
+            else:
+                self._connections.discard(news["value"])
             self._alone_since = now
 
     def alone(self, now: float) -> float:
         """Seconds without any connection."""
-        return 0.0 if self._connections > 0 else now - self._alone_since
+        return 0.0 if self._connections else now - self._alone_since
 
 
 class Worker:
@@ -75,14 +92,22 @@ class Worker:
         Bound ROUTER.
     host : SessionHost
     settings : ServerSettings
+    rights : Rights
+        Who may ask what of this session.
     """
 
     def __init__(
-        self, channel: Channel, socket: zmq.Socket[bytes], host: SessionHost, settings: ServerSettings
+        self,
+        channel: Channel,
+        socket: zmq.Socket[bytes],
+        host: SessionHost,
+        settings: ServerSettings,
+        rights: Rights,
     ) -> None:
         self._channel = channel
         self._socket = socket
         self._host = host
+        self._rights = rights
         self._settings = settings
         self._lease = Lease(socket, time.monotonic())
         self._reported: tuple[str, int, int] | None = None
@@ -137,7 +162,8 @@ class Worker:
         """One request, from frames to the frames of its replies."""
         peer, *parts = self._socket.recv_multipart(copy=False)
         started = time.perf_counter()
-        state = str(self._host.state)
+        user = self._rights.user(parts[-1] if parts else peer)
+        state = str(self._host.state) if self._rights.is_owner(user) else ""
         try:
             request = decode([part.buffer for part in parts])
         except ProtocolError as error:
@@ -148,16 +174,23 @@ class Worker:
             shortage = ProtocolError("no memory for the arrays of the message", code="RESOURCE_EXHAUSTED.MEMORY")
             self._send([Envelope(peer.bytes, undecodable(shortage, state=state))])
             return
-        self._send(self._answer(Envelope(peer.bytes, request), state))
+        self._send(self._answer(Envelope(peer.bytes, request), user, state))
         milliseconds = round(1000 * (time.perf_counter() - started), 3)
         log().debug("served", request=request.type, sequence=request.sequence, ms=milliseconds, state=str(state))
 
-    def _answer(self, asked: Envelope, state: str) -> Sequence[Envelope]:
+    def _answer(self, asked: Envelope, user: str, state: str) -> Sequence[Envelope]:
         request = asked.message
+        if request.type not in _DATA and not isinstance(request, Ping):
+            return [Envelope(asked.peer, unexpected(request, "data", state=state))]
+        try:
+            verdict = self._rights.check(user, request)
+        except MeshMotionError as error:
+            log().info("refused", request=request.type, code=error.code)
+            return [Envelope(asked.peer, error_reply(request, error))]
         if isinstance(request, Ping):
             return [Envelope(asked.peer, Pong(client=request.client, sequence=request.sequence))]
-        if request.type not in _DATA:
-            return [Envelope(asked.peer, unexpected(request, "data", state=state))]
+        if verdict is Verdict.OVERSEE:
+            return self._host.oversee(asked)
         self._suspended = False
         return self._host.handle(asked)
 
@@ -219,19 +252,21 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
     """From the order to the end of the session's use."""
     settings = ServerSettings.model_validate_json(order["settings"])
     limit_address_space(settings.worker_memory_bytes)
+    limit_descriptors(_DESCRIPTORS)
+    protection = Protection.of_order(order)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     context.set(zmq.MAX_SOCKETS, 64)
-    socket = router(context, message_bytes=FRAME_BYTES, queued=_QUEUED)
+    socket = router(context, message_bytes=FRAME_BYTES, queued=_QUEUED, handshake_seconds=settings.handshake_seconds)
     try:
         host = _host(order, hosts, stores(settings.state_folder), settings)
     except Exception as error:
         channel.send({"event": "failed"} | _failure(error))
         return 1
     try:
-        endpoint = bind(socket, Endpoint.parse(order["endpoint"]).worker_address)
+        endpoint = _listen(context, socket, order["endpoint"], protection)
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
-        worker = Worker(channel, socket, host, settings)
+        worker = Worker(channel, socket, host, settings, Rights(protection, order["owner"]))
         worker.run(signals)
         worker.disconnect()
         channel.send({"event": "over", "closed": host.closed})
@@ -240,6 +275,21 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         socket.close(linger=5_000)
         context.term()
     return 0
+
+
+def _listen(
+    context: zmq.Context[zmq.Socket[bytes]], socket: zmq.Socket[bytes], control: str, protection: Protection | None
+) -> str:
+    """Bind beside the control endpoint; with keys only if a real connection shows that strangers are refused."""
+    address = Endpoint.parse(control).worker_address
+    if protection is None:
+        return bind(socket, address)
+    keep_secrets_out_of_core_files()
+    forward_handshakes(context, protection.handshakes)
+    protection.protect(socket)
+    endpoint = bind(socket, address)
+    check_refuses(endpoint, protection)
+    return endpoint
 
 
 def _host(order: dict[str, Any], hosts: Any, store: Any, settings: ServerSettings) -> SessionHost:
@@ -254,6 +304,7 @@ def _host(order: dict[str, Any], hosts: Any, store: Any, settings: ServerSetting
         settings=MethodSettings.from_mapping(order["method"]),
         label=order["label"],
         durability=order["durability"],
+        owner=order["owner"],
     )
     created: SessionHost = hosts.create(spec, store, limits=settings)
     return created

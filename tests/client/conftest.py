@@ -18,6 +18,8 @@ from mesh_motion_client.control import Control
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0
+#: A checkout on the path of the tests is that of the server too.
+PYTHONPATH = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
 LIFELINE = "MESH_MOTION_LIFELINE_FD"
 
 
@@ -49,7 +51,7 @@ class PlainServer:
         values = {"endpoint": self.endpoint, "state_folder": str(self.folder / "state"), "threads": 1}
         values["lease_seconds"] = 1.0
         lifeline, self._lifeline = os.pipe()  # the server ends with the tests, even if they are killed
-        environment = {"PYTHONPATH": str(HERE), "PLAIN_FOLDER": str(self.folder), LIFELINE: str(lifeline)}
+        environment = {"PYTHONPATH": PYTHONPATH, "PLAIN_FOLDER": str(self.folder), LIFELINE: str(lifeline)}
         with (self.folder / "log").open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(ready)],

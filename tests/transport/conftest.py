@@ -15,6 +15,8 @@ from mesh_motion_protocol.messages import Join, Open
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0
+#: A checkout on the path of the tests is that of the server too.
+PYTHONPATH = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
 def wait_until(condition, what, seconds=PATIENCE):
@@ -49,7 +51,7 @@ class Server:
             self.process = subprocess.Popen(
                 [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(self.ready_file), *arguments],
                 env=os.environ
-                | {"PYTHONPATH": str(HERE), "MESH_MOTION_LIFELINE_FD": str(lifeline)}
+                | {"PYTHONPATH": PYTHONPATH, "MESH_MOTION_LIFELINE_FD": str(lifeline)}
                 | dict(environment),
                 stdout=subprocess.PIPE,
                 stderr=log,

@@ -42,6 +42,9 @@ class SessionStore:
     def sessions(self):
         return [self.read(path.stem) for path in sorted(self.root.glob("*.json"))]
 
+    def owner(self, session):
+        return self.read(session).owner if self.path(session).exists() else None
+
     def check_token(self, session, token):
         if self.read(session).token != token.hex():
             raise SessionError("no such session", code="NOT_FOUND")
@@ -65,6 +68,7 @@ class SessionHost:
             session=spec.session,
             token=spec.token.hex(),
             label=spec.label,
+            owner=spec.owner,
             epoch=1,
             step=0,
             partitions=spec.partitions,
@@ -104,6 +108,9 @@ class SessionHost:
             }
             reply = answers[request.type](request, identity)
         return [Envelope(envelope.peer, reply)]
+
+    def oversee(self, envelope):
+        return self.handle(envelope)
 
     def join(self, request, identity):
         return m.Joined(**identity, state=self.state, step=self.step, iteration=0)

@@ -1,0 +1,105 @@
+"""The ZAP handler (ZeroMQ RFC 27): every CURVE handshake of the server is decided here, in the gateway.
+
+Deny by default: only a key that the allow-list names now gets 200; whatever goes wrong is a refusal. The reply's user
+id is the key itself, which libzmq then attaches to each message of the connection.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import Counter
+
+import zmq
+from zmq.utils import z85
+
+from mesh_motion_server.errors import SessionError
+from mesh_motion_server.security.allow_list import AllowList
+from mesh_motion_server.transport.protection import HANDLER
+from mesh_motion_server.transport.telemetry import log
+
+__all__ = ["Authenticator"]
+
+_ALLOWED, _TEMPORARY, _REFUSED = b"200", b"300", b"400"
+#: Of a request behind the empty delimiter: version, id, domain, address, routing id, mechanism, the key.
+_FRAMES = 7
+_QUESTION_BYTES = 4096
+#: Refused handshakes are counted and told at most so often: a log must not grow with an attack.
+_TOLD_SECONDS = 1.0
+
+
+class Authenticator:
+    """Answers this context's handshakes and those that workers pass on.
+
+    Parameters
+    ----------
+    context : zmq.Context
+    allow_list : AllowList
+    handshakes : str
+        ipc endpoint for the workers.
+
+    Attributes
+    ----------
+    socket : zmq.Socket
+        Becomes readable with each question.
+    guest : str
+        One more key that is allowed, for the self-test.
+    """
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], allow_list: AllowList, handshakes: str) -> None:
+        self.socket = context.socket(zmq.ROUTER)
+        self.socket.setsockopt(zmq.MAXMSGSIZE, _QUESTION_BYTES)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.bind(HANDLER)
+        self.socket.bind(handshakes)
+        self.guest = ""
+        self._allow_list = allow_list
+        self._counts: Counter[str] = Counter()
+        self._told = (0.0, 0)
+
+    def answer_waiting(self) -> None:
+        """Answer a question if one waits."""
+        if self.socket.poll(0):
+            self.answer()
+
+    def answer(self) -> None:
+        """Take one question and answer it."""
+        frames = self.socket.recv_multipart()
+        if b"" not in frames:
+            return
+        start = frames.index(b"") + 1
+        path, question = frames[:start], frames[start:]
+        if len(question) < 2:
+            return
+        status, text, user = self._judge(question)
+        self._count(status)
+        with contextlib.suppress(zmq.ZMQError):  # who asked is gone: the handshake then fails
+            self.socket.send_multipart([*path, b"1.0", question[1], status, text, user, b""], flags=zmq.NOBLOCK)
+
+    def _judge(self, question: list[bytes]) -> tuple[bytes, bytes, bytes]:
+        """Status, text and user id for one handshake."""
+        if len(question) != _FRAMES or question[0] != b"1.0" or question[5] != b"CURVE" or len(question[6]) != 32:
+            return _REFUSED, b"only CURVE is admitted", b""
+        key = z85.encode(question[6])
+        if self.guest and key == self.guest.encode():
+            return _ALLOWED, b"OK", key
+        try:
+            admitted = self._allow_list.entry(key.decode()) is not None
+        except SessionError:
+            return _TEMPORARY, b"the allow-list cannot be used", b""
+        except Exception:
+            log().exception("handshake_failed")
+            return _REFUSED, b"not decided", b""
+        return (_ALLOWED, b"OK", key) if admitted else (_REFUSED, b"not on the allow-list", b"")
+
+    def _count(self, status: bytes) -> None:
+        self._counts[status.decode()] += 1
+        refused = self._counts.total() - self._counts[_ALLOWED.decode()]
+        when, told = self._told
+        if refused > told and time.monotonic() - when > _TOLD_SECONDS:
+            self._told = (time.monotonic(), refused)
+            log().warning("handshakes_refused", refused=refused, allowed=self._counts[_ALLOWED.decode()])
+
+    def close(self) -> None:
+        """Close the socket: from now on every handshake of this context is refused."""
+        self.socket.close()
