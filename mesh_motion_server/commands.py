@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,12 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from mesh_motion_client import InvalidInput, Keys
 from mesh_motion_client import MeshMotionError as ClientError
+from mesh_motion_client.keys import KEY_VARIABLE, SERVER_KEY_VARIABLE
 from rich.console import Console
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cli import ExitStatus, complain, status_of
 from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.key_commands import keys as keys_app
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.check import CheckReport
@@ -41,6 +45,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
+app.add_typer(keys_app, name="keys")
 
 _out = Console(highlight=False, soft_wrap=True)
 _err = Console(stderr=True, highlight=False)
@@ -72,6 +77,14 @@ DistributedOption = Annotated[
         metavar="SCHEDULER", help="Dask workers compute: tcp://HOST:PORT of their scheduler.", show_default=False
     ),
 ]
+KeyOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Your .secret file, for a server with keys; or MESH_MOTION_KEY names it."),
+]
+ServerKeyOption = Annotated[
+    str | None,
+    typer.Option(metavar="FILE", help="The server's .public file; or MESH_MOTION_SERVER_KEY names it."),
+]
 
 
 @app.command(short_help="Drive a session through a case.")
@@ -80,6 +93,8 @@ def play(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives the results; made if missing.")],
     endpoint: EndpointOption = None,
     distributed: DistributedOption = None,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the VTU series.")] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
@@ -97,7 +112,10 @@ def play(
     if endpoint is not None and distributed is not None:
         raise typer.BadParameter("a running server has its own; give one of --endpoint and --distributed")
     with _expected_errors(), _progress(quiet) as advance:
-        played = play_case(case, out, endpoint=endpoint, every=every, progress=advance, distributed=distributed)
+        keys = _keys(endpoint, key, server_key)
+        played = play_case(
+            case, out, endpoint=endpoint, every=every, progress=advance, distributed=distributed, keys=keys
+        )
     for warning in played.warnings:
         complain(f"warning: {warning}")
     if not quiet:
@@ -107,6 +125,17 @@ def play(
             f"lowest size-skew {summary['min_size_skew']:.3f} in step {summary['worst_step']}, "
             f"{summary['inverted_cells']} inverted cells: {out}"
         )
+
+
+def _keys(endpoint: str | None, key: Path | None, server_key: str | None) -> Keys | None:
+    """The keys of the options, filled up by the environment; a private server needs none."""
+    key_name = str(key or os.environ.get(KEY_VARIABLE, ""))
+    server_name = server_key or os.environ.get(SERVER_KEY_VARIABLE, "")
+    if endpoint is None or not (key_name or server_name):
+        return None
+    if not key_name or not server_name:
+        raise InvalidInput("--key and --server-key must be given both, or neither")
+    return Keys.load(key_name, server_name)
 
 
 @contextmanager
@@ -223,6 +252,7 @@ def serve(
         str | None, typer.Option(metavar="ENDPOINT", help="tcp://HOST:PORT (0: any free port) or ipc:///PATH.")
     ] = None,
     state: Annotated[Path | None, typer.Option(metavar="DIR", help="Where sessions are stored.")] = None,
+    keys: Annotated[Path | None, typer.Option(metavar="DIR", help="Admit the keys on DIR/allow.toml only.")] = None,
     insecure: Annotated[bool, typer.Option(help="Listen where other machines reach it, unprotected.")] = False,
     ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
     threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
@@ -234,12 +264,13 @@ def serve(
 ) -> None:
     """Serve sessions until SIGTERM; then drain, and leave every session resumable.
 
-    It listens on this machine only, unless --insecure. Logs go to standard error as JSON, one line "ready ENDPOINT" to
-    standard output.
+    It listens on this machine only, unless there are --keys (`mesh-motion keys` makes them) or --insecure. Logs go to
+    standard error as JSON, one line "ready ENDPOINT" to standard output.
 
     \b
     mesh-motion serve
     mesh-motion serve --endpoint ipc:///run/user/1000/mesh-motion --state ~/sessions
+    mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
     """
     from mesh_motion_server.transport.serve import serve as serve_sessions
 
@@ -251,6 +282,7 @@ def serve(
         "state_folder": str(state) if state else None,
         "threads": threads,
         "distributed": distributed,
+        "keys_folder": str(keys) if keys else None,
     }
     settings = _server_settings(settings_file, {key: value for key, value in given.items() if value is not None})
     status = serve_sessions(settings, insecure=insecure, ready_file=ready_file, level=log_level)
@@ -282,6 +314,8 @@ def inspect(
         Path | None, typer.Argument(metavar="FOLDER", help="A session's folder, or a state folder.", show_default=False)
     ] = None,
     endpoint: EndpointOption = None,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
     timeout: Annotated[float, typer.Option(metavar="S", min=0.1, help="Seconds to wait for a server.")] = 5.0,
 ) -> None:
@@ -298,7 +332,10 @@ def inspect(
     if (folder is None) == (endpoint is None):
         raise typer.BadParameter("give either FOLDER or --endpoint", param_hint="FOLDER")
     with _expected_errors():
-        found = inspect_folder(folder) if folder is not None else list_sessions(str(endpoint), timeout)
+        if folder is not None:
+            found = inspect_folder(folder)
+        else:
+            found = list_sessions(str(endpoint), timeout, _keys(endpoint, key, server_key))
     if as_json:
         _out.print(json.dumps(found.values, indent=2, ensure_ascii=False), markup=False)
     else:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from mesh_motion_client import Mesh, MeshMotionError, Patch, Session, connect
+from mesh_motion_client import Keys, Mesh, MeshMotionError, Patch, Session, connect
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import Case
@@ -72,7 +72,12 @@ class Driver(Protocol):
 
 @contextmanager
 def open_session(
-    case: Case, mesh: MeshFile, endpoint: str | None, server_options: Sequence[str] = ()
+    case: Case,
+    mesh: MeshFile,
+    endpoint: str | None,
+    *,
+    server_options: Sequence[str] = (),
+    keys: Keys | None = None,
 ) -> Iterator[Driver]:
     """Open a session for a case; it is discarded at the end, since a played case is not resumed.
 
@@ -84,11 +89,13 @@ def open_session(
         None: a private server that ends with the session.
     server_options : sequence of str
         Of ``mesh-motion serve``, for a private server.
+    keys : Keys, optional
+        For a server that asks for them.
     """
     patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
     settings = case.content.method.model_dump(exclude_unset=True)
     with (
-        connect(endpoint, server_options=server_options) as server,
+        connect(endpoint, server_options=server_options, keys=keys) as server,
         server.open(Mesh(mesh.points, mesh.cells, patches), settings, label=case.name) as session,
     ):
         try:

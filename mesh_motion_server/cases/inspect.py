@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_client import connect
+from mesh_motion_client import Keys, connect
 from rich.table import Table
 
 from mesh_motion_server.errors import InvalidInput
@@ -37,7 +37,7 @@ class Found:
     damaged: list[str]
 
 
-def list_sessions(endpoint: str, timeout: float) -> Found:
+def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Found:
     """The sessions of a running server.
 
     Raises
@@ -45,9 +45,10 @@ def list_sessions(endpoint: str, timeout: float) -> Found:
     mesh_motion_client.MeshMotionError
         If nobody answers within ``timeout`` seconds.
     """
-    with connect(endpoint, timeout=timeout) as server:
+    with connect(endpoint, timeout=timeout, keys=keys) as server:
         sessions, name = server.sessions(), server.welcome.server
-    columns = ("session", "label", "state", "step", "partitions", "worker")
+    columns = ["session", "label", "state", "step", "partitions", "worker"]
+    columns += ["owner"] if any("owner" in session for session in sessions) else []
     table = Table(*columns, title=f"{name} at {endpoint}: {len(sessions)} sessions", title_justify="left", box=None)
     for session in sessions:
         table.add_row(*(str(session.get(column, "")) for column in columns))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_client import Keys
 from mesh_motion_client import MeshMotionError as ClientError
 from numpy.typing import NDArray
 
@@ -81,6 +82,7 @@ def play(
     every: int = 1,
     progress: Progress | None = None,
     distributed: str | None = None,
+    keys: Keys | None = None,
 ) -> Played:
     """Play a case and write its results.
 
@@ -97,6 +99,8 @@ def play(
         Called with the steps done, the number of steps and the record of the step just done.
     distributed : str, optional
         For a private server: the Dask scheduler of the workers that it computes on.
+    keys : Keys, optional
+        For a server that asks for them.
 
     Raises
     ------
@@ -111,7 +115,8 @@ def play(
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
     options = () if distributed is None else ("--distributed", distributed)
-    with result_folder(folder) as work, open_session(case, mesh, endpoint, options) as driver:
+    opening = open_session(case, mesh, endpoint, server_options=options, keys=keys)
+    with result_folder(folder) as work, opening as driver:
         run = _Run(case, mesh, program, driver, VtuSeries(work, SERIES), every)
         for step in run.steps():
             if progress is not None:

@@ -20,24 +20,21 @@ from typing import Any
 import zmq
 from mesh_motion_protocol.key_files import KeyFileError, SecretKey
 
-from mesh_motion_server.security.allow_list import Access, AllowList, Everybody, read_entries
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.security.allow_list import Access, AllowList, Everybody
+from mesh_motion_server.security.key_folder import ALLOW_LIST, SERVER, read_list, require_curve
 from mesh_motion_server.transport.endpoints import EndpointError
 
 __all__ = [
-    "ALLOW_LIST",
     "HANDLER",
-    "SERVER_SECRET",
     "Protection",
     "forward_handshakes",
     "keep_secrets_out_of_core_files",
-    "require_curve",
     "user_of",
 ]
 
 #: Where libzmq asks, in every context.
 HANDLER = "inproc://zeromq.zap.01"
-#: Files of a server's key folder.
-SERVER_SECRET, ALLOW_LIST = "server.secret", "allow.toml"
 #: What CURVE puts around a frame: command name, nonce, authenticator, flags.
 _CURVE_BYTES = 33
 _DOMAIN = b"mesh-motion"
@@ -70,12 +67,14 @@ class Protection:
         EndpointError
             If CURVE, a key or the allow-list is missing, wrong, or open to others.
         """
-        require_curve()
         try:
-            secret = SecretKey.load(folder / SERVER_SECRET).key
-            read_entries(folder / ALLOW_LIST)
-        except (KeyFileError, OSError, ValueError) as error:
-            raise EndpointError(str(error), hint=f"`mesh-motion keys server {folder}` makes what is missing") from None
+            require_curve()
+            secret = SecretKey.load(folder / f"{SERVER}.secret").key
+            read_list(folder)
+        except KeyFileError as error:
+            raise EndpointError(str(error), hint=f"`mesh-motion keys server {folder}` makes keys") from None
+        except InvalidInput as error:
+            raise EndpointError(error.message, hint=error.hint) from None
         return cls(secret, str(folder.absolute() / ALLOW_LIST))
 
     @classmethod
@@ -100,20 +99,6 @@ class Protection:
         socket.setsockopt(zmq.ZAP_DOMAIN, _DOMAIN)
         socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
         socket.setsockopt(zmq.MAXMSGSIZE, int(socket.getsockopt(zmq.MAXMSGSIZE)) + _CURVE_BYTES)
-
-
-def require_curve() -> None:
-    """Raise unless this libzmq has CURVE.
-
-    Raises
-    ------
-    EndpointError
-    """
-    if not zmq.has("curve"):
-        raise EndpointError(
-            f"keys need CURVE, which libzmq {zmq.zmq_version()} was built without",
-            hint="install pyzmq from its wheel, or a libzmq with libsodium",
-        )
 
 
 def user_of(frame: zmq.Frame, protection: Protection | None) -> str:

@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 import zmq
 from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.key_files import PublicKey, SecretKey
 from mesh_motion_protocol.messages import Join, Open
+
+from mesh_motion_server.security.key_folder import make_client_keys
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0
@@ -94,9 +97,14 @@ class Server:
 class Wire:
     """A DEALER that asks one question at a time."""
 
-    def __init__(self, context, endpoint):
+    def __init__(self, context, endpoint, keys=None, routing_id=b""):
         self.socket = context.socket(zmq.DEALER)
         self.socket.setsockopt(zmq.LINGER, 0)
+        if keys:
+            self.socket.curve_serverkey, self.socket.curve_secretkey = keys.server.encode(), keys.secret.encode()
+            self.socket.curve_publickey = zmq.curve_public(keys.secret.encode())
+        if routing_id:
+            self.socket.setsockopt(zmq.ROUTING_ID, routing_id)
         self.socket.connect(endpoint)
         self.client, self.sequence = uuid.uuid4().bytes, 0
 
@@ -151,8 +159,8 @@ def connect():
     context = zmq.Context()
     wires = []
 
-    def connect(endpoint):
-        wires.append(Wire(context, endpoint))
+    def connect(endpoint, keys=None, routing_id=b""):
+        wires.append(Wire(context, endpoint, keys, routing_id))
         return wires[-1]
 
     yield connect
@@ -174,3 +182,32 @@ def open_session(connect):
         return opened, data, at
 
     return open_session
+
+
+class ClientKeys:
+    """A client's keys and its public one."""
+
+    def __init__(self, name, folder, server):
+        self.public = make_client_keys(name, folder).key
+        self.secret = SecretKey.load(folder / f"{name}.secret").key
+        self.server = server
+
+
+@pytest.fixture(scope="session")
+def make_keys(tmp_path_factory):
+    """(name, the server's key folder) → keys that nothing admits yet."""
+
+    def make(name, server_folder):
+        server = PublicKey.load(server_folder / "server.public").key
+        return ClientKeys(name, tmp_path_factory.mktemp("client"), server)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def make_module_server(tmp_path_factory):
+    """Starts servers that live as long as a module."""
+    servers = []
+    yield server_starter(tmp_path_factory.mktemp("module"), servers)
+    for server in servers:
+        server.stop()

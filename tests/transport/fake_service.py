@@ -106,7 +106,7 @@ class SessionHost:
                 "COMMIT": self.commit,
                 "CLOSE": self.close_session,
             }
-            reply = answers[request.type](request, identity)
+            reply = answers.get(request.type, self.refuse)(request, identity)
         return [Envelope(envelope.peer, reply)]
 
     def oversee(self, envelope):
@@ -114,6 +114,17 @@ class SessionHost:
 
     def join(self, request, identity):
         return m.Joined(**identity, state=self.state, step=self.step, iteration=0)
+
+    def refuse(self, request, identity):
+        return m.ErrorReply(
+            **identity,
+            code="FAILED_PRECONDITION.STATE",
+            message="not here",
+            hint="",
+            retryable=False,
+            state=self.state,
+            details={},
+        )
 
     def status(self, request, identity):
         return m.StatusReport(

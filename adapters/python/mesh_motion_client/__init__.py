@@ -13,10 +13,12 @@
                 ...                                      # moved.displacement, moved.quality, moved.warnings
             session.commit()
 
-``connect()`` without an endpoint starts a private server. It needs numpy, msgpack and pyzmq.
+``connect()`` without an endpoint starts a private server. It needs numpy, msgpack and pyzmq. For a server that asks for
+keys: ``connect(endpoint, keys=Keys.load("alice.secret", "server.public"))``, or name the files in the environment
+(:mod:`.keys`).
 
 Modules, from the outside in: :mod:`.server`, :mod:`.session`, :mod:`.mesh`, :mod:`.credentials`, :mod:`.control`,
-:mod:`.connection`, :mod:`.embedded`, :mod:`.errors`.
+:mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
 """
 
 from mesh_motion_client.credentials import Credentials
@@ -32,6 +34,7 @@ from mesh_motion_client.errors import (
     Unavailable,
     Unsupported,
 )
+from mesh_motion_client.keys import Keys
 from mesh_motion_client.mesh import Mesh, Patch
 from mesh_motion_client.server import Server, connect
 from mesh_motion_client.session import Session
@@ -40,6 +43,7 @@ __all__ = [
     "Credentials",
     "DataLoss",
     "InvalidInput",
+    "Keys",
     "Mesh",
     "MeshMotionError",
     "Patch",

@@ -15,12 +15,21 @@ from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.messages import REPLIES, ErrorReply, Message
 
-from mesh_motion_client.errors import InvalidInput, ServerFault, Timeout, Unavailable, error_from
+from mesh_motion_client.errors import (
+    InvalidInput,
+    ServerFault,
+    SessionError,
+    Timeout,
+    Unavailable,
+    error_from,
+)
+from mesh_motion_client.keys import Keys
 
 __all__ = ["Connection", "ConnectionLost", "seconds_left"]
 
 #: Silence after which ``watch`` is called, seconds.
 _WATCH_SECONDS = 1.0
+_WATCHED = zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 
 
 class ConnectionLost(Unavailable):
@@ -33,9 +42,11 @@ class Connection:
     Parameters
     ----------
     endpoint : str
+    keys : Keys, optional
+        For a server that asks for them.
     """
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
         self.endpoint = endpoint
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
@@ -44,9 +55,14 @@ class Connection:
         self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5_000)
         self._socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 20_000)
         self._socket.setsockopt(zmq.IPV6, int("[" in endpoint))
-        self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(_WATCHED)
         try:
+            if keys is not None:
+                keys.protect(self._socket)
             self._socket.connect(endpoint)
+        except InvalidInput:
+            self.close()
+            raise
         except zmq.ZMQError as error:
             self.close()
             raise InvalidInput(f"endpoint must be tcp://HOST:PORT or ipc:///path, got {endpoint!r}: {error}") from None
@@ -109,10 +125,26 @@ class Connection:
     def _check_connected(self) -> None:
         lost = False
         while self._events.poll(0):
-            zmq.utils.monitor.recv_monitor_message(self._events)
+            news = zmq.utils.monitor.recv_monitor_message(self._events)
+            self._check_admitted(news["event"], news["value"])
             lost = True
         if lost:
             raise ConnectionLost(f"the connection to {self.endpoint} ended")
+
+    def _check_admitted(self, event: int, value: int) -> None:
+        """Raise if the server has said that trying again is in vain."""
+        if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+            raise SessionError(
+                f"the server at {self.endpoint} does not admit this key",
+                code="UNAUTHENTICATED",
+                hint="its operator admits a key with `mesh-motion keys allow`",
+            )
+        if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and value == zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH:
+            raise SessionError(
+                f"the server at {self.endpoint} and this client do not agree whether there are keys",
+                code="UNAUTHENTICATED",
+                hint="give keys for a server that was started with --keys, and none for any other",
+            )
 
     def close(self) -> None:
         """Close the socket; idempotent."""

@@ -10,6 +10,7 @@ from mesh_motion_protocol.messages import Message
 
 from mesh_motion_client.connection import Connection, ConnectionLost, seconds_left
 from mesh_motion_client.errors import Unavailable
+from mesh_motion_client.keys import Keys
 
 __all__ = ["Control"]
 
@@ -25,10 +26,13 @@ class Control:
     Parameters
     ----------
     endpoint : str
+    keys : Keys, optional
+        For a server that asks for them.
     """
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
         self.endpoint = endpoint
+        self._keys = keys
         self._client = uuid.uuid4().bytes
         self._sequence = 0
         self._connection: Connection | None = None
@@ -59,8 +63,12 @@ class Control:
 
     def _connected(self) -> Connection:
         if self._connection is None:
-            self._connection = Connection(self.endpoint)
+            self._connection = Connection(self.endpoint, self._keys)
         return self._connection
+
+    def data_connection(self, endpoint: str) -> Connection:
+        """A connection to a session's worker, with the same keys."""
+        return Connection(self.data_endpoint(endpoint), self._keys)
 
     def data_endpoint(self, endpoint: str) -> str:
         """A data endpoint as reached from here: a wildcard address stands for the host of the control endpoint."""

@@ -87,7 +87,7 @@ class Courier:
         """Connect to the worker and prove the right to the session."""
         self.disconnect()
         self._epoch = epoch
-        self._data = Connection(self._control.data_endpoint(endpoint))
+        self._data = self._control.data_connection(endpoint)
         self._sequence += 1
         join = Join(**self.address, sequence=self._sequence, token=self._credentials.token)
         return _expect(self._data.request(join, time.monotonic() + seconds, self._watch), Joined)

@@ -22,11 +22,12 @@ from mesh_motion_protocol.messages import (
     Welcome,
 )
 
-from mesh_motion_client.connection import seconds_left
+from mesh_motion_client.connection import ConnectionLost, seconds_left
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, Timeout, Unavailable
+from mesh_motion_client.keys import Keys
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.session import Session
 
@@ -49,18 +50,22 @@ class Server:
         The server's version, limits and name.
     """
 
-    def __init__(self, endpoint: str, *, timeout: float, compute_timeout: float) -> None:
+    def __init__(self, endpoint: str, *, timeout: float, compute_timeout: float, keys: Keys | None = None) -> None:
         self.endpoint = endpoint
+        self._keys = keys
         self._timeout = timeout
         self._compute_timeout = compute_timeout
-        self._control = Control(endpoint)
+        self._control = Control(endpoint, keys)
         self._embedded: EmbeddedServer | None = None
         try:
             self.welcome = self._control.ask(Hello, Welcome, timeout, agent=AGENT)
-        except Timeout as error:
+        except (Timeout, ConnectionLost) as error:
             self._control.close()
             raise Unavailable(
-                f"no server answers at {endpoint} within {timeout} s", hint="is it running? `mesh-motion serve`"
+                f"no server answers at {endpoint} within {timeout} s",
+                hint="is it running (`mesh-motion serve`), and does it have the key that it is taken for?"
+                if keys
+                else "is it running (`mesh-motion serve`), and without --keys?",
             ) from error
         except MeshMotionError:
             self._control.close()
@@ -190,7 +195,7 @@ class Server:
     def _session(self, credentials: Credentials, partition: int) -> Session:
         """With a control connection of its own, so that each session may live in its own thread."""
         return Session(
-            Control(self.endpoint),
+            Control(self.endpoint, self._keys),
             credentials,
             partition=partition,
             timeout=self._timeout,
@@ -224,6 +229,7 @@ def connect(
     compute_timeout: float = 1800.0,
     state: str | os.PathLike[str] | None = None,
     server_options: Sequence[str] = (),
+    keys: Keys | None = None,
 ) -> Server:
     """Connect to a server.
 
@@ -239,11 +245,16 @@ def connect(
         For a private server: where it stores its sessions; None: nowhere lasting.
     server_options : sequence of str
         For a private server: further options of ``mesh-motion serve``.
+    keys : Keys, optional
+        For a server that asks for them; None: those that the environment names, if it names any. A private server needs
+        none.
 
     Raises
     ------
     Unavailable
         If nobody answers in time.
+    SessionError
+        UNAUTHENTICATED, if the server does not admit the key.
 
     Examples
     --------
@@ -253,7 +264,8 @@ def connect(
     """
     if endpoint is None:
         return Server.embedded(state, timeout=timeout, compute_timeout=compute_timeout, options=server_options)
-    return Server(endpoint, timeout=timeout, compute_timeout=compute_timeout)
+    keys = keys if keys is not None else Keys.from_environment()
+    return Server(endpoint, timeout=timeout, compute_timeout=compute_timeout, keys=keys)
 
 
 @contextlib.contextmanager
