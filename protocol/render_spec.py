@@ -23,6 +23,7 @@ from mesh_motion_protocol.schema import ArraySpec, FieldSpec, schema_of
 
 from mesh_motion_server.numerics.kernels import BASES
 from mesh_motion_server.numerics.method import CHOICES
+from mesh_motion_server.security.authorisation import MATRIX, Role
 from mesh_motion_server.session.state import TABLE, Operation, State
 from mesh_motion_server.settings import MethodSettings
 
@@ -41,6 +42,7 @@ def tables() -> dict[str, str]:
         "limits": _limits(),
         "states": _states(),
         "settings": _settings(),
+        "authorisation": _authorisation(),
     }
 
 
@@ -146,6 +148,15 @@ def _states() -> str:
         cells = [TABLE[state][op] for op in (*operations, Operation.LEASE_END)]
         rows.append((state.value, *(cell.value if isinstance(cell, State) else "–" for cell in cells)))
     return _table(("state", *(op.value for op in operations), "lease ends"), *rows)
+
+
+def _authorisation() -> str:
+    """One row a request; two columns a role."""
+    head = ["request"]
+    for role in Role:
+        head += [f"{role.value}: own", "another's"]
+    rows = [(request, *(cell.value for role in Role for cell in MATRIX[role][request])) for request in REPLIES]
+    return _table(tuple(head), *rows)
 
 
 _SETTINGS = {

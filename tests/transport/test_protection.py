@@ -1,0 +1,262 @@
+"""A server with keys: who gets in, what strangers learn, and that it closes where something is wrong."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+import zmq.utils.monitor
+from mesh_motion_protocol.key_files import SecretKey
+from mesh_motion_protocol.limits import FRAME_BYTES
+from mesh_motion_protocol.messages import Hello, Join, List, Move, Open, Ping, Probe, Resume, Status
+
+from mesh_motion_server.security.key_folder import admit, make_server_keys, revoke
+
+REFUSALS = (zmq.EVENT_HANDSHAKE_FAILED_AUTH, zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_DISCONNECTED)
+
+
+@pytest.fixture(scope="module")
+def keyed(make_module_server, tmp_path_factory, make_keys):
+    """A server that admits alice, bob and a monitor; mallory has keys that it does not know."""
+    server = with_keys(make_module_server, tmp_path_factory.mktemp("keys"), make_keys)
+    server.mallory = make_keys("mallory", server.keys)
+    return server
+
+
+def with_keys(start, folder, make_keys, **settings):
+    make_server_keys(folder)
+    clients = {name: make_keys(name, folder) for name in ("alice", "bob", "eye")}
+    for name, keys in clients.items():
+        admit(keys.public, folder, name=name, roles=["monitor"] if name == "eye" else ["owner"])
+    server = start(keys_folder=str(folder), **settings)
+    server.keys = folder
+    vars(server).update(clients)
+    return server
+
+
+def outcome(wire, seconds=10.0):
+    """How a connection's handshake ends."""
+    events = wire.socket.get_monitor_socket(zmq.EVENT_ALL)
+    wire.send(Ping)
+    try:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            if wire.socket.poll(0):
+                return "admitted"
+            if events.poll(50):
+                event = zmq.utils.monitor.recv_monitor_message(events)["event"]
+                if event in REFUSALS:
+                    return "refused"
+        return "no answer"
+    finally:
+        wire.socket.disable_monitor()
+        events.close()
+
+
+def opened_by(connect, server, keys, **fields):
+    reply = connect(server.endpoint, keys).ask(Open, dimension=2, **fields)
+    assert reply.type == "OPENED", reply
+    return reply
+
+
+def test_only_keys_on_the_list_get_a_connection_to_any_endpoint(keyed, connect):
+    opened = opened_by(connect, keyed, keyed.alice)
+    for endpoint in (keyed.endpoint, opened.endpoint):
+        assert connect(endpoint, keyed.alice).ask(Ping).type == "PONG"
+        assert outcome(connect(endpoint, keyed.mallory)) == "refused"
+        assert outcome(connect(endpoint)) == "refused"
+
+
+def test_a_client_that_takes_another_server_for_ours_gets_no_connection(keyed, connect, make_keys, tmp_path):
+    make_server_keys(tmp_path)
+    mistaken = make_keys("alice", tmp_path)
+    assert outcome(connect(keyed.endpoint, mistaken)) == "refused"
+
+
+def test_the_largest_frames_pass(keyed, connect):
+    opened = opened_by(connect, keyed, keyed.alice)
+    data = connect(opened.endpoint, keyed.alice)
+    at = {"session": opened.session, "epoch": 1}
+    data.ask(Join, **at, token=opened.token)
+    displacement = np.arange(FRAME_BYTES // 16 + 3, dtype=float).repeat(2).reshape(-1, 2)  # one whole chunk and a rest
+    assert (data.ask(Move, **at, step=1, displacement=displacement).displacement == 2 * displacement).all()
+
+
+def test_a_strangers_session_is_as_one_that_does_not_exist(keyed, connect):
+    opened = opened_by(connect, keyed, keyed.alice)
+    wire = connect(keyed.endpoint, keyed.bob)
+    wire.ask(Ping)
+    replies = {}
+    for kind in (Probe, Resume):
+        for session, token in ((opened.session, opened.token), (opened.session, b"x" * 32), ("0" * 32, b"x" * 32)):
+            began = time.perf_counter()
+            reply = wire.ask(kind, session=session, token=token)
+            assert time.perf_counter() - began > 0.045  # whatever was looked up, the answer waits for the same moment
+            replies[kind, session, token] = reply.code, reply.message.replace(session, "…"), reply.hint, reply.details
+    assert len({str(reply) for reply in replies.values()}) == 1
+    assert "NOT_FOUND" in str(replies)
+    assert opened.session not in str(wire.ask(List).sessions)
+    mine = connect(keyed.endpoint, keyed.alice).ask(Probe, session=opened.session, token=b"x" * 32)
+    assert mine.code == "NOT_FOUND"
+
+
+def test_at_a_foreign_worker_even_garbage_tells_nothing(keyed, connect):
+    opened = opened_by(connect, keyed, keyed.alice)
+    mine, foreign = connect(opened.endpoint, keyed.alice), connect(opened.endpoint, keyed.bob)
+    for wire, state in ((mine, "READY"), (foreign, "")):
+        wire.send_frames(b"garbage")
+        reply = wire.receive()
+        assert (reply.code, reply.state) == ("INVALID_ARGUMENT.HEADER", state)
+    assert foreign.ask(Status, session=opened.session, epoch=1).state == ""
+
+
+def test_lists_show_own_sessions_and_a_monitor_all_with_their_owners(keyed, connect):
+    ours = {name: opened_by(connect, keyed, getattr(keyed, name)).session for name in ("alice", "bob")}
+    for name in ours:
+        listed = {entry["session"] for entry in connect(keyed.endpoint, getattr(keyed, name)).ask(List).sessions}
+        assert {other for other in ours if ours[other] in listed} == {name}
+    owners = {entry["session"]: entry["owner"] for entry in connect(keyed.endpoint, keyed.eye).ask(List).sessions}
+    assert {owners[session] for session in ours.values()} == set(ours)
+
+
+def test_anothers_request_id_gets_ones_own_reply(keyed, connect):
+    first = connect(keyed.endpoint, keyed.alice)
+    opened = first.ask(Open, dimension=2)
+    thief = connect(keyed.endpoint, keyed.bob)
+    stolen = thief.ask(Open, dimension=2, client=first.client, sequence=first.sequence)
+    assert stolen.session != opened.session
+
+
+def test_anothers_routing_id_gives_no_rights(keyed, connect):
+    opened = opened_by(connect, keyed, keyed.alice)
+    at = {"session": opened.session, "epoch": 1}
+    owner = connect(opened.endpoint, keyed.alice, routing_id=b"solver")
+    assert owner.ask(Join, **at, token=opened.token).type == "JOINED"
+    thief = connect(opened.endpoint, keyed.bob, routing_id=b"solver")
+    thief.send(Status, **at)
+    assert owner.ask(Status, **at).type == "STATUS_REPORT"
+    assert not thief.socket.poll(200)  # the id is taken: nobody answers
+    owner.socket.close()
+    late = connect(opened.endpoint, keyed.bob, routing_id=b"solver")
+    keyed.wait_until(lambda: answered(late, Status, at) == "NOT_FOUND", "the id is free, and of no use")
+
+
+def answered(wire, kind, at):
+    wire.send(kind, **at)
+    return wire.receive().code if wire.socket.poll(500) else None
+
+
+def test_the_secret_is_in_no_command_line_environment_or_log(keyed, connect):
+    opened_by(connect, keyed, keyed.alice)
+    secret = SecretKey.load(keyed.keys / "server.secret").key
+    for pid in (keyed.process.pid, *keyed.children()):
+        for name in ("cmdline", "environ"):
+            assert secret.encode() not in Path(f"/proc/{pid}/{name}").read_bytes()
+    log = keyed.log_path.read_text()
+    assert "self_test_passed" in log
+    assert not any(key.secret in log for key in (keyed.alice, keyed.bob))
+    assert secret not in log
+
+
+def test_while_the_allow_list_is_unusable_nobody_is_admitted(start, connect, make_keys, tmp_path):
+    server = with_keys(start, tmp_path, make_keys)
+    wire = connect(server.endpoint, server.alice)
+    opened = wire.ask(Open, dimension=2)
+    data = connect(opened.endpoint, server.alice)
+    at = {"session": opened.session, "epoch": 1}
+    assert data.ask(Join, **at, token=opened.token).type == "JOINED"
+    path = tmp_path / "allow.toml"
+    good = path.read_text()
+    for damage in (lambda: path.write_text("keys = "), path.unlink, lambda: (path.write_text(good), path.chmod(0o666))):
+        damage()
+        assert {wire.ask(Hello).code, data.ask(Status, **at).code} == {"UNAVAILABLE"}
+        assert outcome(connect(server.endpoint, server.alice), 0.3) != "admitted"
+        path.unlink(missing_ok=True)
+        path.write_text(good)
+        path.chmod(0o644)
+        assert wire.ask(Hello).type == "WELCOME"
+        assert data.ask(Status, **at).type == "STATUS_REPORT"
+
+
+def test_a_key_that_is_taken_off_gets_no_new_connection(start, connect, make_keys, tmp_path):
+    server = with_keys(start, tmp_path, make_keys)
+    assert connect(server.endpoint, server.alice).ask(Ping).type == "PONG"
+    revoke("alice", tmp_path)
+    assert outcome(connect(server.endpoint, server.alice)) == "refused"
+    admit(server.alice.public, tmp_path, name="alice")
+    assert connect(server.endpoint, server.alice).ask(Ping).type == "PONG"
+
+
+def test_without_the_handler_handshakes_fail_and_open_connections_go_on(start, connect, make_keys, tmp_path):
+    server = with_keys(start, tmp_path, make_keys, handshake_seconds=0.5)
+    opened = opened_by(connect, server, server.alice)
+    data = connect(opened.endpoint, server.alice)
+    at = {"session": opened.session, "epoch": 1}
+    assert data.ask(Join, **at, token=opened.token).type == "JOINED"
+    gateway = server.children()[0]
+    os.kill(gateway, signal.SIGSTOP)
+    assert outcome(connect(opened.endpoint, server.alice)) != "admitted"
+    assert outcome(connect(opened.endpoint)) != "admitted"
+    assert data.ask(Status, **at).type == "STATUS_REPORT"
+    os.kill(gateway, signal.SIGKILL)  # the next one shows itself that it refuses before it is announced
+    assert connect(opened.endpoint, server.alice).ask(Ping).type == "PONG"
+    assert connect(server.endpoint, server.alice).ask(Ping).type == "PONG"
+    assert outcome(connect(server.endpoint)) == "refused"
+    assert len(server.logs("self_test_passed")) == 2
+
+
+def test_a_session_stays_its_owners_over_a_restart(start, connect, make_keys, tmp_path):
+    server = with_keys(start, tmp_path / "keys", make_keys)
+    opened = opened_by(connect, server, server.alice)
+    server.stop()
+    again = start(folder=server.folder, keys_folder=str(server.keys))
+    ask = {"session": opened.session, "token": opened.token}
+    assert connect(again.endpoint, server.bob).ask(Resume, **ask).code == "NOT_FOUND"
+    assert connect(again.endpoint, server.alice).ask(Resume, **ask).epoch == 2
+    again.stop()
+    without = start(folder=server.folder)
+    assert connect(without.endpoint).ask(Resume, **ask).code == "NOT_FOUND"
+    assert connect(without.endpoint).ask(List).sessions == []
+
+
+@pytest.mark.parametrize("endpoint", ["tcp://0.0.0.0:0", "ipc"])
+def test_keys_protect_any_address(start, connect, make_keys, tmp_path, endpoint):
+    folder = tmp_path / "s"
+    folder.mkdir(mode=0o700)
+    server = with_keys(
+        start, tmp_path / "keys", make_keys, endpoint=f"ipc://{folder}/c" if endpoint == "ipc" else endpoint
+    )
+    reached = server.endpoint.replace("0.0.0.0", "127.0.0.1")
+    opened = connect(reached, server.alice).ask(Open, dimension=2)
+    data = connect(opened.endpoint.replace("0.0.0.0", "127.0.0.1"), server.alice)
+    assert data.ask(Ping).type == "PONG"
+    assert outcome(connect(reached)) == "refused"
+    assert not server.logs("insecure")
+
+
+@pytest.mark.parametrize("wrong", ["no keys", "open secret", "no allow-list", "writable allow-list", "other file"])
+def test_keys_that_do_not_protect_exit_78(start, tmp_path, wrong):
+    if wrong != "no keys":
+        make_server_keys(tmp_path)
+    if wrong == "open secret":
+        (tmp_path / "server.secret").chmod(0o640)
+    if wrong == "no allow-list":
+        (tmp_path / "allow.toml").unlink()
+    if wrong == "writable allow-list":
+        (tmp_path / "allow.toml").chmod(0o664)
+    if wrong == "other file":
+        (tmp_path / "server.secret").write_bytes((tmp_path / "server.public").read_bytes())
+    server = start(keys_folder=str(tmp_path), endpoint="tcp://0.0.0.0:0", ready=False)
+    assert server.process.wait(30) == 78
+    assert server.logs("refused")[0]["hint"] or server.logs("refused")[0]["reason"]
+
+
+def test_greetings_of_an_insecure_server_are_counted(start, connect):
+    server = start("insecure", endpoint="tcp://0.0.0.0:0")
+    port = server.endpoint.rpartition(":")[2]
+    for _ in range(2):
+        connect(f"tcp://127.0.0.1:{port}").ask(Hello)
+    assert [line["count"] for line in server.logs("insecure_hello")] == [1, 2]
