@@ -82,7 +82,7 @@ def _describe(partition: PartitionMesh) -> dict[str, Any]:
     return {
         "nodes": partition.points.shape[0],
         "dimension": partition.points.shape[1],
-        "cells": {name: len(nodes) for name, nodes in partition.cells.items()},
+        "cells": {name: sum(map(len, partition.cell_pieces(name))) for name in partition.cells},
         "patches": {name: [patch.role, len(patch.nodes)] for name, patch in partition.patches.items()},
     }
 
@@ -91,8 +91,9 @@ def _arrays(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
     """Its arrays as they are written, in order."""
     yield np.ascontiguousarray(partition.points, dtype="<f8")
     yield np.ascontiguousarray(partition.global_ids, dtype="<i8")
-    for nodes in partition.cells.values():
-        yield np.ascontiguousarray(nodes, dtype="<i8")
+    for name in partition.cells:
+        for piece in partition.cell_pieces(name):
+            yield np.ascontiguousarray(piece, dtype="<i8")
     for patch in partition.patches.values():
         yield np.ascontiguousarray(patch.nodes, dtype="<i8")
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.session.joining import joined
@@ -45,15 +46,20 @@ class PartitionMesh:
     global_ids : (n,) int64 array
         The same node has the same id in every partition; with one partition the local indices.
     cells : dict
-        Type name → (m, n_nodes) int64 local node indices.
+        Type name → (m, n_nodes) int64 local node indices, or the pieces that they came in.
     patches : dict
         Name → Patch with local node indices.
     """
 
     points: Floats
     global_ids: Ints
-    cells: Mapping[str, Ints]
+    cells: Mapping[str, Ints | Sequence[Ints]]
     patches: Mapping[str, Patch]
+
+    def cell_pieces(self, name: str) -> list[Ints]:
+        """Cells (m_i, n_nodes) of a type, none of them empty."""
+        cells = self.cells.get(name, ())
+        return [piece for piece in ([cells] if isinstance(cells, np.ndarray) else cells) if len(piece)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +205,7 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
     for number, partition in enumerate(partitions):
         _check_partition(partition, number)
     points, global_ids, id_order, node_maps = _merge_nodes(partitions)
-    cells, origins = _merge_cells(partitions, node_maps)
+    cells, origins = _merge_cells(partitions, node_maps, len(points))
     points.flags.writeable = False
     return MergedMesh(
         points=points,
@@ -230,10 +236,17 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
             code="INVALID_ARGUMENT.SHAPE",
             details={"partition": number},
         )
-    for name, nodes in partition.cells.items():
-        _check_range(nodes, count, f"partition {number}, cell type {name!r}", {"partition": number, "type": name})
+    for name in partition.cells:
+        row = 0
+        for piece in partition.cell_pieces(name):
+            _check_range(
+                piece, count, f"partition {number}, cell type {name!r}", {"partition": number, "type": name}, row
+            )
+            row += len(piece)
     for name, patch in partition.patches.items():
         _check_range(patch.nodes, count, f"partition {number}, patch {name!r}", {"partition": number, "patch": name})
+    if _ascending(partition.global_ids):
+        return
     ids, repeats = np.unique(partition.global_ids, return_counts=True)
     if len(ids) < count:
         twice = int(ids[np.argmax(repeats > 1)])
@@ -245,21 +258,32 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
         )
 
 
-def _check_range(indices: Ints, count: int, where: str, details: dict[str, object]) -> None:
-    """Every index in 0 … count - 1."""
+def _ascending(ids: Ints) -> bool:
+    """Whether the ids (n,) ascend strictly, as local indices do."""
+    return bool((ids[1:] > ids[:-1]).all())
+
+
+def _check_range(indices: Ints, count: int, where: str, details: dict[str, object], first_row: int = 0) -> None:
+    """Every index in 0 … count - 1; the rows count from ``first_row``."""
+    if not len(indices) or (indices.min() >= 0 and indices.max() < count):
+        return
     bad = np.argwhere((indices < 0) | (indices >= count))
-    if len(bad):
-        row, value = int(bad[0][0]), int(indices[tuple(bad[0])])
-        raise InvalidInput(
-            f"{where}, row {row}: node index {value} is not in 0 … {count - 1}",
-            code="INVALID_ARGUMENT.MESH",
-            hint="indices are local to the partition and start at 0",
-            details=details | {"row": row, "value": value},
-        )
+    row, value = first_row + int(bad[0][0]), int(indices[tuple(bad[0])])
+    raise InvalidInput(
+        f"{where}, row {row}: node index {value} is not in 0 … {count - 1}",
+        code="INVALID_ARGUMENT.MESH",
+        hint="indices are local to the partition and start at 0",
+        details=details | {"row": row, "value": value},
+    )
 
 
 def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, Ints, tuple[Ints, ...]]:
     """Points (n, d) and global ids (n,) in canonical order, its inverse by ids (n,), and each partition's node map."""
+    if len(partitions) == 1 and _ascending(partitions[0].global_ids):  # nothing to unite
+        ids, points = partitions[0].global_ids, partitions[0].points
+        order = canonical_order(points, ids)
+        rank = _inverse(order)
+        return np.take(points, order, axis=0), ids[order], rank, (rank,)
     all_points = joined([p.points for p in partitions])
     all_ids = joined([p.global_ids for p in partitions])
     ids, first, inverse = np.unique(all_ids, return_index=True, return_inverse=True)
@@ -267,10 +291,16 @@ def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, Int
     owners = np.repeat(np.arange(len(partitions)), [len(p.points) for p in partitions])
     _check_coordinates(all_points, points[inverse], all_ids, owners)
     order = canonical_order(points, ids)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
+    rank = _inverse(order)
     ends = np.cumsum([len(p.points) for p in partitions])[:-1]
     return points[order], ids[order], rank, tuple(np.split(rank[inverse], ends))
+
+
+def _inverse(order: Ints) -> Ints:
+    """Where each index stands in a permutation (n,)."""
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return rank
 
 
 def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) -> None:
@@ -297,55 +327,40 @@ def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) ->
 
 
 def _merge_cells(
-    partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints]
+    partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints], nodes: int
 ) -> tuple[CellTable, tuple[_CellOrigin, ...]]:
     """All cells in canonical order and where they came from, types in the order of CELL_TYPES."""
     tables: dict[str, Ints] = {}
     origins = []
     for name in CELL_TYPES:
-        parts = [
-            (p, node_maps[p][mesh.cells[name]]) for p, mesh in enumerate(partitions) if len(mesh.cells.get(name, ()))
-        ]
-        if not parts:
+        pieces = [(p, piece) for p, mesh in enumerate(partitions) for piece in mesh.cell_pieces(name)]
+        if not pieces:
             continue
-        nodes = joined([rows for _, rows in parts])
-        order = _lexicographic(nodes, 1 + int(nodes.max()))
-        tables[name] = np.take(nodes, order, axis=0)
-        origins.append(_origin(name, [(p, len(rows)) for p, rows in parts], order))
+        tables[name], order = sorted_cells([(node_maps[p], piece) for p, piece in pieces], nodes)
+        origins.append(_origin(name, [(p, len(piece)) for p, piece in pieces], order))
         _check_no_duplicate(tables[name], origins[-1])
     return CellTable.from_arrays(tables), tuple(origins)
 
 
-def _origin(name: str, lengths: Sequence[tuple[int, int]], order: Ints) -> _CellOrigin:
-    """Where cells came from that are put in this ``order`` (m,): (partition, number of cells) of each part before."""
-    # kept as long as the session: half the memory where the numbers allow it, none for an only partition
-    dtype = np.int32 if len(order) < 2**31 else np.int64
-    if len(lengths) == 1:
-        return _CellOrigin(name, np.broadcast_to(np.int32(lengths[0][0]), len(order)), order.astype(dtype))
-    partition = np.concatenate([np.full(count, p, dtype=np.int32) for p, count in lengths])
-    local = np.concatenate([np.arange(count, dtype=dtype) for _, count in lengths])
+def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.integer]) -> _CellOrigin:
+    """Where cells came from that are put in this ``order`` (m,): (partition, number of cells) of each piece before."""
+    # kept as long as the session: none for an only partition
+    if len({p for p, _ in lengths}) == 1:
+        return _CellOrigin(name, np.broadcast_to(np.int32(lengths[0][0]), len(order)), order)
+    counts = np.zeros(1 + max(p for p, _ in lengths), dtype=np.int64)
+    for p, count in lengths:
+        counts[p] += count
+    partition = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+    local = np.concatenate([np.arange(count, dtype=order.dtype) for count in counts])
     return _CellOrigin(name, partition[order], local[order])
-
-
-def _lexicographic(rows: Ints, count: int) -> Ints:
-    """(m,) order that sorts rows (m, k) of numbers below ``count``; as many columns as fit are sorted by at once."""
-    bits = count.bit_length()
-    together = max(1, 63 // bits)
-    keys = []
-    for first in range(0, rows.shape[1], together):
-        key = np.zeros(len(rows), dtype=np.int64)
-        for column in rows.T[first : first + together]:
-            key = (key << bits) | column
-        keys.append(key)
-    return np.lexsort(keys[::-1])
 
 
 def _check_no_duplicate(nodes: Ints, origin: _CellOrigin) -> None:
     """Sorted rows (m, k) all differ."""
-    same = np.flatnonzero(np.all(nodes[1:] == nodes[:-1], axis=1))
-    if not len(same):
+    again = first_repetition(nodes)
+    if again is None:
         return
-    places = [(int(origin.partition[row]), int(origin.local[row])) for row in (same[0], same[0] + 1)]
+    places = [(int(origin.partition[row]), int(origin.local[row])) for row in (again - 1, again)]
     (p, a), (q, b) = places
     raise InvalidInput(
         f"cell {a} of type {origin.type_name!r} in partition {p} is also cell {b} in partition {q}",

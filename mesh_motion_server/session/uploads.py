@@ -54,10 +54,11 @@ class _Pile:
     roles: dict[str, str] = field(default_factory=dict)
 
     def whole(self) -> dict[_Key, _Rows]:
-        """Each item's rows in one array, which takes the place of its parts: a mesh is never held twice."""
+        """Each item's rows, but for the cells, in one array, which takes the place of its parts."""
         for key, rows in self.parts.items():
-            self.parts[key] = [joined(rows)]
-        return {key: rows[0] for key, rows in self.parts.items()}
+            if key[0] != "cells":
+                self.parts[key] = [joined(rows)]
+        return {key: rows[0] for key, rows in self.parts.items() if key[0] != "cells"}
 
 
 class MeshUpload:
@@ -122,7 +123,7 @@ class MeshUpload:
         return PartitionMesh(
             points=points.astype(np.float64, copy=False),
             global_ids=self._global_ids(number, len(points), whole.get(("global_ids", ""))),
-            cells={name: rows for (item, name), rows in whole.items() if item == "cells"},
+            cells={name: tuple(rows) for (item, name), rows in pile.parts.items() if item == "cells"},
             patches={
                 name: Patch(pile.roles[name], rows[:, 0]) for (item, name), rows in whole.items() if item == "patch"
             },

@@ -1,4 +1,4 @@
-"""What the spare worker does while it waits: a tiny motion in 2D and 3D, which loads the compiled kernels.
+"""What the spare worker does while it waits: tiny motions in 2D and 3D, which load the compiled kernels.
 
 Loading them takes a second or two; so the first BUILD and MOVE of a session do not pay for it.
 """
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import Patch
@@ -26,6 +27,8 @@ _CUTS = {
     "tetra": [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]],
 }
 _ROWS = 3
+#: What small and large meshes are solved by.
+_SOLVERS = ("auto", "two-scale")
 
 
 def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
@@ -34,18 +37,25 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
     if model_class is None:
         return
     for points, cells in _meshes():
-        if interrupted():
-            return
-        ends = {
-            "moving": Patch("moving", np.flatnonzero(points[:, 0] == 0)),
-            "fixed": Patch("fixed", np.flatnonzero(points[:, 0] == 1)),
-        }
-        try:
-            model = model_class.build(points, cells, ends, Method(support_radius=2.0))
-            model.summary(points)
-            model.move(points, points[model.roles.moving] + 0.01)
-        except MeshMotionError:
-            return  # only a session's own request has somebody to tell
+        first_repetition(sorted_cells([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))[0])
+        for solver in _SOLVERS:
+            if interrupted():
+                return
+            try:
+                _move(model_class, points, cells, Method(support_radius=2.0, solver=solver))
+            except MeshMotionError:
+                return  # only a session's own request has somebody to tell
+
+
+def _move(model_class: Any, points: NDArray[np.float64], cells: CellTable, method: Method) -> None:
+    """Build a model of a mesh, judge it and move one end a little."""
+    ends = {
+        "moving": Patch("moving", np.flatnonzero(points[:, 0] == 0)),
+        "fixed": Patch("fixed", np.flatnonzero(points[:, 0] == 1)),
+    }
+    model = model_class.build(points, cells, ends, method)
+    model.summary(points)
+    model.move(points, points[model.roles.moving] + 0.01)
 
 
 def _meshes() -> Iterator[tuple[NDArray[np.float64], CellTable]]:

@@ -89,11 +89,10 @@ def array_of(declared: dict[str, Any], frames: Sequence[Buffer], spec: ArraySpec
     items = math.prod(shape)
     _check_sizes(frames, items * _ITEM_BYTES[dtype], spec)
     raw = _adopted(frames, dtype)
-    if raw is None:
-        raw = np.empty(items, dtype=dtype)
-        _fill(raw, frames)
-    native: NDArray[Any] = raw.reshape(shape).astype(_NATIVE[dtype], copy=False)
-    return native
+    if raw is None or raw.dtype != _NATIVE[dtype]:
+        raw = np.empty(items, dtype=_NATIVE[dtype])
+        _fill(raw, frames, dtype)
+    return raw.reshape(shape)
 
 
 def _check_sizes(frames: Sequence[Buffer], nbytes: int, spec: ArraySpec) -> None:
@@ -115,14 +114,13 @@ def _adopted(frames: Sequence[Buffer], dtype: str) -> NDArray[Any] | None:
     return array if array.flags.aligned else None
 
 
-def _fill(raw: NDArray[Any], frames: Sequence[Buffer]) -> None:
-    """Copy the frames into ``raw``, one after the other."""
-    target = raw.data.cast("B") if raw.size else memoryview(b"")
+def _fill(raw: NDArray[Any], frames: Sequence[Buffer], dtype: str) -> None:
+    """Copy the frames into ``raw``, one after the other, each widened on the way: chunks end with a whole item."""
     start = 0
     for frame in frames:
-        source = memoryview(frame).cast("B")
-        target[start : start + source.nbytes] = source
-        start += source.nbytes
+        part = np.frombuffer(frame, dtype=dtype)
+        raw[start : start + len(part)] = part
+        start += len(part)
 
 
 def _check_shape(shape: Any, spec: ArraySpec) -> None:

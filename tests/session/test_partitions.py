@@ -165,16 +165,36 @@ def test_the_senders_numbering(kit: Any, parts: int) -> None:
     assert meshes[named["partition"]].global_ids[named["node"]] == 5  # type: ignore[index,call-overload]
 
 
-@pytest.mark.parametrize("count", [3, 1000, 2**20, 2**21, 2**31, 2**40])
-def test_cells_are_sorted_by_their_node_tuples(count: int) -> None:
-    from mesh_motion_server.session.partitions import _lexicographic  # noqa: PLC0415
+def test_cells_in_pieces_are_merged_as_if_they_had_come_at_once(kit: Any) -> None:
+    parts = kit.split_mesh(kit.grid_mesh(), 2)
+    pieces = [
+        replace(p, cells={name: (rows[:5], rows[5:5], rows[5:]) for name, rows in p.cells.items()}) for p in parts
+    ]
+    at_once, in_pieces = merge(parts), merge(pieces)
+    np.testing.assert_array_equal(in_pieces.cells.blocks[0].nodes, at_once.cells.blocks[0].nodes)
+    assert [in_pieces.locate_cell(c) for c in range(20)] == [at_once.locate_cell(c) for c in range(20)]
+    rows = parts[0].cells["triangle"].copy()
+    rows[7, 1] = 999
+    with pytest.raises(InvalidInput, match=r"cell type 'triangle', row 7: node index 999"):
+        merge([replace(parts[0], cells={"triangle": (rows[:5], rows[5:])})])
 
-    random = np.random.default_rng(count)
-    for columns in (2, 4, 8):
-        rows = random.integers(0, count, (500, columns))
-        rows[::2, 0] = rows[0, 0]
-        rows[::3, :-1] = rows[0, :-1]
-        assert rows[_lexicographic(rows, count)].tolist() == sorted(rows.tolist())
+
+def test_ids_in_any_order_give_the_mesh_of_ascending_ones(kit: Any) -> None:
+    whole = kit.grid_mesh()
+    order = np.random.default_rng(1).permutation(len(whole.points))
+    rank = np.argsort(order)
+    shuffled = replace(
+        whole,
+        points=whole.points[order],
+        global_ids=whole.global_ids[order],
+        cells={name: rank[rows] for name, rows in whole.cells.items()},
+        patches={name: replace(patch, nodes=rank[patch.nodes]) for name, patch in whole.patches.items()},
+    )
+    one, other = merge([whole]), merge([shuffled])
+    assert one.points.tobytes() == other.points.tobytes()
+    np.testing.assert_array_equal(one.id_order, other.id_order)
+    np.testing.assert_array_equal(one.cells.blocks[0].nodes, other.cells.blocks[0].nodes)
+    np.testing.assert_array_equal(one.node_maps[0], other.node_maps[0][rank])
 
 
 def test_the_origin_of_cells_takes_little_memory(kit: Any) -> None:

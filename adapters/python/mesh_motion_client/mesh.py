@@ -20,6 +20,8 @@ ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
 
 #: Bytes of one UPLOAD: small enough that the worker never holds much beside the mesh itself.
 _PART_BYTES = 32 << 20
+#: Nodes that 4 bytes number.
+_INT32 = 1 << 31
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class Mesh:
     """
 
     points: NDArray[np.float64]
-    cells: Mapping[str, NDArray[np.int64]]
+    cells: Mapping[str, NDArray[np.integer]]
     patches: Mapping[str, Patch] = field(default_factory=dict)
     global_ids: NDArray[np.int64] | None = None
 
@@ -99,28 +101,30 @@ class Mesh:
             for name, patch in self.patches.items()
         ]
         for fields, rows in items:
-            step = max(1, _PART_BYTES // (8 * rows.shape[1]))
+            step = max(1, _PART_BYTES // (8 * rows.shape[1]))  # 8 bytes each once they have arrived
             for start in range(0, max(1, len(rows)), step):
                 yield Upload(**at, **fields, rows=rows[start : start + step])
 
-    def _cells(self, name: str, nodes: ArrayLike) -> NDArray[np.int64]:
+    def _cells(self, name: str, nodes: ArrayLike) -> NDArray[np.integer]:
         if name not in CELL_NODES:
             raise InvalidInput(f"cell types are {', '.join(CELL_NODES)}, got {name!r}")
-        array = _indices(nodes, f"cells of type {name}")
+        array = _whole_numbers(nodes, f"cells of type {name}")
         if array.ndim != 2 or array.shape[1] != CELL_NODES[name]:
             raise InvalidInput(f"cells of type {name} must have shape (m, {CELL_NODES[name]}), got {array.shape}")
         self._check_range(array, f"cells of type {name}")
-        return array
+        # half the way to the server; narrow and wide mean the same
+        return np.array(array, dtype=np.int32 if len(self.points) <= _INT32 else np.int64, order="C")
 
-    def _check_range(self, nodes: NDArray[np.int64], what: str) -> None:
+    def _check_range(self, nodes: NDArray[Any], what: str) -> None:
+        if not nodes.size or (nodes.min() >= 0 and nodes.max() < len(self.points)):
+            return
         wrong = np.argwhere((nodes < 0) | (nodes >= len(self.points)))
-        if len(wrong):
-            first = tuple(int(i) for i in wrong[0])
-            raise InvalidInput(
-                f"{what} must name nodes 0 … {len(self.points) - 1}, got {int(nodes[first])} in row {first[0]}",
-                hint="node numbers count from 0",
-                details={"row": first[0], "value": int(nodes[first])},
-            )
+        first = tuple(int(i) for i in wrong[0])
+        raise InvalidInput(
+            f"{what} must name nodes 0 … {len(self.points) - 1}, got {int(nodes[first])} in row {first[0]}",
+            hint="node numbers count from 0",
+            details={"row": first[0], "value": int(nodes[first])},
+        )
 
 
 def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -133,8 +137,9 @@ def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
         array = array[:, None]
     if array.ndim != 2:
         raise InvalidInput(f"{what} must be a table (rows, coordinates), got shape {array.shape}")
-    wrong = np.argwhere(~np.isfinite(array))
-    if len(wrong):
+    finite = np.isfinite(array)
+    if not finite.all():
+        wrong = np.argwhere(~finite)
         row, column = (int(i) for i in wrong[0])
         raise InvalidInput(
             f"{what} must be finite, got {array[row, column]} in row {row}",
@@ -147,7 +152,12 @@ def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 def _indices(values: ArrayLike, what: str) -> NDArray[np.int64]:
     """Copy of whole numbers as int64."""
+    return np.array(_whole_numbers(values, what), dtype=np.int64, order="C")
+
+
+def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
+    """The values as an array, uncopied where they are one."""
     array = np.asarray(values)
     if array.size and not np.issubdtype(array.dtype, np.integer):
         raise InvalidInput(f"{what} must be whole numbers, got dtype {array.dtype}", code="INVALID_ARGUMENT.DTYPE")
-    return np.array(array, dtype=np.int64, order="C")
+    return array

@@ -1,0 +1,36 @@
+"""Cells are sorted by their node tuples, however many begin with one node, and know where they came from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells
+
+
+@pytest.mark.parametrize("count", [3, 40, 5000])
+@pytest.mark.parametrize("columns", [2, 4, 8])
+def test_cells_are_sorted_by_their_node_tuples(count: int, columns: int) -> None:
+    random = np.random.default_rng(count)
+    rows = random.integers(0, count, (500, columns))
+    rows[::5, 0] = rows[0, 0]  # more than are sorted by insertion
+    rows[::7, :-1] = rows[0, :-1]
+    found, order = sorted_cells([(np.arange(count), rows)], count)
+    assert found.tolist() == sorted(rows.tolist())
+    np.testing.assert_array_equal(rows[order], found)
+    same = np.all(found[1:] == found[:-1], axis=1)
+    assert (np.diff(order)[same] > 0).all()  # equal cells stay in the order they came
+
+
+def test_each_piece_is_renumbered_by_its_own_map() -> None:
+    first, second = np.array([4, 0, 2]), np.array([3, 1])
+    pieces = [(first, np.array([[0, 1], [2, 0]])), (second, np.array([[1, 0]]))]
+    found, order = sorted_cells(pieces, 5)
+    assert found.tolist() == [[1, 3], [2, 4], [4, 0]]
+    assert order.tolist() == [2, 1, 0]
+
+
+def test_the_first_repeated_cell_is_found() -> None:
+    rows = np.array([[0, 1], [0, 2], [0, 2], [1, 0], [1, 0]])
+    assert first_repetition(rows) == 2
+    assert first_repetition(rows[[0, 1, 3]]) is None
