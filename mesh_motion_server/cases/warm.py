@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells
+from mesh_motion_server.numerics.cell_order import sorted_in_buckets
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.far_field.far_sum import FarSum
@@ -50,7 +50,7 @@ def compile_kernels() -> float:
     for name, (points, cells) in tiny_meshes():
         for method in _methods(points.shape[1]):
             _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
-        first_repetition(sorted_cells([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))[0])
+        sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
     _many_unknowns()
     _two_scales()
     _far_field()

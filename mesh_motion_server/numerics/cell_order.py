@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.thread_share import threads_for
 
-__all__ = ["first_repetition", "sorted_cells"]
+__all__ = ["first_repetition", "sorted_cells", "sorted_in_buckets"]
 
 Ints = NDArray[np.int64]
 
 _NODES_PER_ITEM = 2048  # buckets per work item of the parallel loop
+_FEW = 4096  # cells that are sorted before a kernel is loaded
 _INSERTION_SORT = 64  # longest bucket sorted by insertion: first node of a good mesh's cells are about 6
 
 
@@ -37,6 +38,15 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
     (m,) int32 or int64 array
         Where each row came from, counted through the pieces.
     """
+    if sum(len(cells) for _, cells in pieces) > _FEW:
+        return sorted_in_buckets(pieces, nodes)
+    rows = np.concatenate([node_map[cells] for node_map, cells in pieces])
+    order = np.lexsort(rows.T[::-1])
+    return rows[order], order.astype(np.int32)
+
+
+def sorted_in_buckets(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints, NDArray[Any]]:
+    """As :func:`sorted_cells` does it with many."""
     given = [(read_only(node_map), read_only(np.ascontiguousarray(cells))) for node_map, cells in pieces]
     total, starts = sum(len(cells) for _, cells in given), np.zeros(nodes + 1, dtype=np.int64)
     for node_map, cells in given:
@@ -60,17 +70,9 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
 
 def first_repetition(rows: Ints) -> int | None:
     """The first of sorted rows (m, k) that equals the one before it."""
-    found = int(_first_repetition(read_only(rows)))
-    return found if found < len(rows) else None
-
-
-@njit(cache=True)
-def _first_repetition(rows):  # type: ignore[no-untyped-def]
-    """The first row that does not come after the one before it, or their number."""
-    for i in range(1, rows.shape[0]):
-        if not _less(rows[i - 1], rows[i]):
-            return i
-    return rows.shape[0]
+    same = np.flatnonzero(rows[1:, -1] == rows[:-1, -1])  # few neighbours agree in this column, most in the first
+    same = same[(rows[same + 1] == rows[same]).all(axis=1)]
+    return int(same[0]) + 1 if len(same) else None
 
 
 @njit(cache=True)

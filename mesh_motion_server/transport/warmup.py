@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import MeshMotionError
-from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import Patch
@@ -36,8 +35,11 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
     model_class: Any = getattr(importlib.import_module(numerics), "MotionModel", None)
     if model_class is None:
         return
+    # imported here: a host without these numerics needs no compiled kernels
+    from mesh_motion_server.numerics.cell_order import sorted_in_buckets  # noqa: PLC0415
+
     for points, cells in _meshes():
-        first_repetition(sorted_cells([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))[0])
+        sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
         for solver in _SOLVERS:
             if interrupted():
                 return
