@@ -4,7 +4,8 @@ Centres lie sorted by the cells of a uniform grid (``centres.py``), coordinates 
 that the centres near a point are a few contiguous runs and every inner loop reads whole cache lines. For one point the
 runs are walked in tiles: distances and φ of a tile go to a buffer in the first-level cache, then every column of
 weights takes its dot product with it. So nothing of the size points × centres exists, and k columns cost one evaluation
-of φ.
+of φ. Displacements by Wendland C2 take a single loop without a buffer, in which the products hide behind the square
+root: 0.6 ns a pair instead of 0.9, where the square roots alone take 0.55.
 
 The sum at a point is formed by one thread in an order that depends on the centres alone: bitwise the same for any
 number of threads, and for any set of points evaluated together.
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.kernel_functions import WENDLAND_C2, wendland_c2, wendland_c2_slope
 from mesh_motion_server.numerics.kernel_maps import map_phi, map_slope
 
-__all__ = ["MAX_RUNS", "TILE", "centre_runs", "dot", "phi_tile", "sum_gradients", "sum_values"]
+__all__ = ["MAX_RUNS", "TILE", "add_sums", "centre_runs", "sum_gradients", "sum_values"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -69,7 +70,7 @@ def centre_runs(
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)
-def phi_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignore[no-untyped-def]
+def _phi_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignore[no-untyped-def]
     """φ of every centre of a tile at one point; returns nothing, fills ``tile``."""
     if code == WENDLAND_C2:
         for j in range(cx.size):
@@ -105,11 +106,72 @@ def _slope_tile(code, x, y, z, cx, cy, cz, inverse_radius, tile):  # type: ignor
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS)
-def dot(a: Array, b: Array) -> float:
+def _dot(a: Array, b: Array) -> float:
     total = 0.0
     for j in range(a.size):
         total += a[j] * b[j]
     return total
+
+
+@njit(cache=True, error_model="numpy", fastmath=_SUMS)
+def _wendland_c2_sum_of_three(x, y, z, cx, cy, cz, u, v, w, inverse_radius):  # type: ignore[no-untyped-def]
+    """Σ_j φ (u_j, v_j, w_j) at one point."""
+    a, b, c = 0.0, 0.0, 0.0
+    for j in range(cx.size):
+        dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
+        value = wendland_c2(math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
+        a += value * u[j]
+        b += value * v[j]
+        c += value * w[j]
+    return a, b, c
+
+
+@njit(cache=True, error_model="numpy", fastmath=_SUMS)
+def _wendland_c2_sum_of_two(x, y, z, cx, cy, cz, u, v, inverse_radius):  # type: ignore[no-untyped-def]
+    """Σ_j φ (u_j, v_j) at one point."""
+    a, b = 0.0, 0.0
+    for j in range(cx.size):
+        dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
+        value = wendland_c2(math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
+        a += value * u[j]
+        b += value * v[j]
+    return a, b
+
+
+@njit(cache=True, error_model="numpy")
+def add_sums(code, point, first, last, centres, weights, inverse_radius, tile, out):  # type: ignore[no-untyped-def]
+    """``out[c] += Σ_j weights[c, j] φ(|point − centres[:, j]| / R)`` over j from ``first`` to before ``last``.
+
+    Parameters
+    ----------
+    code : int
+    point : (3,) array
+    first, last : int
+    centres, weights : (3, n), (k, n) arrays
+    inverse_radius : float
+    tile : (TILE,) array
+        Overwritten.
+    out : (k,) array
+    """
+    x, y, z = point[0], point[1], point[2]
+    if code == WENDLAND_C2 and 2 <= out.size <= 3:
+        cx, cy, cz = centres[0, first:last], centres[1, first:last], centres[2, first:last]
+        u, v = weights[0, first:last], weights[1, first:last]
+        if out.size == 3:
+            a, b, c = _wendland_c2_sum_of_three(x, y, z, cx, cy, cz, u, v, weights[2, first:last], inverse_radius)
+            out[2] += c
+        else:
+            a, b = _wendland_c2_sum_of_two(x, y, z, cx, cy, cz, u, v, inverse_radius)
+        out[0] += a
+        out[1] += b
+        return
+    for begin in range(first, last, TILE):
+        end = min(begin + TILE, last)
+        part = tile[: end - begin]
+        cx, cy, cz = centres[0, begin:end], centres[1, begin:end], centres[2, begin:end]
+        _phi_tile(code, x, y, z, cx, cy, cz, inverse_radius, part)
+        for k in range(out.size):
+            out[k] += _dot(part, weights[k, begin:end])
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -145,13 +207,7 @@ def sum_values(
             for c in range(k):
                 out[i, c] = 0.0
             for run in range(centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)):
-                for a in range(runs[run, 0], runs[run, 1], TILE):
-                    b = min(a + TILE, runs[run, 1])
-                    phi_tile(
-                        code, x, y, z, centres[0, a:b], centres[1, a:b], centres[2, a:b], inverse_radius, tile[: b - a]
-                    )
-                    for c in range(k):
-                        out[i, c] += dot(tile[: b - a], weights[c, a:b])
+                add_sums(code, points[i], runs[run, 0], runs[run, 1], centres, weights, inverse_radius, tile, out[i])
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -184,4 +240,4 @@ def sum_gradients(
                     _slope_tile(code, x, y, z, centres[0, a:b], centres[1, a:b], centres[2, a:b], inverse_radius, tile)
                     for c in range(k):
                         for m in range(d):
-                            out[i, c, m] += factor * dot(tile[m, : b - a], weights[c, a:b])
+                            out[i, c, m] += factor * _dot(tile[m, : b - a], weights[c, a:b])

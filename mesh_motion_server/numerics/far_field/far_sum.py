@@ -25,7 +25,7 @@ from mesh_motion_server.numerics.far_field.chebyshev import box_points, carry_do
 from mesh_motion_server.numerics.far_field.derivative_bounds import derivative_bounds
 from mesh_motion_server.numerics.far_field.plan import Plan, Runs, make_plan
 from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.summation import TILE, dot, phi_tile
+from mesh_motion_server.numerics.summation import TILE, add_sums
 from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["FarSum"]
@@ -75,14 +75,9 @@ def _group_sums(
                 at += 1
         tile = np.empty(TILE)
         for i in range(points_of[g, 0], points_of[g, 1]):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
             for c in range(k):
                 out[i, c] = 0.0
-            for a in range(0, count, TILE):
-                b = min(a + TILE, count)
-                phi_tile(code, x, y, z, near[0, a:b], near[1, a:b], near[2, a:b], inverse_radius, tile[: b - a])
-                for c in range(k):
-                    out[i, c] += dot(tile[: b - a], own[c, a:b])
+            add_sums(code, points[i], 0, count, near, own, inverse_radius, tile, out[i])
 
 
 @dataclass(frozen=True, eq=False)
