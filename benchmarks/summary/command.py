@@ -6,6 +6,7 @@ import argparse
 import os
 import platform
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,8 +28,10 @@ from benchmarks.summary.plan import PLANS, Job
 
 __all__ = ["main"]
 
-#: What may go on for longer than expected is stopped at so many times what it should take, and half a minute.
-_PATIENCE, _GRACE = 5.0, 30.0
+#: What may go on for longer than expected is stopped at so many times what it should take, and a minute.
+_PATIENCE, _GRACE = 5.0, 60.0
+#: Compiles every kernel that is not in numba's cache yet.
+_WARM = [sys.executable, "-m", "mesh_motion_server", "version", "--warm"]
 
 
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
@@ -42,6 +45,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1, help="threads that a system may use")
     parser.add_argument("--repeat", type=int, default=3, help="steps of each; the shortest counts")
     parser.add_argument("--only", nargs="+", choices=list(_JOBS), metavar="KIND")
+    parser.add_argument("--without", nargs="+", default=[], metavar="MESH", help="leave these meshes out")
     parser.add_argument("--readme", action="store_true", help="put tables and plot into the README files")
     parser.add_argument(
         "--list", action="store_true", help="list the plan's jobs and what each takes on two quiet cores"
@@ -134,6 +138,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run what the command line asks for."""
     arguments = _arguments(words)
     jobs = [job for job in PLANS[arguments.plan] if not arguments.only or job.kind in arguments.only]
+    jobs = [job for job in jobs if _mesh(job) not in arguments.without]
     if arguments.list:
         for job in jobs:
             print(f"{job.seconds:4.0f} s  {job.text}")
@@ -142,6 +147,7 @@ def main(words: Sequence[str] | None = None) -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     for mesh in dict.fromkeys(_mesh(job) for job in jobs):
         load_or_build(mesh, arguments.meshes)
+    subprocess.run(_WARM, check=True, stdout=subprocess.DEVNULL)
     start = time.monotonic()
     machine = (
         f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start; "
