@@ -12,6 +12,7 @@ of numbers near 1 (u = 2⁻⁵³); the last one holds the ones.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit, prange
@@ -32,6 +33,9 @@ Counts = NDArray[np.int32]
 PARTS = 64
 #: Fewer are done before another thread is awake.
 _VALUES_PER_THREAD = 50_000
+
+# values that are looked at together
+_GROUP = 32
 
 _IN_BIN = 4  # bits of a level within its bin
 _EQUAL_FROM = 2.0**-6  # the u from which on bins are equally wide …
@@ -108,16 +112,41 @@ def _tally_values(values, levels, counts, totals):  # type: ignore[no-untyped-de
         tally_chunk(values[first:last], last - first, levels[first:last], counts[part], totals[part])
 
 
+@njit(cache=True)
+def _gather_part(levels, ranges, start, out):  # type: ignore[no-untyped-def]
+    """Write ``start`` + the number of each value whose level is in one of three ranges (first level, width) to out.
+
+    Most groups of values have none, which 16-bit vector operations find out.
+    """
+    low_a, low_b, low_c = ranges[0, 0], ranges[1, 0], ranges[2, 0]
+    width_a, width_b, width_c = ranges[0, 1], ranges[1, 1], ranges[2, 1]
+    place, whole = 0, levels.size // _GROUP * _GROUP
+    for group in range(0, whole, _GROUP):
+        found = np.uint16(0)
+        for s in range(_GROUP):
+            x = levels[group + s]
+            in_a, in_b = np.uint16(x - low_a) < width_a, np.uint16(x - low_b) < width_b
+            found = np.uint16(found | np.uint16(in_a | in_b | (np.uint16(x - low_c) < width_c)))
+        if found:
+            for s in range(_GROUP):
+                x = levels[group + s]
+                if np.uint16(x - low_a) < width_a or np.uint16(x - low_b) < width_b or np.uint16(x - low_c) < width_c:
+                    out[place] = start + group + s
+                    place += 1
+    for e in range(whole, levels.size):
+        x = levels[e]
+        if np.uint16(x - low_a) < width_a or np.uint16(x - low_b) < width_b or np.uint16(x - low_c) < width_c:
+            out[place] = start + e
+            place += 1
+
+
 @njit(cache=True, parallel=True)
-def _gather_bins(levels, wanted, starts, out):  # type: ignore[no-untyped-def]
-    """Numbers of the values in the wanted bins; those of a part go to out from its start on."""
+def _gather_levels(levels, ranges, starts, out):  # type: ignore[no-untyped-def]
+    """Numbers of the values whose level is in one of the ranges (3, 2); those of a part go to out from its start on."""
     m = levels.size
     for part in prange(PARTS):
-        place = starts[part]
-        for e in range(part * m // PARTS, (part + 1) * m // PARTS):
-            if wanted[levels[e] >> _IN_BIN]:
-                out[place] = e
-                place += 1
+        first, last = part * m // PARTS, (part + 1) * m // PARTS
+        _gather_part(levels[first:last], ranges, first, out[starts[part] :])
 
 
 def empty_tallies(count: int, m: int) -> tuple[Levels, Counts, Floats]:
@@ -138,20 +167,19 @@ class Ranked:
     ----------
     numbers : (s,) int64 array
         Of the values to be looked at.
-    places : list of int or None
-        Where in the ascending order of those each rank's value is; None: it is the known one.
+    places : list of int
+        Where in the ascending order of those each rank's value is; negative: it is the known one.
     known : float
     """
 
     numbers: Ints
-    places: list[int | None]
+    places: list[int]
     known: float
 
     def found(self, values: Floats) -> list[float]:
         """The values of the ranks, from the ``values`` (s,) of the numbers."""
-        places = [place for place in self.places if place is not None]
-        in_order = np.partition(values, places) if places else values
-        return [self.known if place is None else float(in_order[place]) for place in self.places]
+        in_order = np.sort(values)
+        return [self.known if place < 0 else float(in_order[place]) for place in self.places]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +210,14 @@ class Tally:
     def __len__(self) -> int:
         return len(self.levels)
 
+    @cached_property
+    def total(self) -> Counts:
+        """(BINS,) counts of all parts."""
+        total: Counts = np.add.reduce(
+            self.counts, axis=0, dtype=np.int32
+        )  # a cast to 64 bits takes three times as long
+        return total
+
     @property
     def least(self) -> float:
         """The smallest value."""
@@ -200,13 +236,13 @@ class Tally:
     def lowest(self, count: int) -> Ints:
         """Numbers, ascending, of values among which the ``count`` smallest are."""
         count = min(count, len(self))
-        return self.numbers_in(np.arange(BINS) <= np.searchsorted(np.cumsum(self.counts.sum(axis=0)), count))
+        return self.numbers_in(np.arange(BINS) <= np.searchsorted(np.cumsum(self.total), count))
 
     def at_ranks(self, ranks: list[int]) -> Ranked:
-        """Which values to look at for those with the given ranks in ascending order."""
+        """Which values to look at for those with the given ranks, at most three, in ascending order."""
         if self.is_constant:  # a mesh at rest: every size is 1
-            return Ranked(np.empty(0, dtype=np.int64), [None] * len(ranks), self.least)
-        total = self.counts.sum(axis=0)
+            return Ranked(np.empty(0, dtype=np.int64), [-1] * len(ranks), self.least)
+        total = self.total
         ends = np.cumsum(total)
         bins = np.searchsorted(ends, ranks, side="right")
         wanted = np.zeros(BINS, dtype=np.bool_)
@@ -218,11 +254,15 @@ class Tally:
         return _narrowed(numbers, self.levels[numbers], np.where(wanted[bins], inside, -1))
 
     def numbers_in(self, wanted: Bools) -> Ints:
-        """Numbers, ascending, of the values in the wanted bins (BINS,)."""
+        """Numbers, ascending, of the values in the wanted bins (BINS,), which are at most three runs of bins."""
+        ends = np.flatnonzero(np.diff(wanted, prepend=False, append=False)).reshape(-1, 2)
+        ranges = np.zeros((3, 2), dtype=np.uint16)
+        ranges[: len(ends), 0] = ends[:, 0] << _IN_BIN
+        ranges[: len(ends), 1] = (ends[:, 1] - ends[:, 0]) << _IN_BIN
         starts = np.concatenate([[0], np.cumsum(self.counts[:, wanted].sum(axis=1))])
         out = np.empty(starts[-1], dtype=np.int64)
         with threads_for(len(self) // _VALUES_PER_THREAD):
-            _gather_bins(read_only(self.levels), wanted, starts, out)
+            _gather_levels(read_only(self.levels), ranges, starts, out)
         return out
 
 
@@ -233,11 +273,12 @@ def _narrowed(numbers: Ints, levels: Levels, inside: Ints) -> Ranked:
     """
     known = inside >= 0
     if not known.any():
-        return Ranked(np.empty(0, dtype=np.int64), [None] * len(inside), 1.0)
-    wanted = np.partition(levels, inside[known])[inside]
-    chosen = np.isin(levels, wanted[known])
-    places = [
-        int(place) - int(np.count_nonzero(levels[~chosen] < level)) if place >= 0 else None
-        for place, level in zip(inside, wanted, strict=True)
-    ]
-    return Ranked(numbers[chosen], places, 1.0)
+        return Ranked(np.empty(0, dtype=np.int64), [-1] * len(inside), 1.0)
+    in_order = np.sort(levels)
+    wanted = np.unique(in_order[inside[known]])
+    first = np.searchsorted(in_order, wanted)
+    kept = np.searchsorted(in_order, wanted, side="right") - first
+    level = np.searchsorted(wanted, in_order[inside])
+    places = inside - first[level] + (np.cumsum(kept) - kept)[level]
+    chosen = np.logical_or.reduce([levels == one for one in wanted])
+    return Ranked(numbers[chosen], np.where(known, places, -1).tolist(), 1.0)
