@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Distribution",
+    "LowestQuality",
+    "Minimum",
     "QualitySummary",
     "WorstCell",
     "distribution",
@@ -28,6 +30,7 @@ __all__ = [
     "smallest",
     "summarize",
     "summary_of",
+    "worst_cells",
 ]
 
 Floats = NDArray[np.float64]
@@ -76,6 +79,38 @@ class WorstCell:
     size: float
     skew: float
     size_skew: float
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The smallest value of a quality metric over a mesh.
+
+    Attributes
+    ----------
+    min : float
+    """
+
+    min: float
+
+
+@dataclass(frozen=True)
+class LowestQuality:
+    """What decides about a mesh: its worst cells, without the distributions; all exact.
+
+    Attributes
+    ----------
+    metric_name : str
+        The metric that ``metric`` and ``worst`` are about.
+    metric : Minimum
+    inverted, cells, worst
+        As in :class:`QualitySummary`.
+    """
+
+    metric_name: str
+    metric: Minimum
+    inverted: int
+    cells: int
+    worst: tuple[WorstCell, ...]
 
 
 @dataclass(frozen=True)
@@ -200,7 +235,7 @@ def summary_of(
         size_skew=found["size-skew"],
         inverted=inverted,
         cells=len(tallies[metric]),
-        worst=_worst_cells(cells, seen.subset(lowest), centres(cells), metric),
+        worst=worst_cells(cells, seen.subset(lowest), centres(cells), metric),
     )
 
 
@@ -221,7 +256,7 @@ def _smallest(candidates: Ints, values: Floats, count: int) -> Ints:
     return order[:count]
 
 
-def _worst_cells(numbers: Ints, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
+def worst_cells(numbers: Ints, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
     """The cells with these numbers (s,), their quality and centres (s, d)."""
     columns = [quality.metric(name).tolist() for name in (metric, "size", "skew", "size-skew")]
     return tuple(
