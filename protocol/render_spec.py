@@ -217,6 +217,10 @@ _SETTINGS = {
     ),
     "allow_invalid": ("bool", "answer a motion that inverts cells instead of refusing it"),
     "predictor": ("str", "how the quality of the plain interpolation is predicted"),
+    "quality_report": (
+        "str",
+        "which summaries have distributions: of every MOVED, or of a step's first one and of COMMITTED",
+    ),
     "solver": ("str", "how the interpolation system is solved"),
 }
 

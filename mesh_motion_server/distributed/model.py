@@ -15,8 +15,8 @@ from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.factor_source import FactorSource
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import QualitySummary
 from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.quality_summary import Judgement
 from mesh_motion_server.numerics.roles import Patch
 
 __all__ = ["FALLBACKS", "DistributedModel"]
@@ -85,7 +85,11 @@ class DistributedModel:
         """What the mesh check noticed."""
         return self.model.warnings
 
-    def summary(self, points: Floats) -> QualitySummary:
+    def without_distributions(self) -> DistributedModel:
+        """This one: the partitions' answers are joined with their distributions anyway."""
+        return self
+
+    def summary(self, points: Floats) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         return self.model.summary(points)
 

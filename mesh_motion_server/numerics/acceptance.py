@@ -8,7 +8,7 @@ from dataclasses import replace
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.correction_problem import CorrectionSettings
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality_summary import QualitySummary
+from mesh_motion_server.numerics.quality_summary import Judgement
 
 __all__ = [
     "correction_settings",
@@ -40,7 +40,7 @@ def correction_settings(method: Method, enrichment_radius: float) -> CorrectionS
     )
 
 
-def refuse_unacceptable(method: Method, quality: QualitySummary, reached: bool) -> None:
+def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:
     """Refuse an inverted mesh, or one that has not ``reached`` the threshold where that is not wanted.
 
     Raises
@@ -65,7 +65,7 @@ def refuse_unacceptable(method: Method, quality: QualitySummary, reached: bool) 
         )
 
 
-def quality_warnings(method: Method, quality: QualitySummary, reached: bool) -> list[str]:
+def quality_warnings(method: Method, quality: Judgement, reached: bool) -> list[str]:
     """What is kept although it is not as it should be."""
     name, threshold = method.quality_metric, method.quality_threshold
     found = []

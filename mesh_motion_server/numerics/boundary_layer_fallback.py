@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
-from mesh_motion_server.numerics.quality_summary import QualitySummary
+from mesh_motion_server.numerics.quality_summary import Judgement
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["fitting_layer", "given_way", "move_with_layer"]
@@ -32,7 +32,7 @@ class _Judged(Protocol):
     """A motion, with the quality of its mesh."""
 
     @property
-    def corrected(self) -> QualitySummary: ...
+    def corrected(self) -> Judgement: ...
 
 
 _M = TypeVar("_M", bound=_Judged)

@@ -19,7 +19,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import require_gradient
-from mesh_motion_server.numerics.quality_summary import QualitySummary
+from mesh_motion_server.numerics.quality_summary import Judgement
 from mesh_motion_server.numerics.summation import sum_gradients, sum_values
 from mesh_motion_server.numerics.threads import checked_threads, threads_for
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
@@ -55,7 +55,7 @@ class Evaluator(Protocol):
 class Judge(Protocol):
     """Says how good a mesh is whose nodes it may already have."""
 
-    def summary(self, points: NDArray[np.float64], metric: str) -> QualitySummary:
+    def summary(self, points: NDArray[np.float64], metric: str) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
         ...
 

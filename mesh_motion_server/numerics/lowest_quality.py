@@ -12,6 +12,8 @@ out it costs half of what evaluating all cells does.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
@@ -41,7 +43,7 @@ from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.simplex_kernels import tetra_all_above
 from mesh_motion_server.numerics.thread_share import threads_for
 
-__all__ = ["lowest_quality"]
+__all__ = ["LowestJudge", "lowest_quality"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -127,6 +129,24 @@ def lowest_quality(
         cells=len(cells),
         worst=worst_cells(numbers, quality, cells.centres(points, numbers), metric),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class LowestJudge:
+    """A :class:`~mesh_motion_server.numerics.evaluation.Judge` that leaves the distributions out.
+
+    Attributes
+    ----------
+    cells : CellTable
+    reference_sizes : (m,) array
+    """
+
+    cells: CellTable
+    reference_sizes: Floats
+
+    def summary(self, points: Floats, metric: str) -> LowestQuality:
+        """What decides about the mesh with its nodes at ``points`` (n, d)."""
+        return lowest_quality(points, self.cells, self.reference_sizes, metric=metric)
 
 
 def _lowest_numbers(

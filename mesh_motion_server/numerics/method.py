@@ -25,6 +25,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "sub_steps": SUB_STEPS,
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient", "sampled"),
+    "quality_report": ("every-move", "first-and-commit"),
     "solver": ("auto", "dense", "sparse", "iterative", "two-scale"),
     "reduction": ("none", *REDUCTIONS),
     "volume_reduction": ("none", "enclosing-box", "wall-function", "background-grid"),
@@ -97,6 +98,9 @@ class Method:
     predictor : str
         How the quality of the standard motion is predicted; "sampled" is exact below the threshold and at the
         minimum, and by expansion elsewhere.
+    quality_report : {"every-move", "first-and-commit"}
+        Which motions are told with the distributions of the quality: all, or of the coupling iterations of a step the
+        first, and what is committed; a later iteration then tells minimum, inverted and worst cells, as exact as ever.
     solver : str
         How the interpolation system is factorized.
     """
@@ -127,6 +131,7 @@ class Method:
     refuse_below_threshold: bool = False
     allow_invalid: bool = False
     predictor: str = "trial-nodes"
+    quality_report: str = "every-move"
     solver: str = "auto"
 
     def __post_init__(self) -> None:

@@ -32,12 +32,14 @@ from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvalua
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.far_field.evaluator import FarFieldEvaluator
 from mesh_motion_server.numerics.led_motion import led_motion
+from mesh_motion_server.numerics.lowest_quality import LowestJudge
 from mesh_motion_server.numerics.mesh_check import checked_mesh
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, summarize
 from mesh_motion_server.numerics.prediction import predict
+from mesh_motion_server.numerics.quality_summary import Judgement
 from mesh_motion_server.numerics.radius_choice import PredictedMotion, best_predicted, with_other_radii, with_radii
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.sampling import ExpandableField, predict_sampled
@@ -57,7 +59,7 @@ class Motion:
     ----------
     points : (n, d) array
         New positions, mesh length unit; the moving nodes are bitwise where they were told to be.
-    standard, corrected : QualitySummary
+    standard, corrected : QualitySummary, or LowestQuality of a model that was told so
         Predicted before any node moved: by the standard motion, and after the correction.
     correction : Correction
         What the correction did.
@@ -78,8 +80,8 @@ class Motion:
     """
 
     points: NDArray[np.float64]
-    standard: QualitySummary
-    corrected: QualitySummary
+    standard: Judgement
+    corrected: Judgement
     correction: Correction
     reached: bool
     seconds: dict[str, float]
@@ -187,7 +189,16 @@ class MotionModel:
             judge,
         )
 
-    def summary(self, points: NDArray[np.float64]) -> QualitySummary:
+    def without_distributions(self) -> MotionModel:
+        """The same model, which judges a mesh by its worst cells, exactly, and leaves its distributions out.
+
+        Where the method judges otherwise (another predictor, partitions elsewhere) it is this one.
+        """
+        if self.judge is not None or self.method.predictor != "trial-nodes":
+            return self
+        return replace(self, judge=LowestJudge(self.cells, self.reference_sizes))
+
+    def summary(self, points: NDArray[np.float64]) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
         if self.judge is not None:
             return self.judge.summary(points, self.method.quality_metric)
@@ -358,7 +369,7 @@ class MotionModel:
         before = self.standard_motion.trial(committed, committed[self.roles.moving], factors, watch)
         return standard.points + (committed - before.points)
 
-    def _predict(self, trial: StandardTrial) -> QualitySummary:
+    def _predict(self, trial: StandardTrial) -> Judgement:
         """Quality of the standard motion by the method's predictor."""
         if self.method.predictor == "trial-nodes":
             return self.summary(trial.points)

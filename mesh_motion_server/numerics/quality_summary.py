@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Distribution",
+    "Judgement",
     "LowestQuality",
     "Minimum",
     "QualitySummary",
@@ -138,6 +139,10 @@ class QualitySummary:
     inverted: int
     cells: int
     worst: tuple[WorstCell, ...]
+
+
+#: What is said of a mesh: all of it, or what decides.
+Judgement = QualitySummary | LowestQuality
 
 
 def reported_metrics(metric: str) -> list[str]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import QualitySummary
+from mesh_motion_server.numerics.quality_summary import Judgement
 from mesh_motion_server.numerics.roles import BoundaryRoles
 from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.support_radius import (
@@ -41,12 +41,12 @@ class PredictedMotion:
     ----------
     motion : StandardMotion
     trial : StandardTrial
-    quality : QualitySummary
+    quality : Judgement
     """
 
     motion: StandardMotion
     trial: StandardTrial
-    quality: QualitySummary
+    quality: Judgement
 
 
 def with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:

@@ -18,12 +18,14 @@ def summary_report(summary: Any, mesh: MergedMesh) -> dict[str, Any]:
 
     Parameters
     ----------
-    summary : QualitySummary
+    summary : QualitySummary or LowestQuality
     mesh : MergedMesh
         Names the worst cells by partition, type and local index.
     """
     report: dict[str, Any] = {
-        name: _distribution(getattr(summary, name)) for name in ("size", "skew", "size_skew", "metric")
+        name: _distribution(getattr(summary, name))
+        for name in ("size", "skew", "size_skew", "metric")
+        if hasattr(summary, name)
     }
     report |= {"inverted": int(summary.inverted), "cells": int(summary.cells)}
     report["worst"] = [
@@ -98,4 +100,5 @@ def _place(mesh: MergedMesh, cell: int) -> dict[str, Any]:
 
 
 def _distribution(distribution: Any) -> dict[str, float]:
-    return {name: float(getattr(distribution, name)) for name in ("min", "mean", "p1", "p5", "p50")}
+    names = ("min", "mean", "p1", "p5", "p50")
+    return {name: float(getattr(distribution, name)) for name in names if hasattr(distribution, name)}

@@ -45,6 +45,10 @@ class Model(Protocol):
         """QualitySummary of the mesh with its nodes at ``points`` (n, d)."""
         ...
 
+    def without_distributions(self) -> Model:
+        """The same, which may judge by minimum, inverted and worst cells alone; all exact."""
+        ...
+
     def move(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: Any) -> Any:
         """Motion that takes the moving nodes from the committed positions (n, d) to ``targets`` (k, d).
 

@@ -2,7 +2,8 @@
 
 Every operation computes on values and then swaps one reference, so that a failure in between changes nothing. What was
 computed but not committed is the *trial*; a Move always starts from the committed state, so its answer is a pure
-function of mesh, committed state, displacement and settings.
+function of mesh, committed state, displacement and settings (and of how much of the quality it tells, of whether it is
+the step's first).
 
 The displacement that a Move answers with, added to the coordinates of its frame, gives the trial's coordinates bitwise:
 whoever adds up the answers holds the server's coordinates.
@@ -272,9 +273,11 @@ class Session:
             raise InvalidInput(
                 "a displacement leads out of the floating-point range", code="INVALID_ARGUMENT.NONFINITE"
             )
-        motion = built.model.move(self.coordinates("committed"), targets, self.factors)
+        in_full = not self.iteration or built.model.method.quality_report == "every-move"
+        model = built.model if in_full else built.model.without_distributions()
+        motion = model.move(self.coordinates("committed"), targets, self.factors)
         displacement, points, exact = answer(motion.points, base, moving, told)
-        judged = motion.corrected if exact else None
+        judged = motion.corrected if exact and in_full else None
         trial = Trial(self.step + 1, self.iteration + 1, points, judged)
         self._swap(state=state, trial=trial, trial_lost=False)
         return MoveOutcome(trial.step, trial.iteration, motion, displacement)

@@ -1,0 +1,98 @@
+"""The worst cells without the distributions are those of the full summary, whatever moved how."""
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mesh_motion_server.cases.warm import tiny_meshes
+from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.corner_kernels import CHUNK
+from mesh_motion_server.numerics.lowest_quality import LowestJudge, lowest_quality
+from mesh_motion_server.numerics.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, ideal_corner, reference_sizes
+from mesh_motion_server.numerics.simplex_kernels import tetra_all_above
+
+MESHES = dict(tiny_meshes(6))
+TETRA = dict(tiny_meshes(12))["tetra"]
+
+
+def assert_same(points: np.ndarray, cells: CellTable, sizes: np.ndarray, metric: str = "size-skew") -> None:
+    """The worst cells found alone against those of all cells."""
+    found, full = (judge(points, cells, sizes, metric=metric) for judge in (lowest_quality, mesh_summary))
+    assert (found.metric.min, found.inverted, found.cells) == (full.metric.min, full.inverted, full.cells)
+    assert repr(found.worst) == repr(full.worst)
+    assert found.metric_name == full.metric_name
+
+
+@pytest.mark.parametrize("metric", QUALITY_METRICS)
+@pytest.mark.parametrize("name", MESHES)
+def test_every_cell_type_and_metric(name, metric):
+    points, cells = MESHES[name]
+    sizes = reference_sizes(points, cells)
+    for seed, size in enumerate((0.0, 1e-9, 0.02, 0.1)):
+        moved = points + np.random.default_rng(seed).uniform(-size, size, points.shape)
+        assert_same(moved, cells, sizes, metric)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    sizes=st.tuples(st.floats(0.0, 0.06), st.floats(0.0, 0.03)),
+    scale=st.sampled_from([1.0, 1e-30, 1e30, 1e-120]),
+)
+def test_pairs_of_motions_of_many_tetrahedra(seed, sizes, scale):
+    rng = np.random.default_rng(seed)
+    points, cells = TETRA
+    for size in sizes:  # the second from the first, as a later coupling iteration is
+        where = rng.random(3)
+        near = np.exp(-((points - where) ** 2).sum(axis=1)[:, None] / 0.05)
+        points = points + size * near * rng.uniform(-1, 1, points.shape)
+        assert_same(scale * points, cells, reference_sizes(scale * TETRA[0], cells))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), stretch=st.floats(1.0, 3.0), offset=st.integers(-3, 3))
+def test_what_is_passed_over_is_above_the_limit(seed, stretch, offset):
+    rng = np.random.default_rng(seed)
+    edges = np.eye(3)[:, :, None] + rng.uniform(-0.4, 0.4, (3, 3, CHUNK))
+    reference = np.abs(np.linalg.det(edges.transpose(2, 0, 1))) * rng.uniform(1 / stretch, stretch, CHUNK)
+    nodes = np.concatenate([np.zeros((CHUNK, 1, 3)), edges.transpose(2, 1, 0)], axis=1).reshape(-1, 3)
+    cells = CellTable.from_arrays({"tetra": np.arange(4 * CHUNK).reshape(-1, 4)})
+    least = cell_quality(nodes, cells, reference).metric("size-skew").min()
+    limit = least + offset * np.spacing(least)
+    above = tetra_all_above(edges[None], 0, CHUNK, ideal_corner("tetra"), reference, limit)
+    assert not (above and least <= limit)
+    assert tetra_all_above(edges[None], 0, CHUNK, ideal_corner("tetra"), reference, 0.999 * least) == (least > 0)
+
+
+def test_equal_cells_are_named_in_order():
+    points, cells = TETRA
+    same = CellTable.from_arrays({"tetra": np.tile(cells.blocks[0].nodes[:1], (3000, 1))})
+    found = lowest_quality(1.1 * points, same, reference_sizes(points, same))
+    assert [cell.number for cell in found.worst] == list(range(10))
+
+
+def test_positions_that_are_no_numbers_and_few_cells():
+    points, cells = TETRA
+    sizes, moved = reference_sizes(points, cells), points.copy()
+    moved[100, 1], moved[900, 0] = np.nan, np.inf
+    assert_same(moved, cells, sizes)
+    few = CellTable.from_arrays({"tetra": cells.blocks[0].nodes[:3]})
+    assert_same(points, few, reference_sizes(points, few))
+
+
+def test_threads_do_not_matter():
+    points, cells = TETRA
+    moved = points + np.random.default_rng(3).uniform(-0.02, 0.02, points.shape)
+    judge, before, found = LowestJudge(cells, reference_sizes(points, cells)), numba.get_num_threads(), []
+    for threads in (1, numba.config.NUMBA_NUM_THREADS):
+        numba.set_num_threads(threads)
+        found.append(judge.summary(moved, "size-skew"))
+    numba.set_num_threads(before)
+    assert found[0] == found[1]
+
+
+def test_every_cell_type_is_here():
+    assert set(MESHES) == set(CELL_TYPES)

@@ -1,0 +1,78 @@
+"""What a later coupling iteration tells of the quality: as much as the first, or what decides alone, as exact."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.messages import Commit, Move, Rollback
+
+from mesh_motion_server.service.dispatch import SessionHost
+from mesh_motion_server.session.model import build_motion_model
+from mesh_motion_server.settings import MethodSettings
+
+SUMMARY = {"size", "skew", "size_skew", "metric", "inverted", "cells", "worst"}
+
+
+def opened(kit: Any, store: Any, session: str = "", **settings: Any) -> Any:
+    spec = kit.make_spec(session or kit.SESSION, partitions=1, settings=MethodSettings.from_mapping(settings))
+    driver = kit.Driver(SessionHost.create(spec, store, build_model=build_motion_model), [kit.grid_mesh()])
+    driver.open()
+    return driver
+
+
+def pushed(driver: Any, by: float) -> list[Any]:
+    return [np.full((len(own), 2), (by, 0.3 * by)) for own in driver.moving]
+
+
+def test_later_iterations_leave_the_distributions_to_the_commit(kit: Any, store: Any, tmp_path: Any) -> None:
+    told = opened(kit, store, quality_report="first-and-commit")
+    for step in (1, 2):
+        (first,) = told.all(Move, pushed(told, 0.01), step=step)
+        assert set(first.quality["corrected"]) == SUMMARY
+        (later,) = told.all(Move, pushed(told, 0.02), step=step)
+        for name in ("standard", "corrected"):
+            assert set(later.quality[name]) == {"metric", "inverted", "cells", "worst"}
+            assert set(later.quality[name]["metric"]) == {"min"}
+        (committed,) = told.all(Commit, step=step)
+        assert set(committed.quality) == SUMMARY
+        for name in ("inverted", "cells", "worst"):
+            assert later.quality["corrected"][name] == committed.quality[name]
+        assert later.quality["corrected"]["metric"]["min"] == committed.quality["metric"]["min"]
+    told.host.close()
+
+
+def test_after_a_rollback_the_first_is_told_in_full(kit: Any, store: Any) -> None:
+    told = opened(kit, store, quality_report="first-and-commit")
+    told.all(Move, pushed(told, 0.01), step=1)
+    told.all(Move, pushed(told, 0.01), step=1)
+    told.all(Rollback, step=1)
+    (first,) = told.all(Move, pushed(told, 0.01), step=1)
+    assert set(first.quality["standard"]) == SUMMARY
+    told.host.close()
+
+
+def test_by_default_every_move_tells_all(kit: Any, store: Any) -> None:
+    told = opened(kit, store)
+    for _ in range(2):
+        (moved,) = told.all(Move, pushed(told, 0.01), step=1)
+        assert set(moved.quality["standard"]) == SUMMARY
+    told.host.close()
+
+
+def test_displacement_and_refusal_do_not_depend_on_it(kit: Any, store: Any) -> None:
+    moves = []
+    for session, report in ("3" * 32, "every-move"), ("4" * 32, "first-and-commit"):
+        told = opened(kit, store, session, quality_report=report, quality_threshold=0.5, correction="optimised")
+        told.all(Move, pushed(told, 0.01), step=1)
+        (moved,) = told.all(Move, pushed(told, 0.25), step=1)
+        (refused,) = told.all(Move, pushed(told, 3.0), step=1)
+        moves.append((moved, refused))
+        told.host.close()
+    (moved, refused), (other, other_refused) = moves
+    assert moved.displacement.tobytes() == other.displacement.tobytes()
+    assert moved.correction == other.correction
+    assert moved.warnings == other.warnings
+    assert (refused.code, refused.message, refused.details) == (
+        other_refused.code, other_refused.message, other_refused.details,
+    )  # fmt: skip
