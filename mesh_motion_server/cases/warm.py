@@ -120,6 +120,7 @@ def _move(points: FloatArray, cells: CellTable, method: Method, *, sliding: bool
     model = MotionModel.build(points, cells, patches, method)
     targets = points[model.roles.moving].copy()
     targets[:, 0] += 0.55 + 0.1 * targets[:, -1]
+    model.without_distributions().summary(points)
     try:
         model.move(points, targets)
     except NumericalError:
