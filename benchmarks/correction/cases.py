@@ -18,7 +18,7 @@ from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
-__all__ = ["CASES", "Case", "standard_positions"]
+__all__ = ["CASES", "Case", "standard_file", "standard_positions"]
 
 Floats = NDArray[np.float64]
 
@@ -65,9 +65,14 @@ CASES: dict[str, Case] = {
 }
 
 
+def standard_file(case: Case, folder: Path) -> Path:
+    """Where :func:`standard_positions` keeps them."""
+    return folder / f"{case.mesh}-{case.motion}.npy"
+
+
 def standard_positions(case: Case, folder: Path) -> Floats:
     """Where the standard motion puts the nodes (n, d); computed once, then read from the folder."""
-    path = folder / f"{case.mesh}-{case.motion}.npy"
+    path = standard_file(case, folder)
     if not path.exists():
         mesh = case.read_mesh(folder)
         patches = {"body": Patch("moving", mesh.moving), "box": Patch("fixed", mesh.fixed)}

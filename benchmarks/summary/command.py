@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.correction.cases import CASES as CORRECTIONS
-from benchmarks.correction.cases import standard_positions
+from benchmarks.correction.cases import standard_file, standard_positions
 from benchmarks.correction.cost import Cost
 from benchmarks.fresh import measured_in_fresh_process
 from benchmarks.peers.comparison import compare
@@ -23,7 +23,7 @@ from benchmarks.scale.figures import Figures, MachineLimits, WireFigures
 from benchmarks.scale.results import Results
 from benchmarks.scale.truth import Truth
 from benchmarks.summary.evidence import Evidence
-from benchmarks.summary.page import fill_pages, write_pages
+from benchmarks.summary.page import fill_pages, write_page, write_plot
 from benchmarks.summary.plan import PLANS, Job
 
 __all__ = ["main"]
@@ -131,7 +131,7 @@ def _go_through(run: _Run, jobs: Sequence[Job], seconds: float) -> None:
         except (subprocess.SubprocessError, OSError) as failure:
             run.evidence.left_out.append(f"{job.text} (failed)")
             print(f"          failed: {failure}", flush=True)
-        write_pages(run.evidence, run.out)
+        write_page(run.evidence, run.out)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -147,8 +147,11 @@ def main(words: Sequence[str] | None = None) -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     for mesh in dict.fromkeys(_mesh(job) for job in jobs):
         load_or_build(mesh, arguments.meshes)
-    subprocess.run(_WARM, check=True, stdout=subprocess.DEVNULL)
+    for job in jobs:
+        if job.kind == "correction":  # the standard motion of another version
+            standard_file(CORRECTIONS[job.name], arguments.meshes).unlink(missing_ok=True)
     start = time.monotonic()
+    subprocess.run(_WARM, check=True, stdout=subprocess.DEVNULL)
     machine = (
         f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start; "
         f"threads of the kernels: {arguments.threads}."
@@ -157,7 +160,8 @@ def main(words: Sequence[str] | None = None) -> None:
     evidence = Evidence(Results(limits, machine, arguments.threads))
     run = _Run(evidence, arguments.out, arguments.meshes, arguments.threads, arguments.repeat)
     _go_through(run, jobs, 60 * arguments.minutes - (time.monotonic() - start))
-    write_pages(evidence, arguments.out)
+    write_page(evidence, arguments.out)
+    write_plot(evidence, arguments.out)
     if arguments.readme:
         fill_pages(evidence)
     print((arguments.out / "bench.md").read_text(encoding="utf-8"), flush=True)

@@ -14,7 +14,7 @@ from benchmarks.scale.report import tables as scale_tables
 from benchmarks.summary.aims import anchor, rows
 from benchmarks.summary.evidence import Evidence
 
-__all__ = ["aims_table", "fill_pages", "front_table", "page", "write_pages"]
+__all__ = ["aims_table", "fill_pages", "front_table", "page", "write_page", "write_plot"]
 
 _ROOT = Path(__file__).parents[2]
 FRONT = _ROOT / "README.md"
@@ -98,10 +98,14 @@ def _ordered(outcomes: list[Outcome]) -> list[Outcome]:
     return sorted(outcomes, key=lambda o: (cases.index(o.case), systems.index(o.system)))
 
 
-def write_pages(evidence: Evidence, out: Path) -> None:
-    """Write ``bench.md``, ``bench.json`` and ``scale.png`` into the folder."""
+def write_page(evidence: Evidence, out: Path) -> None:
+    """Write ``bench.md`` and ``bench.json`` into the folder."""
     evidence.save(out / "bench.json")
     (out / "bench.md").write_text(page(evidence), encoding="utf-8")
+
+
+def write_plot(evidence: Evidence, out: Path) -> None:
+    """Write ``scale.png`` into the folder."""
     if evidence.results.library:
         write_picture(evidence.results, out / "scale.png", evidence.outcomes)
 
