@@ -86,15 +86,14 @@ def _draw(axis: Axes, results: Results, motion: str, kind: str) -> None:
 
 
 def _annotate_slope(axis: Axes, results: Results, names: list[str]) -> None:
-    """The exponent of the steady step over the last two decades, under the line's end."""
+    """The exponent of the steady step over the last two decades, in the corner."""
     largest = results.library[names[-1]].nodes
     first = next(name for name in names if results.library[name].nodes > 0.005 * largest)
     slope = exponent(results, first, names[-1])
     if slope is None or first == names[-1]:
         return
-    end = largest, of_threads(results.library[names[-1]].step, results.threads)
     label = f"{CASES[first].mesh}–{CASES[names[-1]].mesh}: slope {slope:.2f}"
-    axis.annotate(label, end, xytext=(0, -26), textcoords="offset points", ha="right", fontsize=9)
+    axis.text(0.97, 0.05, label, transform=axis.transAxes, ha="right", color=_STYLES["steady"][0])
 
 
 def _draw_others(axis: Axes, results: Results, motion: str, outcomes: Sequence[Outcome]) -> None:

@@ -1,5 +1,7 @@
 """Boundary matrices of order 18 000 and 100 000: exact at the boundary, or refused with the memory they would need."""
 
+import os
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -82,8 +84,11 @@ def test_two_scales_take_the_largest_radius(order: int) -> None:
     assert prepared.nbytes <= 1000 * order
 
 
+LARGE_TESTS = pytest.mark.skipif("MESH_MOTION_LARGE_TESTS" not in os.environ, reason="minutes, 1.4 GB")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["dense", "auto"])
+@pytest.mark.parametrize("solver", [pytest.param("dense", marks=LARGE_TESTS), "auto"])
 def test_a_full_matrix_of_order_18_000(solver: str) -> None:
     points, moving = cloud(18_000)
     values = turned(points, moving)
