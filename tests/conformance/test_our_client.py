@@ -10,6 +10,7 @@ DRIVER = shlex.join([sys.executable, "-m", "mesh_motion_client.conformance"])
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_every_scenario():
     lines = []
     outcomes = conform(Subject(client=DRIVER), lines.append, quiet=True)

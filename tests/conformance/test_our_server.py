@@ -11,10 +11,13 @@ SKIPPED = {"8-COMMITTING", "8-FROZEN", "8-FAILED", "6-upload-larger-than-max-ses
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # a minute of computing, on a machine that may be busy
 def test_every_case(our_server, tmp_path):
     lines = []
     files = {"json": tmp_path / "report.json", "junit": tmp_path / "report.xml"}
-    outcomes = conform(Subject(endpoint=our_server, seconds=30.0), lines.append, quiet=True, **files)
+    outcomes = conform(
+        Subject(endpoint=our_server, seconds=60.0, opening_seconds=240.0), lines.append, quiet=True, **files
+    )
     assert [outcome.case.id for outcome in outcomes if outcome.verdict == "FAIL"] == [], "\n".join(lines)
     assert {outcome.case.id for outcome in outcomes if outcome.verdict == "SKIP"} == SKIPPED
     report = json.loads(files["json"].read_text())

@@ -23,8 +23,8 @@ class Subject:
     ----------
     endpoint, client : str
         One of them; the other one is empty.
-    seconds : float
-        The longest wait for a reply.
+    seconds, opening_seconds : float
+        The longest wait for a reply, and for one to a request that starts a process or computes.
     patience : float
         Time-outs of a server that are longer than this are not waited for.
     """
@@ -33,6 +33,7 @@ class Subject:
     client: str = ""
     seconds: float = 10.0
     patience: float = 5.0
+    opening_seconds: float = 120.0
 
     def cases(self) -> list[Case]:
         """The cases that can be put to it."""
@@ -42,7 +43,8 @@ class Subject:
         """Where they are played."""
         if self.client:
             return ClientStage(self.client, seconds=self.seconds)
-        return Stage(self.endpoint, seconds=self.seconds, patience=self.patience)
+        waits = {"seconds": self.seconds, "opening_seconds": self.opening_seconds, "patience": self.patience}
+        return Stage(self.endpoint, **waits)
 
 
 def listed(subject: Subject, only: Sequence[str] = ()) -> str:

@@ -230,6 +230,9 @@ def steps_told() -> Iterator[Case]:
     def run(kind: str, state: str, offset: int, **fields: str) -> Callable[[Stage], None]:
         def told(stage: Stage) -> None:
             session = stage.session(state)
+            if session.step == 0:
+                session.reach("TRIAL").do("COMMIT")
+                session.reach(state)
             before = session.step
             reply = session.do(session.request(kind).having(**fields))
             if reply.fields["step"] != before + offset:

@@ -24,7 +24,7 @@ __all__ = ["Stage"]
 
 Seen = TypeVar("Seen")
 
-#: Sessions that could not be opened, after which no other is tried.
+#: Sessions in a row that could not be opened, after which no other is tried.
 _FAILED_OPENINGS = 2
 
 
@@ -42,7 +42,7 @@ class Stage:
     """
 
     def __init__(
-        self, endpoint: str, *, seconds: float = 10.0, opening_seconds: float = 60.0, patience: float = 5.0
+        self, endpoint: str, *, seconds: float = 10.0, opening_seconds: float = 120.0, patience: float = 5.0
     ) -> None:
         self.endpoint, self.seconds, self.opening_seconds, self.patience = endpoint, seconds, opening_seconds, patience
         self.sent = ""
@@ -122,6 +122,7 @@ class Stage:
         except Exception:
             self._failed_openings += 1
             raise
+        self._failed_openings = 0
         return session
 
     def session(self, state: str, kind: str = "shared") -> Session:

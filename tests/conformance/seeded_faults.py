@@ -1,0 +1,341 @@
+"""Wrong servers: a real one with one thing broken, by name, and the cases that have to see it."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import msgpack
+import numpy as np
+from mesh_motion_protocol import arrays, codec, digests, header, schema
+from mesh_motion_protocol.messages import ErrorReply, Welcome
+
+from mesh_motion_server.service import execution, failures, fetch, move
+from mesh_motion_server.service.gathering import Gathering
+from mesh_motion_server.service.holders import Holders
+from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.replies import ReplyTable
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.transport import gateway, worker
+from mesh_motion_server.transport.gateway import Gateway
+from mesh_motion_server.transport.registry import Registry, RequestBook
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing broken.
+
+    Attributes
+    ----------
+    seed : callable
+        Takes pytest's monkeypatch.
+    caught : tuple of str
+        Cases, or beginnings of ids, that have to fail; each at least once.
+    """
+
+    name: str
+    seed: object
+    caught: tuple[str, ...]
+
+
+FAULTS = []
+
+
+def fault(*caught):
+    def register(seed):
+        FAULTS.append(Fault(seed.__name__.replace("_", " "), seed, caught))
+        return seed
+
+    return register
+
+
+def nothing(*_, **__):
+    return None
+
+
+# --- exactly once ---
+
+
+@fault("10.1-repeat-of-MOVE", "10.1-MOVE-counts-once", "10.1-UPLOAD-appends-once", "10.1-repeat-of-COMMIT")
+def forgets_what_was_executed(patch):
+    patch.setattr(ReplyTable, "find", nothing)
+
+
+@fault("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it", "10.2-COMMIT-then-MOVE")
+def takes_another_content_for_a_repeat(patch):
+    patch.setattr(ReplyTable, "_same", lambda self, known, request: known)
+
+
+@fault("10.2-epoch-is-no-content")
+def takes_the_epoch_for_content(patch):
+    def with_epoch(message):
+        return digests.request_digest(message) + bytes([getattr(message, "epoch", 0) % 256])
+
+    patch.setattr(execution, "request_digest", with_epoch)
+
+
+@fault("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it")
+def passes_over_arrays_in_the_content(patch):
+    patch.setattr(digests, "frames_of", lambda array: [])
+
+
+@fault("10.5-error-is-not-remembered")
+def remembers_errors_as_executed(patch):
+    def refuse(self, request_id, reply, nbytes=0, store=ReplyTable.store):
+        if reply is not None:
+            store(self, request_id, reply, nbytes)
+            return
+        store(self, replace(request_id, content=b"failed"), None)
+
+    patch.setattr(ReplyTable, "store", refuse)
+
+
+@fault("10.6-repeat-of-OPEN", "10.6-repeat-of-RESUME")
+def opens_again_for_each_repeat(patch):
+    def anew(self, peer, request):
+        self._known.clear()
+        return enter(self, peer, request)
+
+    enter = RequestBook.enter
+    patch.setattr(RequestBook, "enter", anew)
+
+
+@fault("6-more-replies-than-stored")
+def keeps_fewer_replies_than_it_says(patch):
+    init = ReplyTable.__init__
+    patch.setattr(ReplyTable, "__init__", lambda self, per_client, budget: init(self, 2, budget))
+
+
+# --- who may ---
+
+
+@fault("11.3-MOVE-of-an-older-epoch", "11.3-STATUS-of-an-older-epoch", "17-ABORTED.FENCED")
+def lets_fenced_holders_go_on(patch):
+    check = Holders.check_address
+    patch.setattr(
+        Holders,
+        "check_address",
+        lambda self, request: check(self, replace(request, epoch=self._session.epoch)),
+    )
+
+
+@fault("11.3-RESUME-raises-the-epoch")
+def raises_the_epoch_twice(patch):
+    resume = Session.resume
+    patch.setattr(Session, "resume", lambda self: resume(self) and resume(self))
+
+
+@fault("7-STATUS-before-JOIN", "7-MOVE-before-JOIN", "9.1-other-partitions-connection")
+def takes_requests_of_strangers(patch):
+    patch.setattr(Holders, "check_joined", nothing)
+
+
+@fault("11.8-JOIN-with-a-wrong-token")
+def takes_every_token_at_JOIN(patch):
+    patch.setattr(StoredSpec, "admits", lambda self, token: True)
+
+
+@fault("11.8-PROBE-wrong-token")
+def takes_every_token_at_PROBE(patch):
+    patch.setattr(Registry, "authorised", lambda self, session, token: self.live.get(session))
+
+
+# --- states and results ---
+
+
+@fault("12-MOVE-step-next-but-one", "12-ROLLBACK-step-committed-already", "7.2-MOVE-of-another-step")
+def does_not_look_at_the_step(patch):
+    patch.setattr(Session, "require_next_step", nothing)
+
+
+@fault("7.2-MOVE-of-another-step", "7.2-trial-after-a-refused-move-commits")
+def drops_the_trial_when_it_refuses(patch):
+    check = Session.require_next_step
+
+    def forgetful(self, step):
+        if step != self.step + 1 and self.iteration:
+            self.rollback()
+        check(self, step)
+
+    patch.setattr(Session, "require_next_step", forgetful)
+
+
+@fault("7.1-same-move-same-bytes")
+def computes_a_little_differently_each_time(patch):
+    noise, scatter = itertools.count(1), MergedMesh.scatter
+    patch.setattr(
+        MergedMesh, "scatter", lambda self, values, partition: scatter(self, values, partition) + next(noise) * 1e-17
+    )
+
+
+@fault("7.5-committed-frame", "7.5-reference-frame")
+def rounds_the_displacement(patch):
+    run = move.run
+
+    def rounded(*given):
+        return [replace(m, displacement=m.displacement.astype("<f4").astype("<f8")) for m in run(*given)]
+
+    command = execution.COMMANDS["MOVE"]
+    patch.setitem(execution.COMMANDS, "MOVE", replace(command, run=rounded))
+
+
+@fault("16-one-move", "16-after-a-rollback")
+def digests_in_the_wrong_byte_order(patch):
+    frames_of = digests.frames_of
+    patch.setattr(digests, "frames_of", lambda array: frames_of(np.ascontiguousarray(array).byteswap()))
+
+
+@fault("12-FETCHED-step-beside-the-reference-mesh")
+def tells_step_0_beside_the_reference_mesh(patch):
+    answer = fetch.answer
+
+    def wrong(session, request):
+        reply = answer(session, request)
+        return replace(reply, step=0) if request.what == "reference" else reply
+
+    patch.setitem(execution.COMMANDS, "FETCH", replace(execution.COMMANDS["FETCH"], answer=wrong))
+
+
+# --- partitions ---
+
+
+@fault("2.5-repeated-request-is-answered-where-it-was-repeated-last")
+def answers_the_connection_that_asked_first(patch):
+    repeats = Gathering.repeats
+
+    def stubborn(self, arrival):
+        before = dict(self.arrivals)
+        found = repeats(self, arrival)
+        self.arrivals.update(before)
+        return found
+
+    patch.setattr(Gathering, "repeats", stubborn)
+
+
+@fault("9.2-MOVE-and-COMMIT", "9.2-two-frames")
+def does_not_compare_what_partitions_ask_for(patch):
+    patch.setattr(Gathering, "check_agreement", nothing)
+
+
+# --- the wire ---
+
+
+@fault("4.3-fixext-4-in-a-map", "4.3-ext-8-in-a-map")
+def admits_extension_types(patch):
+    patch.setattr(header, "_no_extension", lambda code, data: code)
+    unpackb = msgpack.unpackb
+    patch.setattr(header.msgpack, "unpackb", lambda frame, **given: unpackb(frame, **(given | {"max_ext_len": 64})))
+
+
+@fault("4.1-key-twice-in-the-header", "4.1-key-twice-in-fields")
+def takes_the_last_of_two_keys(patch):
+    patch.setattr(header, "_unique", dict)
+
+
+@fault("4.8-nil-behind-the-map", "4.8-itself-behind-the-map")
+def passes_over_what_follows_the_map(patch):
+    unpackb = msgpack.unpackb
+
+    def first(frame, **given):
+        try:
+            return unpackb(frame, **given)
+        except msgpack.ExtraData as extra:
+            return extra.unpacked
+
+    patch.setattr(header.msgpack, "unpackb", first)
+
+
+@fault("4.9-13-levels", "4.9-257-items-in-a-map")
+def does_not_bound_the_header(patch):
+    patch.setattr(header, "_check_containers", nothing)
+    patch.setattr(header, "CONTAINER_ITEMS", 1024)
+
+
+@fault("4-client-of-15-bytes", "12-JOIN-token-of-31-bytes", "12-OPEN-dimension-above", "12-HELLO-agent-of-257-bytes")
+def does_not_look_at_ranges(patch):
+    patch.setattr(schema, "_check_marker", nothing)
+
+
+@fault("12-MOVE-step-is-bool", "12-OPEN-partitions-is-bool")
+def takes_true_for_1(patch):
+    check = schema._check_kind
+    patch.setattr(
+        schema, "_check_kind", lambda value, *more: check(int(value) if isinstance(value, bool) else value, *more)
+    )
+
+
+@fault("5.3-MOVE-a-byte-more", "5.3-two-chunks-cut-elsewhere")
+def does_not_measure_frames(patch):
+    patch.setattr(arrays, "_check_sizes", nothing)
+    patch.setattr(
+        arrays,
+        "_fill",
+        lambda raw, frames: np.copyto(
+            raw, np.frombuffer(b"".join(map(bytes, frames))[: raw.nbytes].ljust(raw.nbytes), dtype=raw.dtype)
+        ),
+    )
+
+
+@fault("5.6-MOVE-nan-<f8", "5.6-MOVE-inf-<f8")
+def moves_nodes_to_nowhere(patch):
+    check = move._check_rows
+
+    def blind(session, request):
+        check(session, replace(request, displacement=np.nan_to_num(request.displacement, posinf=0, neginf=0)))
+
+    patch.setattr(move, "_check_rows", blind)
+
+
+@fault("2.5-one-reply-to-each-of-many")
+def answers_twice(patch):
+    reply = Gateway._reply
+
+    def twice(self, peer, message):
+        reply(self, peer, message)
+        reply(self, peer, message)
+
+    patch.setattr(Gateway, "_reply", twice)
+
+
+@fault("4-id-beside-a-wrong-type", "4-id-beside-an-unknown-field")
+def forgets_the_id_of_what_it_refuses(patch):
+    patch.setattr(codec, "_request_id", lambda header: (bytes(16), 0))
+
+
+# --- errors, versions ---
+
+
+@fault("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")
+def gives_no_hint(patch):
+    patch.setattr(failures, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"hint": ""})))
+
+
+@fault("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")
+def calls_every_error_retryable(patch):
+    patch.setattr(failures, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"retryable": True})))
+
+
+@fault("18.1-a-later-minor", "18.1-later-and-ours")
+def agrees_to_every_minor_version(patch):
+    patch.setattr(gateway, "Welcome", lambda **fields: Welcome(**(fields | {"version": [1, 7]})))
+
+
+@fault("18.4-boot-is-one")
+def boots_anew_for_everybody(patch):
+    boots = itertools.count()
+    patch.setattr(gateway, "Welcome", lambda **f: Welcome(**(f | {"boot": next(boots).to_bytes(16, "big")})))
+
+
+@fault("6-drain_ms-in-WELCOME")
+def leaves_a_limit_out(patch):
+    def without(**fields):
+        limits = {name: value for name, value in fields["limits"].items() if name != "drain_ms"}
+        return Welcome(**(fields | {"limits": limits}))
+
+    patch.setattr(gateway, "Welcome", without)
+
+
+@fault("2.2-OPEN-at-data")
+def takes_control_requests_at_a_session(patch):
+    patch.setattr(worker, "unexpected", lambda request, *_, **__: worker.Pong(client=request.client, sequence=1))

@@ -1,0 +1,60 @@
+"""The tests of the tests: each wrong server, and each wrong client, is caught by the cases that have to see it."""
+
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+from in_process import in_process_server
+from mesh_motion_conformance.command import Subject, conform
+from seeded_faults import FAULTS
+
+from mesh_motion_server.transport.telemetry import configure
+
+HERE = Path(__file__).parent
+#: What the plain model of these servers has not: a judgement of cells.
+WITHOUT_JUDGEMENT = ["13.3-inverted-cell", "15-BUILT-quality", "15-COMMITTED-quality", "15-MOVED-quality"]
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    configure("conformance", "critical")
+
+
+def failing(endpoint, only=()):
+    subject = Subject(endpoint=endpoint, seconds=3.0, opening_seconds=3.0)
+    outcomes = conform(subject, lambda line: None, only=only)
+    assert {outcome.case.id for outcome in outcomes} >= set(only)
+    return [outcome.case.id for outcome in outcomes if outcome.verdict == "FAIL"]
+
+
+def test_a_server_without_fault_fails_no_case(tmp_path):
+    with in_process_server(tmp_path) as server:
+        assert sorted(failing(server.endpoint)) == WITHOUT_JUDGEMENT
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_a_wrong_server_is_caught(fault, tmp_path, monkeypatch):
+    fault.seed(monkeypatch)
+    with in_process_server(tmp_path) as server:
+        assert sorted(failing(server.endpoint, fault.caught)) == sorted(fault.caught)
+
+
+WRONG_CLIENTS = {
+    "numbers-repeats-anew": ["10.1-MOVE-repeated-by-the-caller", "11.1-connection-cut-after-MOVE-was-executed"],
+    "takes-any-reply": ["4-replies-to-others-come-first"],
+    "does-not-join-again": ["11.1-connection-cut-after-COMMIT-was-executed"],
+    "resumes-when-fenced": ["11.3-fenced-while-the-connection-was-broken"],
+    "does-not-repeat-the-trial": ["11.4-worker-died-before-COMMIT-was-executed"],
+    "refuses-unknown-fields": ["4-unknown-fields-in-every-reply"],
+    "does-not-probe": ["11.2-PROBE-while-MOVE-is-computed"],
+    "sends-a-field-too-many": ["7-undisturbed"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WRONG_CLIENTS)
+def test_a_wrong_client_is_caught(name):
+    command = shlex.join([sys.executable, str(HERE / "wrong_client.py"), name])
+    outcomes = conform(Subject(client=command), lambda line: None, only=WRONG_CLIENTS[name])
+    assert [outcome.verdict for outcome in outcomes] == ["FAIL"] * len(WRONG_CLIENTS[name])

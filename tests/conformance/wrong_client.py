@@ -1,0 +1,88 @@
+"""Our client's driver with one thing broken: ``python wrong_client.py FAULT …``."""
+
+import sys
+from dataclasses import replace
+
+from mesh_motion_client.conformance import main
+from mesh_motion_client.connection import Connection
+from mesh_motion_client.courier import Courier
+from mesh_motion_protocol import codec
+from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.messages import Moved
+
+
+def numbers_repeats_anew():
+    request = Courier._request
+
+    def anew(self, message, deadline):
+        self._sequence += 1
+        return request(self, replace(message, sequence=self._sequence), deadline)
+
+    Courier._request = anew
+
+
+def takes_any_reply():
+    receive = Connection._receive
+
+    def blind(self, message, deadline, watch):
+        reply = receive(self, message, deadline, watch)
+        return replace(reply, client=message.client, sequence=message.sequence) if isinstance(reply, Moved) else reply
+
+    Connection._receive = blind
+
+
+def does_not_join_again():
+    join = Courier.join
+
+    def once(self, endpoint, epoch, seconds):
+        if self._epoch:
+            self._data, self._epoch = Connection(self._control.data_endpoint(endpoint)), epoch
+            return None
+        return join(self, endpoint, epoch, seconds)
+
+    Courier.join = once
+
+
+def resumes_when_fenced():
+    Courier._check_unfenced = lambda self, probed: None
+
+
+def does_not_repeat_the_trial():
+    Courier._repeat_trial = lambda self, deadline: None
+
+
+def refuses_unknown_fields():
+    def strict(header, frames, message_bytes, decode=codec._decode):
+        if "later" in header["fields"]:
+            raise ProtocolError("a field of a later version", code="INVALID_ARGUMENT.HEADER")
+        return decode(header, frames, message_bytes)
+
+    codec._decode = strict
+
+
+def does_not_probe():
+    Courier._watch = lambda self: None
+
+
+def sends_a_field_too_many():
+    pack = codec.pack
+    codec.pack = lambda header: pack(header | {"fields": header["fields"] | {"of_ours": 1}})
+
+
+FAULTS = {
+    fault.__name__.replace("_", "-"): fault
+    for fault in (
+        numbers_repeats_anew,
+        takes_any_reply,
+        does_not_join_again,
+        resumes_when_fenced,
+        does_not_repeat_the_trial,
+        refuses_unknown_fields,
+        does_not_probe,
+        sends_a_field_too_many,
+    )
+}
+
+if __name__ == "__main__":
+    FAULTS[sys.argv[1]]()
+    sys.exit(main(sys.argv[2:]))
