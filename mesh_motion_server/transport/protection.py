@@ -93,7 +93,7 @@ class Protection:
         return Everybody() if protection is None else AllowList(Path(protection.allow_list))
 
     def protect(self, socket: zmq.Socket[bytes]) -> None:
-        """Make a socket a CURVE server whose handshakes are refused unless a handler allows them."""
+        """Make a socket, which has its MAXMSGSIZE, a CURVE server whose handshakes are refused unless allowed."""
         socket.setsockopt(zmq.CURVE_SERVER, 1)
         socket.setsockopt(zmq.CURVE_SECRETKEY, self.secret.encode())
         socket.setsockopt(zmq.ZAP_DOMAIN, _DOMAIN)

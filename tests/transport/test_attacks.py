@@ -1,0 +1,328 @@
+"""The attacks of the threat model against a server, and against a careless one: there each of them does its harm."""
+
+import contextlib
+import resource
+import time
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import psutil
+import pytest
+import zmq
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.messages import Commit, Hello, Join, List, Move, Open, Ping, Status
+
+from mesh_motion_server.prove.attacks import (
+    endless_message,
+    forged_user,
+    half_open,
+    oversized_hello,
+    ready,
+    storm,
+)
+from mesh_motion_server.security.key_folder import admit, make_server_keys
+from mesh_motion_server.transport.protection import Protection, user_of
+from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
+
+MIB = 1 << 20
+ONES = np.ones((2, 2))
+
+
+@contextlib.contextmanager
+def careless(**options):
+    """A ROUTER of somebody who has not read docs/security.md, and its context."""
+    context = zmq.Context()
+    socket = context.socket(zmq.ROUTER)
+    socket.setsockopt(zmq.LINGER, 0)
+    for name, value in options.items():
+        socket.setsockopt(getattr(zmq, name), value)
+    port = socket.bind_to_random_port("tcp://127.0.0.1")
+    try:
+        yield socket, f"tcp://127.0.0.1:{port}"
+    finally:
+        socket.close()
+        context.destroy(linger=0)
+
+
+@pytest.fixture(scope="module", params=["without keys", "with keys"])
+def target(request, make_module_server, tmp_path_factory, make_keys):
+    """A server whose handshakes have half a second, with and without keys."""
+    settings, keys = {"handshake_seconds": 0.5, "worker_memory_bytes": 256 * MIB}, None
+    if request.param == "with keys":
+        folder = tmp_path_factory.mktemp("keys")
+        make_server_keys(folder)
+        keys = make_keys("alice", folder)
+        admit(keys.public, folder, name="alice")
+        settings["keys_folder"] = str(folder)
+    server = make_module_server(**settings)
+    server.client_keys = keys
+    return server
+
+
+@pytest.fixture
+def victim(target, connect):
+    """A session on the target and the pids of the processes that are attacked."""
+    opened = connect(target.endpoint, target.client_keys).ask(Open, dimension=2)
+    data = connect(opened.endpoint, target.client_keys)
+    at = {"session": opened.session, "epoch": 1}
+    assert data.ask(Join, **at, token=opened.token).type == "JOINED"
+    worker = data.ask(Status, **at).report["pid"]
+    yield {
+        "control": (target.endpoint, target.children()[0]),
+        "data": (opened.endpoint, worker),
+        "at": at,
+        "wire": data,
+    }
+    assert data.ask(Status, **at).report["pid"] == worker
+    assert connect(target.endpoint, target.client_keys).ask(Ping).type == "PONG"
+
+
+def open_files(pid):
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
+
+
+def memory(pid):
+    return psutil.Process(pid).memory_info().rss
+
+
+@pytest.mark.parametrize("where", ["control", "data"])
+def test_a_storm_of_broken_connections_ends_nothing_and_leaves_nothing(target, victim, where):
+    endpoint, pid = victim[where]
+    storm(endpoint, seed=1, count=50)  # what is allocated once
+    target.wait_until(lambda: psutil.Process(pid).num_threads() > 0, "it lives")
+    files, before = open_files(pid), memory(pid)
+    made = storm(endpoint, seed=2, count=400)
+    assert made["not connected"] == 0
+    target.wait_until(lambda: open_files(pid) <= files, "the files are closed", seconds=10)
+    assert memory(pid) - before < 8 * MIB
+
+
+def test_a_storm_is_repeatable_and_of_all_kinds():
+    with careless() as (_, endpoint):
+        first, again = (storm(endpoint, seed=7, count=60) for _ in range(2))
+    assert first == again
+    assert len(first) == 8
+
+
+@pytest.mark.parametrize("where", ["control", "data"])
+def test_silent_connections_are_closed_in_time(target, victim, where):
+    endpoint, pid = victim[where]
+    files = open_files(pid)
+    with half_open(endpoint, seed=3, count=150):
+        target.wait_until(lambda: open_files(pid) > files + 20, "they are there", seconds=10)
+        target.wait_until(lambda: open_files(pid) <= files, "they are closed, though nobody has hung up", seconds=10)
+
+
+def test_without_a_time_for_handshakes_they_would_stay():
+    with careless(HANDSHAKE_IVL=0) as (_, endpoint):
+        here = open_files("self")
+        with half_open(endpoint, seed=3, count=20):
+            time.sleep(1.5)  # three times what the server above allows
+            assert open_files("self") >= here + 40  # both ends are ours
+
+
+def test_more_connections_than_descriptors_are_survived(target, victim, connect):
+    endpoint, pid = victim["control"]
+    files = open_files(pid)
+    former = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, (files + 40, former[1]))
+    try:
+        with half_open(endpoint, seed=4, count=120):
+            target.wait_until(lambda: open_files(pid) >= files + 35, "no descriptor is left", seconds=10)
+            assert victim["wire"].ask(Commit, **victim["at"], step=1).step == 1
+        target.wait_until(lambda: open_files(pid) <= files + 2, "the descriptors are back", seconds=10)
+        assert connect(endpoint, target.client_keys).ask(Ping).type == "PONG"
+    finally:
+        resource.prlimit(pid, resource.RLIMIT_NOFILE, former)
+
+
+def test_the_gateway_and_the_workers_have_bounds(victim):
+    for _, pid in (victim["control"], victim["data"]):
+        assert 0 < resource.prlimit(pid, resource.RLIMIT_NOFILE)[0] <= 4096
+        assert 0 < resource.prlimit(pid, resource.RLIMIT_AS)[0] < 64 << 30
+
+
+@pytest.mark.parametrize("where", ["control", "data"])
+def test_a_huge_hello_is_cut_before_it_takes_memory(target, victim, where):
+    endpoint, pid = victim[where]
+    before = memory(pid)
+    assert oversized_hello(endpoint, 300 * MIB) < 16 * MIB  # what fits into the kernel's buffers
+    assert memory(pid) - before < 16 * MIB
+
+
+def test_without_a_largest_message_all_of_it_would_be_taken():
+    _, secret = zmq.curve_keypair()
+    with careless(CURVE_SERVER=1, CURVE_SECRETKEY=secret) as (_, endpoint):
+        assert oversized_hello(endpoint, 50 * MIB) == 50 * MIB
+
+
+def test_an_endless_message_needs_a_key_where_there_are_keys(target, victim):
+    if target.client_keys is None:
+        pytest.skip("test_supervisor.py shows where it ends without keys")
+    for where in ("control", "data"):
+        assert endless_message(victim[where][0], 64 << 10, 100 * MIB) < 16 * MIB
+
+
+def test_without_a_memory_limit_an_endless_message_would_not_end():
+    with careless(MAXMSGSIZE=1 << 16, RCVHWM=2) as (_, endpoint):
+        assert endless_message(endpoint, 64 << 10, 40 * MIB) == 40 * MIB
+
+
+def test_a_second_client_with_the_same_routing_id_does_not_get_the_firsts_replies(target, victim, connect):
+    endpoint, _ = victim["data"]
+    first, second = (connect(endpoint, target.client_keys, routing_id=b"solver") for _ in range(2))
+    assert first.ask(Ping).type == "PONG"
+    second.send(Ping)
+    assert first.ask(Ping).type == "PONG"
+    assert not second.socket.poll(100)
+
+
+def test_with_handover_it_would(connect):
+    with careless(ROUTER_HANDOVER=1) as (server, endpoint):
+        first = connect(endpoint, routing_id=b"solver")
+        first.send(Ping)
+        peer, _ = server.recv_multipart()
+        second = connect(endpoint, routing_id=b"solver")
+        second.send(Ping)
+        assert server.recv_multipart()[0] == peer
+        server.send_multipart([peer, b"for the first one"])
+        assert second.socket.recv() == b"for the first one"
+
+
+EMPTY_MAPS = msgpack.packb([{}] * 60_000)
+
+
+@pytest.mark.parametrize("where", ["control", "data"])
+def test_a_header_of_empty_maps_is_refused_before_it_is_built(target, victim, connect, where):
+    endpoint, pid = victim[where]
+    wire = connect(endpoint, target.client_keys)
+    wire.ask(Ping)
+    before = memory(pid)
+    wire.send_frames(EMPTY_MAPS)
+    assert wire.receive().code == "INVALID_ARGUMENT.HEADER"
+    assert memory(pid) - before < 4 * MIB
+
+
+def test_a_plain_decoder_would_build_it():
+    assert len(msgpack.unpackb(EMPTY_MAPS)) == 60_000
+
+
+DTYPES = ["O", "|O", "S2147483647", "V1000000000", ">f8", "f8", "<f2", "<M8[s]", "<c16", "{'names': ['a']}", ""]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_strangers_dtype_is_never_taken(target, victim, dtype):
+    wire = victim["wire"]
+    header = msgpack.unpackb(
+        encode(Move(client=wire.client, sequence=99, **victim["at"], step=1, displacement=ONES))[0]
+    )
+    header["arrays"][0]["dtype"] = dtype
+    wire.send_frames(msgpack.packb(header), ONES.tobytes())
+    assert wire.receive().code == "INVALID_ARGUMENT.DTYPE"
+
+
+def test_numpy_would_take_most_of_them():
+    taken = 0
+    for dtype in DTYPES:
+        with contextlib.suppress(TypeError, ValueError):
+            taken += np.dtype(dtype) is not None
+    assert taken >= 8
+
+
+def test_a_peer_cannot_name_itself_a_user(target):
+    """On a server without keys the peer's own metadata are all there is."""
+    back = forged_user(target.endpoint, b"root", bytes(encode(List(client=b"c" * 16, sequence=1))[0]))
+    if target.client_keys is None:
+        assert b"LISTED" in back  # as everybody
+    else:
+        assert b"LISTED" not in back
+
+
+def test_who_asks_libzmq_for_the_user_would_believe_it():
+    request = bytes(encode(Hello(client=b"c" * 16, sequence=1))[0])
+    with careless() as (server, endpoint):
+        back = forged_user(endpoint, b"root", request)
+        assert b"READY" in back
+        *_, frame = server.recv_multipart(copy=False)
+        assert decode([frame.bytes]).type == "HELLO"
+        assert frame.get("User-Id") == "root"
+        assert user_of(frame, None) == ""
+    assert b"User-Id" in ready(User_Id=b"root")
+
+
+# --- the self-test ---------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def handler(context, status):
+    """A ZAP handler that always gives this answer; None does not answer at all."""
+    socket = context.socket(zmq.ROUTER)
+    socket.bind("inproc://zeromq.zap.01")
+
+    def turn():
+        while socket.poll(0):
+            frames = socket.recv_multipart()
+            at = frames.index(b"") + 1
+            if status:
+                socket.send_multipart([*frames[:at], b"1.0", frames[at + 1], status, b"", b"user", b""])
+
+    try:
+        yield turn
+    finally:
+        socket.close(linger=0)
+
+
+@contextlib.contextmanager
+def protected(status, *, enforce=True, handled=True):
+    """A CURVE endpoint whose handler is right or wrong."""
+    protection = Protection(zmq.curve_keypair()[1].decode(), "")
+    context = zmq.Context()
+    with contextlib.ExitStack() as stack:
+        stack.callback(context.term)
+        turn = stack.enter_context(handler(context, status)) if handled else lambda: None
+        socket = context.socket(zmq.ROUTER)
+        stack.callback(socket.close, linger=0)
+        socket.setsockopt(zmq.MAXMSGSIZE, 1 << 16)
+        protection.protect(socket)
+        socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, int(enforce))
+        socket.setsockopt(zmq.HANDSHAKE_IVL, 300)
+        port = socket.bind_to_random_port("tcp://127.0.0.1")
+        yield f"tcp://127.0.0.1:{port}", protection, turn
+
+
+SECRET = zmq.curve_keypair()[1]
+
+
+def test_the_self_test_passes_where_the_handler_decides():
+    with protected(b"200") as (endpoint, protection, turn):
+        check_admits(endpoint, protection, SECRET, turn)
+    with protected(b"400") as (endpoint, protection, turn):
+        check_refuses(endpoint, protection, turn)
+
+
+@pytest.mark.parametrize("status", [b"400", b"300", b"500", None])
+def test_the_self_test_sees_a_handler_that_admits_nobody(status):
+    with protected(status) as (endpoint, protection, turn), pytest.raises(ProtectionError, match="does not admit"):
+        check_admits(endpoint, protection, SECRET, turn)
+
+
+def test_the_self_test_sees_a_handler_that_admits_everybody():
+    with (
+        protected(b"200") as (endpoint, protection, turn),
+        pytest.raises(ProtectionError, match="admits an unknown key"),
+    ):
+        check_refuses(endpoint, protection, turn)
+
+
+def test_libzmq_takes_no_handler_for_everybodys_leave_and_the_self_test_sees_it():
+    seeded = protected(None, handled=False, enforce=False)
+    with seeded as (endpoint, protection, turn), pytest.raises(ProtectionError, match="admits an unknown key"):
+        check_refuses(endpoint, protection, turn)
+
+
+def test_as_we_set_it_nobody_is_let_in_without_a_handler():
+    with protected(None, handled=False) as (endpoint, protection, turn):
+        check_refuses(endpoint, protection, turn)
+        with pytest.raises(ProtectionError, match="does not admit"):
+            check_admits(endpoint, protection, SECRET, turn)
