@@ -1,0 +1,78 @@
+"""What docs/security.md shows is run."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mesh_motion_server.security.allow_list import read_entries
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+
+
+def block(language: str) -> str:
+    (found,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+    return str(found)
+
+
+@pytest.fixture
+def endpoint() -> str:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp://127.0.0.1:{free.getsockname()[1]}"
+
+
+def test_the_ten_lines_and_the_client_run(tmp_path: Path, endpoint: str) -> None:
+    program = tmp_path / "bin" / "mesh-motion"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m mesh_motion_server "$@"\n')
+    program.chmod(0o755)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "client.py").write_text(here(block("python"), endpoint))
+    lines = here(block("sh"), endpoint).splitlines()
+    assert len(lines) <= 10
+    *before, last = lines
+    refused = f"! mesh-motion inspect --timeout 10 --endpoint {endpoint}"
+    script = "\n".join(["set -e", *before, f"{sys.executable} client.py", last, refused, "kill $!", "wait $!"])
+    script = script.replace("--state sessions &", "--state sessions & trap 'kill $!' EXIT")
+    run = subprocess.run(
+        ["sh", "-c", script],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": f"{program.parent}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert (tmp_path / "out" / "summary.json").exists(), run.stderr
+    assert "mesh-motion-server" in run.stdout
+    assert "alice is not admitted any more" in run.stdout
+    assert "does not admit this key" in run.stderr
+
+
+def here(text: str, endpoint: str) -> str:
+    """The text's machines are this one."""
+    return text.replace("tcp://0.0.0.0:7440", endpoint).replace("tcp://workstation:7440", endpoint)
+
+
+def test_the_allow_list_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "allow.toml"
+    path.write_text(block("toml"))
+    path.chmod(0o644)
+    assert {entry.name: entry.roles for entry in read_entries(path).values()} == {
+        "alice": ("owner",),
+        "dashboard": ("monitor",),
+    }
+
+
+def test_every_link_leads_somewhere() -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", PAGE)
+    assert links
+    assert [link for link in links if not (ROOT / "docs" / link).exists()] == []
