@@ -64,8 +64,9 @@ def _many_unknowns() -> None:
 
 
 def _two_scales() -> None:
-    """Two scales with fewer coarse points than control points, and enough to sum by blocks: tiny meshes have not."""
+    """Two scales with enough coarse points to sum by blocks, around a body small in its domain."""
     points = np.random.default_rng(0).random((80, 3))
+    points[:60] = 0.5 + 0.01 * (points[:60] - 0.5)
     plan = TwoScalePlan.build(points, points[:, 0] < 0.5, basis="wendland-c2", support_radius=2.5, count=60)
     found = plan.factorize(points, np.zeros(3), np.ones(3)).solve(points)
     LocalEvaluator().displacement(found, points)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.centres import CentreLayout
+from mesh_motion_server.numerics.hashed_cells import MAX_HASHED_RUNS, HashedCells, hashed_runs
 from mesh_motion_server.numerics.kernel_maps import map_phi
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
@@ -21,6 +23,13 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _BLOCK = 64  # rows of one task
+_MOST_RUNS = max(MAX_RUNS, MAX_HASHED_RUNS)
+#: Radii that a grid's cells, or all centres, may be wide before a grid that stores few of its cells is made.
+_WIDER = 1.5
+#: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
+_SLACK = 1.0 + 1e-6
+#: A search among stored cells, in evaluations of a basis function.
+_HASHED_WORK = 100.0
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -42,18 +51,25 @@ def dense_block(basis: Basis, support_radius: float, rows: Array, columns: Array
     return out
 
 
+@njit(cache=True, error_model="numpy")
+def _runs(x, y, z, grid, runs):  # type: ignore[no-untyped-def]
+    """Fill ``runs`` with [first, last) of the centres near a place; the count. ``grid`` as :class:`_Search` has it."""
+    origin, inverse_side, shape, starts, keys, cells = grid
+    if keys.size:
+        return hashed_runs(x, y, z, origin, inverse_side, starts, keys, cells, runs)
+    return centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)
+
+
 @njit(cache=True, error_model="numpy", parallel=True)
-def _count_rows(
-    points: Array, centres: Array, radius: float, origin: Array, inverse_side: float, shape: Integers, starts: Integers
-) -> Integers:
-    """Centres closer than R to each of (n, 3) points."""
+def _count_rows(points, centres, radius, grid):  # type: ignore[no-untyped-def]
+    """Centres (3, nc) closer than R to each of (n, 3) points."""
     n = len(points)
     counts = np.zeros(n, dtype=np.int64)
     for block in prange((n + _BLOCK - 1) // _BLOCK):
-        runs = np.empty((MAX_RUNS, 2), dtype=np.int64)
+        runs = np.empty((_MOST_RUNS, 2), dtype=np.int64)
         for i in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            for run in range(centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)):
+            for run in range(_runs(x, y, z, grid, runs)):
                 for j in range(runs[run, 0], runs[run, 1]):
                     dx, dy, dz = x - centres[0, j], y - centres[1, j], z - centres[2, j]
                     counts[i] += dx * dx + dy * dy + dz * dz < radius * radius
@@ -63,12 +79,11 @@ def _count_rows(
 @njit(cache=True, error_model="numpy")
 def _fill_some(rows, code, points, centres, numbers, radius, grid, pointers, columns, entries):  # type: ignore[no-untyped-def]
     """:func:`_fill_rows` for a range of rows."""
-    origin, inverse_side, shape, starts = grid
-    runs = np.empty((MAX_RUNS, 2), dtype=np.int64)
+    runs = np.empty((_MOST_RUNS, 2), dtype=np.int64)
     near, squares = np.empty(_BLOCK, dtype=np.int64), np.empty(_BLOCK)
     for i in rows:
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        count, visited, found = centre_runs(x, y, z, origin, inverse_side, shape, starts, runs), 0, 0
+        count, visited, found = _runs(x, y, z, grid, runs), 0, 0
         for run in range(count):
             visited += runs[run, 1] - runs[run, 0]
         if visited > len(near):
@@ -87,64 +102,89 @@ def _fill_some(rows, code, points, centres, numbers, radius, grid, pointers, col
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _fill_rows(
-    code: int,
-    points: Array,
-    centres: Array,
-    numbers: Integers,
-    radius: float,
-    origin: Array,
-    inverse_side: float,
-    shape: Integers,
-    starts: Integers,
-    pointers: NDArray[np.int32],
-    columns: NDArray[np.int32],
-    entries: Array,
-) -> None:
-    """Entries of each row in the order of the sorted centres, columns by their ``numbers``; ``pointers`` by counts."""
-    n, grid = len(points), (origin, inverse_side, shape, starts)
+def _fill_rows(code, points, centres, numbers, radius, grid, pointers, columns, entries):  # type: ignore[no-untyped-def]
+    """Entries of each row in the order of the sorted centres.
+
+    Parameters
+    ----------
+    code : int
+    points, centres : (n, 3), (3, nc) arrays
+    numbers : (nc,) int64 array
+        What the columns call the centres.
+    radius : float
+    grid : tuple
+    pointers : (n + 1,) int32 array
+        By the counts.
+    columns, entries : (e,) int32, float64 arrays
+    """
+    n = len(points)
     for block in prange((n + _BLOCK - 1) // _BLOCK):
         rows = range(block * _BLOCK, min(n, (block + 1) * _BLOCK))
         _fill_some(rows, code, points, centres, numbers, radius, grid, pointers, columns, entries)
 
 
+class _Search(NamedTuple):
+    """What finds the centres near a place.
+
+    Attributes
+    ----------
+    order : (nc,) int64 array
+        Row ``j`` of the sorted centres is centre ``order[j]`` of the layout.
+    coordinates : (3, nc) array
+    grid : tuple
+        Origin, inverse side, shape, starts, keys and cells; without keys all cells of a grid are stored.
+    work : float
+        Centres visited for each place, roughly.
+    """
+
+    order: Integers
+    coordinates: Array
+    grid: tuple[Array, float, Integers, Integers, Integers, Integers]
+    work: float
+
+
+def _search(layout: CentreLayout, support_radius: float) -> _Search:
+    """The layout's own grid, or one of small cells where its cells had to be far wider than R."""
+    wider = layout.inverse_side * support_radius * _WIDER < 1.0
+    none = np.empty(0, dtype=np.int64)
+    if not wider or float(np.ptp(layout.coordinates, axis=1).max()) < _WIDER * support_radius:
+        order = np.arange(layout.n_centres)
+        return _Search(order, layout.coordinates, (*layout.grid(), none, none), layout.fraction * layout.n_centres)
+    fine = HashedCells.build(np.ascontiguousarray(layout.coordinates.T), support_radius * _SLACK)
+    grid = (fine.origin, fine.inverse_side, none, fine.starts, fine.keys, fine.cells)
+    return _Search(fine.order, fine.coordinates, grid, _HASHED_WORK)
+
+
 def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
     """Mean number of centres closer than R to a centre: nonzero entries a row of the matrix of a compact basis."""
-    return float(np.mean(_row_counts(layout, support_radius, np.ascontiguousarray(layout.coordinates.T))))
+    points = np.ascontiguousarray(layout.coordinates.T)
+    return float(np.mean(_row_counts(_search(layout, support_radius), support_radius, points)))
 
 
-def _row_counts(layout: CentreLayout, support_radius: float, points: Array) -> Integers:
-    with threads_for(layout.fraction * layout.n_centres * len(points)):
-        counts: Integers = _count_rows(points, layout.coordinates, support_radius, *layout.grid())
+def _row_counts(search: _Search, support_radius: float, points: Array) -> Integers:
+    with threads_for(search.work * len(points)):
+        counts: Integers = _count_rows(points, search.coordinates, support_radius, search.grid)
     return counts
 
 
 def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> csr_array:
     """(nc, nc) interpolation matrix of a compact basis, rows and columns in the layout's order."""
-    points = np.ascontiguousarray(layout.coordinates.T)
-    return _sparse(layout, basis, support_radius, points, np.arange(layout.n_centres))
+    points, search = np.ascontiguousarray(layout.coordinates.T), _search(layout, support_radius)
+    return _sparse(search, basis, support_radius, points, search.order)
 
 
 def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, points: Array) -> csr_array:
     """(n, nc) values of a compact basis at (n, 3) points, columns in the control points' own order."""
-    return _sparse(layout, basis, support_radius, points, layout.order)
+    search = _search(layout, support_radius)
+    return _sparse(search, basis, support_radius, points, layout.order[search.order])
 
 
-def _sparse(layout: CentreLayout, basis: Basis, support_radius: float, points: Array, numbers: Integers) -> csr_array:
-    """φ between points (n, 3) and the centres, which are called by their ``numbers`` (nc,)."""
+def _sparse(search: _Search, basis: Basis, support_radius: float, points: Array, numbers: Integers) -> csr_array:
+    """φ between points (n, 3) and the sorted centres, which are called by their ``numbers`` (nc,)."""
     pointers = np.zeros(len(points) + 1, dtype=np.int32)
-    np.cumsum(_row_counts(layout, support_radius, points), out=pointers[1:])
+    np.cumsum(_row_counts(search, support_radius, points), out=pointers[1:])
     columns, entries = np.empty(pointers[-1], dtype=np.int32), np.empty(pointers[-1])
-    with threads_for(layout.fraction * layout.n_centres * len(points)):
-        _fill_rows(
-            basis.code,
-            points,
-            layout.coordinates,
-            numbers,
-            support_radius,
-            *layout.grid(),
-            pointers,
-            columns,
-            entries,
-        )
-    return csr_array((entries, columns, pointers), shape=(len(points), layout.n_centres))
+    centres = search.coordinates
+    with threads_for(search.work * len(points)):
+        _fill_rows(basis.code, points, centres, numbers, support_radius, search.grid, pointers, columns, entries)
+    return csr_array((entries, columns, pointers), shape=(len(points), len(numbers)))

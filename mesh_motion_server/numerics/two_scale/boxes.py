@@ -11,9 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.spacing import local_spacing
 
@@ -104,11 +101,10 @@ def _merged(place: Floats) -> list[tuple[Indices, Indices]]:
     """Corners of disjoint boxes around points (m, 3) in spacings, a margin wide."""
     if not len(place):
         return []
-    a, b = cKDTree(place).query_pairs(2.0 * MARGIN, output_type="ndarray").T
-    graph = coo_array((np.ones(len(a), dtype=np.bool_), (a, b)), shape=(len(place), len(place)))
-    count, label = connected_components(graph, directed=False)
+    # points of one cell of this side are near each other; boxes of cells that are, touch
+    label = np.unique(np.floor(place / MARGIN).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
     boxes = []
-    for group in (place[label == number] for number in range(count)):
+    for group in (place[label == number] for number in range(label.max() + 1)):
         low, high = group.min(axis=0) - MARGIN, group.max(axis=0) + MARGIN
         boxes.append((np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)))
     return _united(sorted(boxes, key=lambda box: tuple(box[0])))
@@ -119,7 +115,7 @@ def _united(boxes: list[tuple[Indices, Indices]]) -> list[tuple[Indices, Indices
     done: list[tuple[Indices, Indices]] = []
     while boxes:
         low, high = boxes.pop(0)
-        touching = [i for i, (a, b) in enumerate(done) if np.all(a <= high + 2) and np.all(b >= low - 2)]
+        touching = [i for i, (a, b) in enumerate(done) if bool(((a <= high + 2) & (b >= low - 2)).all())]
         if not touching:
             done.append((low, high))
             continue
