@@ -106,7 +106,7 @@ def lebesgue_constant(order: int) -> float:
 
 def derivative_bounds(basis: Basis, furthest: float) -> DerivativeBounds:
     """Bounds for distances up to ``furthest``, in support radii."""
-    octaves = 0 if basis.compact else max(math.ceil(math.log2(furthest)), 0)
+    octaves = 0 if basis.compact else math.ceil(math.log2(max(furthest, 1.0)))
     return _tabulated(basis, octaves)
 
 

@@ -160,6 +160,17 @@ def test_boxes_hold_their_points_and_children_their_parents(d):
     assert np.diff(tree.points_of[tree.leaves], axis=1).max() <= 12  # pairs of equal points stay together
 
 
+@pytest.mark.parametrize("points", [np.full((1, 2), 0.5), np.full((600, 2), 0.5)])
+@pytest.mark.parametrize("weight", [0.0, 1.0])
+def test_a_single_place_and_weights_of_zero(points, weight):
+    basis = BASES["tps"]
+    centre = np.full((1, 2), 0.5)
+    interpolant = Interpolant(centre, np.full((1, 2), weight), basis, 1.0, CentreLayout.build(centre, basis, 1.0))
+    far = FarSum.build(interpolant, points, tolerance=1e-3)
+    assert (far.values() == 0.0).all()
+    assert far.bound == 0.0
+
+
 def test_points_that_coincide_are_one_leaf():
     tree = BoxTree.build(np.ones((50, 3)), leaf=10)
     assert tree.n_boxes == 1
