@@ -67,6 +67,8 @@ class Figures(_Read):
         A step's first Move: another mesh than before, so that nothing is in the cache.
     iteration : Seconds
         A later Move of the same step.
+    brief : Seconds
+        The same with ``quality_report = "first-and-commit"``.
     solve, displace, predict : Seconds
         Parts of ``step``.
     kept_bytes, peak_bytes : int
@@ -91,6 +93,7 @@ class Figures(_Read):
     first: Seconds
     step: Seconds
     iteration: Seconds
+    brief: Seconds
     solve: Seconds
     displace: Seconds
     predict: Seconds

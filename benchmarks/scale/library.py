@@ -94,7 +94,9 @@ def _warm_up(task: Task) -> None:
     """Load or compile the kernels, as a server does before its first session."""
     small = small_task(task)
     for solver in ("auto", "two-scale"):
-        model_of(small, Method(solver=solver, quality_threshold=0.0)).move(small.points, small.targets(0))
+        model = model_of(small, Method(solver=solver, quality_threshold=0.0))
+        for each in (model, model.without_distributions()):
+            each.move(small.points, small.targets(0))
 
 
 def measured(case: Case, folder: Path, repeat: int) -> Figures:
@@ -103,13 +105,14 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
     _warm_up(task)
     memory = _Memory()
     setup, model = timed(lambda: model_of(task, Method(**case.method)))
-    committed, steps, iterations, corrected = task.points, [], [], False
+    committed, steps, iterations, briefs, corrected = task.points, [], [], [], False
     for step in range(repeat):
         start, targets, factors = committed, task.targets(step), FactorCache(_CACHE_BYTES)
         nearly = start[task.moving] + FIRST_SHARE * (targets - start[task.moving])
         steps.append(timed(lambda p=start, t=nearly, f=factors: model.move(p, t, f))[0])
         seconds, motion = timed(lambda p=start, t=targets, f=factors: model.move(p, t, f))
         iterations.append(seconds)
+        briefs.append(timed(lambda p=start, t=targets, f=factors: model.without_distributions().move(p, t, f))[0])
         corrected = corrected or motion.points is not motion.correction.points or motion.corrected != motion.standard
         committed = motion.points if case.kind == "steady" else committed
         reached = motion.points
@@ -126,6 +129,7 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
         first=steps[0],
         step=Seconds.shortest(steps),
         iteration=Seconds.shortest(iterations),
+        brief=Seconds.shortest(briefs),
         **{
             name: Seconds.shortest([watch.both(name) for watch in watches]) for name in ("solve", "displace", "predict")
         },

@@ -11,8 +11,8 @@ from benchmarks.scale.work import shares
 __all__ = ["README", "fill", "tables"]
 
 _COST = (
-    "| mesh, motion | nodes | boundary nodes | set-up | first step | step | iteration | solve | displace | predict "
-    "| growth | × pass | dense ÷ step |\n|---|" + "---:|" * 12 + "\n"
+    "| mesh, motion | nodes | boundary nodes | set-up | first step | step | iteration | brief | solve | displace "
+    "| predict | growth | × pass | dense ÷ step |\n|---|" + "---:|" * 13 + "\n"
 )
 _QUALITY = (
     "| mesh, motion | MB | peak B/node | kept B/node | min size-skew | near the wall | inverted | boundary error |\n"
@@ -55,7 +55,7 @@ def _cost(results: Results, name: str) -> str:
     """One line."""
     figures, case = results.library[name], CASES[name]
     exponent = growth(results, name)
-    times = [figures.setup, figures.first, figures.step, figures.iteration]
+    times = [figures.setup, figures.first, figures.step, figures.iteration, figures.brief]
     phases = [figures.solve, figures.displace, figures.predict]
     cells = [
         *(_both(seconds) for seconds in times),
