@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,6 +60,12 @@ class Crew:
     make : callable
         (number) → what becomes a :class:`HeldPartition` on a worker: that partition itself, or a function without
         arguments that gives it there.
+
+    Attributes
+    ----------
+    traffic : Traffic
+    seconds, longest_seconds : float
+        Processor time of the workers so far: all partitions together, and of each question the longest.
     """
 
     def __init__(self, connection: Connection, name: str, count: int, make: Callable[[int], Any]) -> None:
@@ -71,6 +78,7 @@ class Crew:
         self.count = count
         self.traffic = Traffic()
         self.seconds = 0.0
+        self.longest_seconds = 0.0
 
     def ask(self, question: Question) -> list[Any]:
         """The answers of all partitions, in their order.
@@ -90,7 +98,8 @@ class Crew:
             open_now = [number for number in range(self.count) if number not in answers]
             fresh |= self._place([number for number in open_now if number not in self._placed])
             found, lost = self._round(question, open_now, fresh)
-            answers |= found
+            answers |= {number: answer.value for number, answer in found.items()}
+            self.longest_seconds += max((answer.seconds for answer in found.values()), default=0.0)
             losses += bool(lost)
             if losses > _ATTEMPTS:
                 raise ResourceError(
@@ -105,21 +114,22 @@ class Crew:
         self._placed.clear()
         self._where.clear()
 
-    def _round(self, question: Question, numbers: Sequence[int], fresh: set[int]) -> tuple[dict[int, Any], list[int]]:
+    def _round(
+        self, question: Question, numbers: Sequence[int], fresh: set[int]
+    ) -> tuple[dict[int, Answer], list[int]]:
         """Ask some partitions: the answers, and which are lost; those that lack a version become ``fresh``."""
         futures = {number: self._submit(question, number, number in fresh) for number in numbers}
         self._wait(futures)
-        answers: dict[int, Any] = {}
+        answers: dict[int, Answer] = {}
         lost = []
-        for number, future in futures.items():
-            answer = self._answer(future)
+        for number, answer in self._gathered(futures).items():
             if answer is None:
                 lost.append(number)
                 self._forget(number)
             elif answer.value is None:
                 fresh.add(number)
             else:
-                answers[number] = answer.value
+                answers[number] = answer
                 self.seconds += answer.seconds
                 self.traffic.received[question.kind_received] += size_of(answer.value)
         return answers, lost
@@ -164,14 +174,26 @@ class Crew:
                     if alive and self._where.get(number) not in alive:
                         future.cancel()
 
+    def _gathered(self, futures: dict[int, Any]) -> dict[int, Answer | None]:
+        """The answers of tasks that have ended: all at once, or one by one where some are lost."""
+        if all(future is not None and future.status == "finished" for future in futures.values()):
+            with suppress(*self._losses()):
+                return dict(zip(futures, self._connection.client().gather(list(futures.values())), strict=True))
+        return {number: self._answer(future) for number, future in futures.items()}
+
+    @staticmethod
+    def _losses() -> tuple[type[Exception], ...]:
+        """What Dask raises when a result is gone with its worker."""
+        distributed = require_dask()
+        return distributed.client.FutureCancelledError, distributed.KilledWorker, OSError, TimeoutError
+
     def _answer(self, future: Any) -> Answer | None:
         """The answer of a task that has ended; None if it is lost with its worker."""
         if future is None or future.status in ("cancelled", "lost", "pending"):
             return None
-        distributed = require_dask()
         try:
             answer: Answer = future.result(timeout=self._connection.patience)
-        except (distributed.client.FutureCancelledError, distributed.KilledWorker, OSError, TimeoutError):
+        except self._losses():
             return None
         return answer
 

@@ -84,6 +84,11 @@ class DistributedEvaluator:
         return self._crew.seconds
 
     @property
+    def longest_seconds(self) -> float:
+        """Processor time of the busiest worker in each question so far, added up."""
+        return self._crew.longest_seconds
+
+    @property
     def partitions(self) -> int:
         """How many there are."""
         return self._split.count

@@ -14,7 +14,8 @@ from mesh_motion_server.distributed.evaluator import DistributedEvaluator
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.metrics import QualitySummary, cell_quality, reference_sizes, summarize
+from mesh_motion_server.numerics.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.metrics import QualitySummary, reference_sizes
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 __all__ = ["LocalWhenAlone"]
@@ -66,7 +67,7 @@ class LocalWhenAlone:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         return self._first(
             lambda: self._evaluator.summary(points, metric),
-            lambda: summarize(cell_quality(points, self._cells, self._sizes), points, self._cells, metric=metric),
+            lambda: mesh_summary(points, self._cells, self._sizes, metric=metric),
         )
 
     def _first(self, distributed: Callable[[], _Found], local: Callable[[], _Found]) -> _Found:

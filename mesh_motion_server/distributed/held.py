@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ __all__ = [
     "own_positions",
     "perform",
     "questioned",
+    "write_positions",
 ]
 
 Floats = NDArray[np.float64]
@@ -55,14 +57,17 @@ class Positions:
     Attributes
     ----------
     version : int or None
-        None: the values are the positions of all rows.
+        None: the values are the positions of all rows, or a file has them.
     rows : (k,) int64 array or None
     values : (k, d) array, mesh length unit
+    file : str
+        A checkpoint; empty: none.
     """
 
     version: int | None
     rows: Ints | None = None
     values: Floats | None = None
+    file: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +130,8 @@ class HeldPartition:
         VersionLost
             If they are not here.
         """
+        if where.file:
+            return np.asarray(np.load(where.file, allow_pickle=False))
         if where.version is None:
             return _given(where.values)
         found = self.mesh.points if where.version == 0 else self.versions.get(where.version)
@@ -211,10 +218,7 @@ def advance(
     held: HeldPartition, start: Positions, steps: tuple[Step, ...], version: int, metric: str, keep: tuple[int, ...]
 ) -> tuple[PartialSummary, Floats]:
     """As :func:`judge` for where some stages take the nodes."""
-    points = held.at(start)
-    for step in steps:
-        points = step.positions(points)
-    return judge(held, Positions(None, None, points), version, metric, keep)
+    return judge(held, Positions(None, None, _moved(held, start, steps)), version, metric, keep)
 
 
 def questioned(
@@ -239,9 +243,26 @@ def questioned(
     return tuple(content(held.quality.metric(name), way) for name, way in questions)
 
 
-def own_positions(held: HeldPartition, where: Positions) -> Floats:
-    """(o, d) positions of its own nodes, mesh length unit."""
-    return held.at(where)[held.mesh.own]
+def own_positions(held: HeldPartition, start: Positions, steps: tuple[Step, ...]) -> Floats:
+    """(o, d) positions of its own nodes where some stages take them, mesh length unit."""
+    return _moved(held, start, steps)[held.mesh.own]
+
+
+def write_positions(held: HeldPartition, start: Positions, steps: tuple[Step, ...], file: str) -> int:
+    """Write the positions of all its nodes where some stages take them to a new file; its bytes."""
+    positions = _moved(held, start, steps)
+    partial = Path(file + ".part")
+    with open(partial, "wb") as stream:
+        np.save(stream, positions)
+    partial.replace(file)
+    return int(positions.nbytes)
+
+
+def _moved(held: HeldPartition, start: Positions, steps: tuple[Step, ...]) -> Floats:
+    points = held.at(start)
+    for step in steps:
+        points = step.positions(points)
+    return points
 
 
 def _judged(held: HeldPartition, points: Floats, metric: str) -> PartialSummary:

@@ -59,14 +59,13 @@ class _Sum:
     @classmethod
     def of(cls, interpolant: Interpolant, box: Floats) -> _Sum:
         layout = interpolant.layout
-        cell = np.repeat(np.arange(len(layout.starts) - 1, dtype=np.int32), np.diff(layout.starts))
-        kept = np.flatnonzero(_visited(layout, box)[cell])
+        kept = _visited(layout, box)
         return cls(
             interpolant.basis.name,
             interpolant.support_radius,
             layout.coordinates[: interpolant.dimension, kept],
             interpolant.weights[layout.order[kept]],
-            cell[kept],
+            (np.searchsorted(layout.starts, kept, side="right") - 1).astype(np.int32),
             (layout.origin, layout.inverse_side, layout.shape, layout.fraction),
             interpolant.polynomial,
         )
@@ -85,16 +84,22 @@ class _Sum:
         return Interpolant(points, self.weights, basis, self.radius, layout, self.polynomial)
 
 
-def _visited(layout: CentreLayout, box: Floats) -> NDArray[np.bool_]:
-    """Of each cell of a layout, x fastest, whether the sum at a point of the box visits it: one cell around the box."""
+def _visited(layout: CentreLayout, box: Floats) -> Ints:
+    """Sorted centres, ascending, that the sum at a point of the box visits: their cells are at most one from the box.
+
+    The cells of a row along x are one run; the cost follows the rows in the box and not all centres.
+    """
     low, high = np.zeros(3), np.zeros(3)
     low[: box.shape[1]], high[: box.shape[1]] = box
-    first, last = (np.floor((corner - layout.origin) * layout.inverse_side) for corner in (low, high))
-    inside = [
-        (np.arange(count) >= a - 1) & (np.arange(count) <= b + 1)
-        for count, a, b in zip(layout.shape, first, last, strict=True)
-    ]
-    return np.asarray(inside[2][:, None, None] & inside[1][:, None] & inside[0]).ravel()
+    around = np.array([[-1.0], [1.0]])
+    place = np.floor((np.stack([low, high]) - layout.origin) * layout.inverse_side) + around
+    (x0, y0, z0), (x1, y1, z1) = np.clip(place, [[0], [-1]], [layout.shape, layout.shape - 1]).astype(np.int64)
+    row = ((np.arange(z0, z1 + 1)[:, None] * layout.shape[1] + np.arange(y0, y1 + 1)) * layout.shape[0]).ravel()
+    if x1 < x0 or not len(row):
+        return np.empty(0, dtype=np.int64)
+    first, last = layout.starts[row + x0], layout.starts[row + x1 + 1]
+    counts = last - first
+    return np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(int(counts.sum()))
 
 
 @dataclass(frozen=True, eq=False)
