@@ -278,7 +278,7 @@ def _narrowed(numbers: Ints, levels: Levels, inside: Ints) -> Ranked:
     wanted = np.unique(in_order[inside[known]])
     first = np.searchsorted(in_order, wanted)
     kept = np.searchsorted(in_order, wanted, side="right") - first
-    level = np.searchsorted(wanted, in_order[inside])
+    level = np.searchsorted(wanted, in_order[np.where(known, inside, inside[known][0])])
     places = inside - first[level] + (np.cumsum(kept) - kept)[level]
     chosen = np.logical_or.reduce([levels == one for one in wanted])
     return Ranked(numbers[chosen], np.where(known, places, -1).tolist(), 1.0)

@@ -40,3 +40,9 @@ def test_few_values_are_looked_at():
     at_rest = np.ones(1000)
     at_rest[3] = 0.5
     assert len(Tally.of(at_rest).at_ranks([10, 50, 500]).numbers) == 0
+
+
+def test_ranks_among_ones_beside_ranks_below_them():
+    values = np.concatenate([np.full(4, 0.1), np.full(6, 0.2), np.full(1000, 1.0 - 2.0**-53), np.ones(9000)])
+    ranked = Tally.of(values).at_ranks([3, 9, 5000])
+    assert ranked.found(values[ranked.numbers]) == [0.1, 0.2, 1.0]
