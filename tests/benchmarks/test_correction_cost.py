@@ -45,7 +45,7 @@ def test_a_page_without_a_place_is_refused(tmp_path: Path) -> None:
         fill("text", tmp_path / "README.md")
 
 
-def test_the_readme_shows_every_case() -> None:
+def test_the_readme_shows_every_case_that_has_a_time() -> None:
     text = README.read_text(encoding="utf-8")
     for case in CASES.values():
-        assert f"| {case.mesh} {case.motion} |" in text
+        assert case.seconds is None or f"| {case.mesh} {case.motion} |" in text

@@ -134,9 +134,10 @@ def test_the_plot_is_drawn(results: Results, tmp_path: Path) -> None:
     assert (tmp_path / "scale.png").stat().st_size > 5000
 
 
-def test_the_readme_shows_every_size() -> None:
+def test_the_readme_shows_growth() -> None:
     text = README.read_text(encoding="utf-8")
-    for mesh in MESHES:
+    assert set(MESHES) > {"M2", "M3", "M4"}
+    for mesh in ("M2", "M3", "M4"):
         assert f"| {mesh} steady |" in text
 
 
