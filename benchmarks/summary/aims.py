@@ -2,7 +2,8 @@
 
 Seconds were asked for on one machine, where the textbook's dense sum (numpy, all boundary nodes are centres) took 4.9 s
 on M3 and 151 s on M4. A run on another machine, or a slower day, measures that sum too: all seconds that were asked for
-are multiplied by what it takes now over what it took then.
+are multiplied by what it takes now over what it took then. Other load makes that sum slower, and the aims with it: of
+the ratios that are known the smallest counts.
 """
 
 from __future__ import annotations
@@ -55,15 +56,15 @@ class Anchor:
 
 
 def anchor(evidence: Evidence) -> Anchor:
-    """From the dense sum of this run: M4's, else M3's, else the rate of a tile of it."""
-    for case in ("M4-T3-1", "M3-T3-1"):
-        if (seconds := evidence.step(case, "dense-rbf")) is not None:
-            then = _DENSE[case]
-            return Anchor(
-                seconds / then, f"dense numpy on {case[:2]} takes {seconds:.3g} s here and took {then:g} s there"
-            )
+    """From the dense sum of this run, M3's or M4's, or the rate of a tile of it: the smallest of those known."""
     rate = evidence.results.limits.pair_rate
-    return Anchor(_DENSE_PAIRS / rate, f"dense numpy sums {rate / 1e6:.0f} M pairs/s here and {45} M there")
+    text = f"dense numpy sums {rate / 1e6:.0f} M pairs/s here and {_DENSE_PAIRS / 1e6:.0f} M there"
+    known = [Anchor(_DENSE_PAIRS / rate, text)]
+    for case, then in _DENSE.items():
+        if (seconds := evidence.step(case, "dense-rbf")) is not None:
+            text = f"dense numpy on {case[:2]} takes {seconds:.3g} s here and took {then:g} s there"
+            known.append(Anchor(seconds / then, text))
+    return min(known, key=lambda found: found.factor)
 
 
 def rows(evidence: Evidence) -> list[Row]:

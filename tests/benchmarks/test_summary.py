@@ -82,15 +82,19 @@ def row(evidence: Evidence, start: str) -> Row:
 def test_seconds_are_measured_by_the_dense_sum(evidence: Evidence) -> None:
     assert anchor(evidence).factor == pytest.approx(0.5)  # 45 M pairs/s there, 90 here
     evidence.outcomes.append(outcome("M3-T3-1", "dense-rbf", 9.8))
+    assert anchor(evidence).factor == pytest.approx(0.5)
+    evidence.results.limits = replace(evidence.results.limits, pair_rate=1e7)
     assert anchor(evidence).factor == pytest.approx(2.0)
     assert row(evidence, "M3, 3D").asked == "≤ 0.12 s"
-    evidence.outcomes.append(outcome("M4-T3-1", "dense-rbf", 302.0))
+    evidence.outcomes.append(outcome("M4-T3-1", "dense-rbf", 226.5))
+    assert anchor(evidence).factor == pytest.approx(1.5)
     assert "M4" in anchor(evidence).text
     evidence.results.threads = 1  # processor time is twice as much
-    assert anchor(evidence).factor == pytest.approx(4.0)
+    assert anchor(evidence).factor == pytest.approx(3.0)
 
 
 def test_an_aim_is_met_or_not_or_not_measured(evidence: Evidence) -> None:
+    evidence.results.limits = replace(evidence.results.limits, pair_rate=4.5e7)
     evidence.outcomes.append(outcome("M3-T3-1", "dense-rbf", 4.9))
     assert row(evidence, "M3, 3D").met is True
     assert row(evidence, "M4, 3D").measured == "0.1 s, over the wire"
