@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.cell_order import sorted_in_buckets
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.far_field.far_sum import FarSum
 from mesh_motion_server.numerics.interpolant import factorize
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.reduction import REDUCTIONS
 from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.numerics.two_scale.factorization import TwoScalePlan
+from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels
 
 __all__ = ["compile_kernels", "tiny_meshes"]
 
@@ -52,7 +51,7 @@ def compile_kernels() -> float:
             _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
         sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
     _many_unknowns()
-    _two_scales()
+    load_two_scale_kernels()
     _far_field()
     return time.perf_counter() - begin
 
@@ -61,16 +60,6 @@ def _many_unknowns() -> None:
     """A correction of more nodes than are solved for directly."""
     points, cells = dict(tiny_meshes(_MANY_ROWS))["triangle"]
     _move(points, cells, Method(support_radius=1.0, correction_target="maximum", quality_threshold=0.9), sliding=False)
-
-
-def _two_scales() -> None:
-    """Two scales with enough coarse points to sum by blocks, around a body small in its domain."""
-    points = np.random.default_rng(0).random((80, 3))
-    points[:60] = 0.5 + 0.01 * (points[:60] - 0.5)
-    plan = TwoScalePlan.build(points, points[:, 0] < 0.5, basis="wendland-c2", support_radius=2.5, count=60)
-    found = plan.factorize(points, np.zeros(3), np.ones(3)).solve(points)
-    LocalEvaluator().displacement(found, points)
-    LocalEvaluator().gradient(found, points)
 
 
 def _far_field() -> None:

@@ -37,6 +37,7 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
         return
     # imported here: a host without these numerics needs no compiled kernels
     from mesh_motion_server.numerics.cell_order import sorted_in_buckets  # noqa: PLC0415
+    from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels  # noqa: PLC0415
 
     for points, cells in _meshes():
         sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
@@ -47,6 +48,8 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
                 _move(model_class, points, cells, Method(support_radius=2.0, solver=solver))
             except MeshMotionError:
                 return  # only a session's own request has somebody to tell
+    if not interrupted():
+        load_two_scale_kernels()
 
 
 def _move(model_class: Any, points: NDArray[np.float64], cells: CellTable, method: Method) -> None:
