@@ -32,5 +32,5 @@ def cluster_of_the_module() -> Iterator[Any]:
 def fragile_cluster(cluster_of_the_module: Any) -> Any:
     """Two workers to be killed; whoever was before has been replaced."""
     cluster_of_the_module.scale(2)
-    cluster_of_the_module.wait_for_workers(2, timeout=60)
+    cluster_of_the_module.wait_for_workers(2, timeout=180)
     return cluster_of_the_module

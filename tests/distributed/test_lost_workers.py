@@ -18,6 +18,8 @@ from mesh_motion_server.distributed.connection import Connection
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.method import Method
 
+pytestmark = pytest.mark.slow  # workers that are started, killed and waited for
+
 METHOD = Method(support_radius=2.0, correction="none")
 
 

@@ -83,6 +83,7 @@ def test_per_step_only_what_the_boundary_decides_travels(cluster: Any, tmp_path:
         motion.close()
 
 
+@pytest.mark.slow  # workers that are killed and waited for
 def test_a_rebuilt_partition_repeats_the_steps_or_starts_from_a_checkpoint(
     fragile_cluster: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
