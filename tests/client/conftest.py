@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_motion_client import Mesh, Patch, connect
+from mesh_motion_client import Keys, Mesh, Patch, connect
 from mesh_motion_client.control import Control
+
+from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0
@@ -42,14 +44,15 @@ class PlainServer:
 
     wait_until = staticmethod(wait_until)
 
-    def __init__(self, folder):
+    def __init__(self, folder, **settings):
         self.folder, self.endpoint, self.process, self._lifeline = folder, "tcp://127.0.0.1:0", None, -1
+        self.settings = settings
 
     def start(self):
         ready = self.folder / "ready.json"
         ready.unlink(missing_ok=True)
         values = {"endpoint": self.endpoint, "state_folder": str(self.folder / "state"), "threads": 1}
-        values["lease_seconds"] = 1.0
+        values |= {"lease_seconds": 1.0} | self.settings
         lifeline, self._lifeline = os.pipe()  # the server ends with the tests, even if they are killed
         environment = {"PYTHONPATH": PYTHONPATH, "PLAIN_FOLDER": str(self.folder), LIFELINE: str(lifeline)}
         with (self.folder / "log").open("ab") as log:
@@ -183,8 +186,8 @@ class Proxy:
 
 
 @contextlib.contextmanager
-def running_server(folder):
-    running = PlainServer(folder).start()
+def running_server(folder, **settings):
+    running = PlainServer(folder, **settings).start()
     try:
         yield running
     finally:
@@ -196,6 +199,27 @@ def running_server(folder):
 def server(tmp_path):
     """A server that the test may kill."""
     with running_server(tmp_path) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def keyed_server(tmp_path_factory):
+    """A server with keys that admits alice, an eye and an admin; ``keys_of(name)`` makes and loads a client's."""
+    folder = tmp_path_factory.mktemp("keyed")
+    make_server_keys(folder / "keys")
+
+    def keys_of(name, roles):
+        public = make_client_keys(name, folder / name)
+        if roles:
+            admit(public.key, folder / "keys", name=name, roles=roles)
+        return Keys.load(folder / name / f"{name}.secret", folder / "keys" / "server.public")
+
+    with running_server(folder, keys_folder=str(folder / "keys")) as running:
+        running.keys_of = keys_of
+        running.alice, running.eye, running.admin, running.mallory = (
+            keys_of(name, roles)
+            for name, roles in (("alice", ["owner"]), ("eye", ["monitor"]), ("admin", ["admin"]), ("mallory", []))
+        )
         yield running
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import resource
+import time
 from pathlib import Path
 
 import msgpack
@@ -107,6 +108,14 @@ def test_a_storm_of_broken_connections_ends_nothing_and_leaves_nothing(target, v
     assert made["not connected"] == 0
     target.wait_until(lambda: open_files(pid) <= files, "the files are closed")
     assert memory(pid) - before < 8 * MIB
+
+
+def test_strangers_at_the_data_endpoint_do_not_end_the_lease(start, open_session):
+    server = start(lease_seconds=0.3, idle_seconds=0.9, handshake_seconds=0.2)
+    opened, data, at = open_session(server)
+    storm(opened.endpoint, seed=5, count=60)
+    time.sleep(1.2)  # longer than the lease and the idle time
+    assert data.ask(Status, **at).state == "READY"
 
 
 def test_a_storm_is_repeatable_and_of_all_kinds():

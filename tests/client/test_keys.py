@@ -1,0 +1,105 @@
+"""A client with keys, and one without or with wrong ones, at the real session host."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from mesh_motion_client import Keys, SessionError, Unavailable, connect
+from mesh_motion_client.control import Control
+from mesh_motion_protocol.messages import Close, Closed, List, Listed, Probe, Probed, Status, StatusReport
+
+TOLD = np.full((4, 2), 0.125)
+SECONDS = 30.0
+
+
+@pytest.fixture
+def alice(keyed_server):
+    with connect(keyed_server.endpoint, timeout=SECONDS, keys=keyed_server.alice) as server:
+        yield server
+
+
+@pytest.fixture
+def overseer(keyed_server):
+    """(keys, session) → the control connection of somebody who oversees, a data connection, the epoch."""
+    made = []
+
+    def overseer(keys, session):
+        control = Control(keyed_server.endpoint, keys)
+        made.append(control)
+        probed = control.ask(Probe, Probed, SECONDS, session=session, token=bytes(32))
+        made.append(control.data_connection(probed.endpoint))
+        return control, made[-1], probed.epoch
+
+    yield overseer
+    for connection in made:
+        connection.close()
+
+
+def test_a_session_from_open_to_resume_with_keys(keyed_server, alice, mesh, wait_until):
+    with alice.open(mesh, {"support_radius": 1.0}) as session:
+        session.move(TOLD)
+        session.commit()
+        os.kill(keyed_server.worker_of(session.credentials.session), signal.SIGKILL)
+        moved = session.move(TOLD)  # found again, resumed and joined with the same keys
+        assert moved.step == 2
+        session.commit()
+    with alice.resume(session.credentials) as again:
+        assert again.step == 2
+
+
+def test_the_environment_gives_the_keys(keyed_server, monkeypatch):
+    monkeypatch.setattr(Keys, "from_environment", classmethod(lambda cls: keyed_server.alice))
+    with connect(keyed_server.endpoint, timeout=SECONDS) as server:
+        assert {entry["worker"] for entry in server.sessions()} <= {"alive", "none"}
+
+
+def test_who_is_not_admitted_is_told_at_once(keyed_server):
+    with pytest.raises(SessionError, match="does not admit this key") as error:
+        connect(keyed_server.endpoint, timeout=SECONDS, keys=keyed_server.mallory)
+    assert error.value.code == "UNAUTHENTICATED"
+
+
+def test_a_client_without_keys_is_told_to_give_some(keyed_server):
+    with pytest.raises((SessionError, Unavailable), match=r"keys|--keys"):
+        connect(keyed_server.endpoint, timeout=3.0)
+
+
+def test_a_client_with_keys_is_told_that_there_are_none(lasting_server, keyed_server):
+    with pytest.raises((SessionError, Unavailable), match="key"):
+        connect(lasting_server.endpoint, timeout=3.0, keys=keyed_server.alice)
+
+
+def test_a_monitor_sees_how_a_session_does_and_nothing_of_its_mesh(keyed_server, alice, mesh, overseer):
+    with alice.open(mesh, {"support_radius": 1.0}, label="flag") as session:
+        session.move(TOLD)
+        session.commit()
+        assert "worst" in session.status().report["quality"]
+        _, data, epoch = overseer(keyed_server.eye, session.credentials.session)
+        at = {"session": session.credentials.session, "epoch": epoch}
+        seen = data.request(Status(client=b"e" * 16, sequence=1, **at), deadline_in(SECONDS))
+        assert isinstance(seen, StatusReport)
+        assert (seen.step, seen.report["label"]) == (1, "flag")
+        assert "mean" in str(seen.report["quality"])
+        assert "worst" not in str(seen.report)
+        with pytest.raises(SessionError) as error:
+            data.request(Close(client=b"e" * 16, sequence=2, **at, outcome="discard"), deadline_in(SECONDS))
+        assert error.value.code == "PERMISSION_DENIED"
+        session.move(TOLD)  # it has noticed nothing
+
+
+def test_an_admin_closes_anybodys_session_which_stays_its_owners(keyed_server, alice, mesh, overseer):
+    session = alice.open(mesh, {"support_radius": 1.0})
+    name = session.credentials.session
+    control, data, epoch = overseer(keyed_server.admin, name)
+    listed = {entry["session"]: entry["owner"] for entry in control.ask(List, Listed, SECONDS).sessions}
+    assert listed[name] == "alice"
+    closing = Close(client=b"e" * 16, sequence=1, session=name, epoch=epoch, outcome="keep")
+    assert isinstance(data.request(closing, deadline_in(SECONDS)), Closed)
+    assert session.move(TOLD).step == 1  # resumed by its owner
+    session.close("discard")
+
+
+def deadline_in(seconds):
+    return time.monotonic() + seconds
