@@ -221,7 +221,7 @@ def _large(session: Session) -> Request:
 
 def _put_large(stage: Stage, cut: Callable[[bytes], list[bytes]]) -> tuple[Message, int]:
     """The reply to an array of more than a chunk, cut in this way."""
-    session = stage.session("OPENING", "large")
+    session = stage.session("OPENING")
     line = session.lines[0]
     request = _large(session)
     stage.put(line, [request.frames(line.client, line.next())[0], *cut(request.arrays["rows"].tobytes())])

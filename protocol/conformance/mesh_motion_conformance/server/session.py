@@ -50,6 +50,8 @@ class Session:
     ----------
     id, token, endpoint, epoch
         As in OPENED, or as in the last RESUMED.
+    opened, built : Message
+        OPENED, and BUILT once it came.
     lines : list of Line
         By partition.
     step : int
@@ -62,6 +64,7 @@ class Session:
         self.token: bytes = opened.fields["token"]
         self.endpoint: str = opened.fields["endpoint"]
         self.epoch: int = opened.fields["epoch"]
+        self.opened = opened
         self.lines: list[Line] = []
         self.step = 0
         self.built: Message | None = None
