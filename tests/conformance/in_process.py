@@ -24,7 +24,9 @@ from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import bind, router
 from mesh_motion_server.transport.gateway import Gateway
+from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
+from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.worker import Worker
 
 
@@ -92,10 +94,10 @@ class WorkerThere:
             server.later.append((self, failure | {"hint": getattr(error, "hint", ""), "details": {}}))
             server.later.append((self, None))
             return
-        socket = router(server.context, message_bytes=FRAME_BYTES, queued=64)
+        socket = router(server.context, message_bytes=FRAME_BYTES, queued=64, handshake_seconds=5.0)
         endpoint = bind(socket, "tcp://127.0.0.1:*")
         self.line = Line(lambda event: server.later.append((self, event)))
-        self.worker = Worker(self.line, socket, host, server.settings)
+        self.worker = Worker(self.line, socket, host, server.settings, Rights(None, order.get("owner", "")))
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         self.line.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
         self.socket, self.its_host = socket, host
@@ -126,12 +128,12 @@ class InProcessServer:
         self.numbers, self.later, self.workers = itertools.count(1), deque(), []
         self.store = SessionStore(folder)
         self.context = zmq.Context()
-        self.control = Control(Registry(self.store), self.settings, self.start, self.reply)
-        socket = router(self.context, message_bytes=HEADER_BYTES, queued=64)
+        self.control = Control(Registry(self.store), self.settings, self.start, self.reply, Protection.access(None))
+        socket = router(self.context, message_bytes=HEADER_BYTES, queued=64, handshake_seconds=5.0)
         self.endpoint = bind(socket, "tcp://127.0.0.1:*")
         welcome = {"server": "in process", "boot": bytes(range(16)), "durability": ["full"]}
         welcome["limits"] = default_limits() | self.settings.limits()
-        to_control = Line(lambda message: self.control.request(message["peer"], message["frame"]))
+        to_control = Line(lambda message: self.control.request(**message))
         self.gateway, self.socket = Gateway(to_control, socket, welcome), socket
         self.over = False
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -141,7 +143,7 @@ class InProcessServer:
         if order["order"] == "resume":
             given = order["session"], order["token"], self.store
             return SessionHost.resume(*given, limits=self.settings, build_model=PlainModel)
-        names = ("session", "token", "dimension", "partitions", "label", "durability")
+        names = ("session", "token", "dimension", "partitions", "label", "durability", "owner")
         spec = SessionSpec(**{name: order[name] for name in names}, settings=MethodSettings(**order["method"]))
         return SessionHost.create(spec, self.store, limits=self.settings, build_model=PlainModel)
 

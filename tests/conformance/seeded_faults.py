@@ -93,9 +93,9 @@ def remembers_errors_as_executed(patch):
 
 @fault("10.6-repeat-of-OPEN", "10.6-repeat-of-RESUME")
 def opens_again_for_each_repeat(patch):
-    def anew(self, peer, request):
+    def anew(self, *asked):
         self._known.clear()
-        return enter(self, peer, request)
+        return enter(self, *asked)
 
     enter = RequestBook.enter
     patch.setattr(RequestBook, "enter", anew)
