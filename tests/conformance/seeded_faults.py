@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import msgpack
 import numpy as np
-from mesh_motion_protocol import arrays, codec, digests, header, schema
+from mesh_motion_protocol import codec, digests, header, schema
 from mesh_motion_protocol.messages import ErrorReply, Welcome
 
 from mesh_motion_server.service import execution, failures, fetch, move
@@ -267,14 +267,13 @@ def takes_true_for_1(patch):
 
 @fault("5.3-MOVE-a-byte-more", "5.3-two-chunks-cut-elsewhere")
 def does_not_measure_frames(patch):
-    patch.setattr(arrays, "_check_sizes", nothing)
-    patch.setattr(
-        arrays,
-        "_fill",
-        lambda raw, frames: np.copyto(
-            raw, np.frombuffer(b"".join(map(bytes, frames))[: raw.nbytes].ljust(raw.nbytes), dtype=raw.dtype)
-        ),
-    )
+    def filled(declared, frames, *_, **__):
+        size = int(np.prod(declared["shape"])) * int(declared["dtype"][-1])
+        raw = b"".join(map(bytes, frames))[:size].ljust(size, b"\0")
+        wide = declared["dtype"].replace("4", "8")
+        return np.frombuffer(raw, dtype=declared["dtype"]).reshape(declared["shape"]).astype(wide)
+
+    patch.setattr(codec, "array_of", filled)
 
 
 @fault("5.6-MOVE-nan-<f8", "5.6-MOVE-inf-<f8")
