@@ -47,7 +47,8 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
 
 def sorted_in_buckets(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints, NDArray[Any]]:
     """As :func:`sorted_cells` does it with many."""
-    given = [(read_only(node_map), read_only(np.ascontiguousarray(cells))) for node_map, cells in pieces]
+    width = np.int32 if nodes <= 2**31 else np.int64  # one for all, for which the kernels are compiled
+    given = [(read_only(node_map), read_only(np.ascontiguousarray(cells, dtype=width))) for node_map, cells in pieces]
     total, starts = sum(len(cells) for _, cells in given), np.zeros(nodes + 1, dtype=np.int64)
     for node_map, cells in given:
         _count(node_map, cells, starts[1:])

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +36,12 @@ def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh
     header = msgpack.packb([_describe(partition) for partition in partitions])
     head = _MAGIC + _LENGTH.pack(len(header)) + header
     head += bytes(-len(head) % 8)
-    parts = [head, *(array.data.cast("B") for partition in partitions for array in _arrays(partition))]
     digest = hashlib.sha256()
-    handle = files.create(path, sum(len(part) for part in parts))
+    handle = files.create(path, len(head) + 8 * sum(_count(partition) for partition in partitions))
     try:
         offset = 0
-        for part in parts:
+        # one after the other: what is widened for the file is never there all at once
+        for part in chain([head], (a.data.cast("B") for partition in partitions for a in _arrays(partition))):
             offset = write_all(files, handle, offset, part)
             digest.update(part)
         files.sync(handle)
@@ -85,6 +86,13 @@ def _describe(partition: PartitionMesh) -> dict[str, Any]:
         "cells": {name: sum(map(len, partition.cell_pieces(name))) for name in partition.cells},
         "patches": {name: [patch.role, len(patch.nodes)] for name, patch in partition.patches.items()},
     }
+
+
+def _count(partition: PartitionMesh) -> int:
+    """How many numbers are written of it."""
+    cells = sum(piece.size for name in partition.cells for piece in partition.cell_pieces(name))
+    patches = sum(len(patch.nodes) for patch in partition.patches.values())
+    return partition.points.size + len(partition.global_ids) + cells + patches
 
 
 def _arrays(partition: PartitionMesh) -> Iterator[NDArray[Any]]:

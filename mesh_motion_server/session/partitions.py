@@ -46,7 +46,7 @@ class PartitionMesh:
     global_ids : (n,) int64 array
         The same node has the same id in every partition; with one partition the local indices.
     cells : dict
-        Type name → (m, n_nodes) int64 local node indices, or the pieces that they came in.
+        Type name → (m, n_nodes) integer local node indices, or the pieces that they came in.
     patches : dict
         Name → Patch with local node indices.
     """

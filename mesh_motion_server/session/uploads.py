@@ -99,7 +99,7 @@ class MeshUpload:
         if part.item == "patch":
             pile.roles[part.name] = part.role
         rows = pile.parts.setdefault((part.item, part.name), [])
-        rows.append(part.rows)
+        rows.append(_narrow(part.rows) if part.item == "cells" else part.rows)
         return sum(len(r) for r in rows)
 
     def meshes(self) -> list[PartitionMesh]:
@@ -163,6 +163,13 @@ class MeshUpload:
         if kind == "f":
             before = sum(len(rows) for rows in pile.parts.get(("nodes", ""), ()))
             _check_finite(part.rows, partition, before)
+
+
+def _narrow(rows: _Rows) -> _Rows:
+    """Node numbers (k, c) in half the memory where 4 bytes hold them: an upload is kept until the session is built."""
+    limits = np.iinfo(np.int32)
+    fits = rows.size and rows.min() >= limits.min and rows.max() <= limits.max
+    return rows.astype(np.int32) if fits else rows
 
 
 def _title(part: Part) -> str:
