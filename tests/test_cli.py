@@ -50,7 +50,7 @@ def one_line(text: str) -> str:
 def test_help_lists_the_commands_and_statuses(run: Run) -> None:
     status, out, _ = run("--help")
     assert status == 0
-    for word in ("play", "check", "serve", "inspect", "conform", "demo", "version", "Exit status"):
+    for word in ("play", "check", "serve", "keys", "inspect", "conform", "demo", "version", "Exit status"):
         assert word in out
 
 
@@ -91,6 +91,20 @@ def test_wrong_usage_is_status_2(run: Run, arguments: list[str]) -> None:
     assert out == ""
     assert "Error" in err
     assert "Traceback" not in err
+
+
+def test_keys_are_made_admitted_listed_and_revoked(run: Run, tmp_path: Path) -> None:
+    server, client = str(tmp_path / "server"), str(tmp_path / "client")
+    assert run("keys", "server", server)[0] == 0
+    assert "admits nobody" in run("keys", "list", server)[1]
+    assert run("keys", "client", "alice", client)[0] == 0
+    status, out, _ = run("keys", "allow", f"{client}/alice.public", server, "--role", "owner", "--role", "monitor")
+    assert (status, out) == (0, "alice is admitted as owner, monitor\n")
+    assert "owner,monitor" in run("keys", "list", server)[1]
+    assert run("keys", "revoke", "alice", server)[0] == 0
+    status, _, err = run("keys", "revoke", "alice", server)
+    assert status == ExitStatus.INVALID
+    assert one_line(err).endswith("it names nobody")
 
 
 def test_statuses_follow_the_error_codes() -> None:
