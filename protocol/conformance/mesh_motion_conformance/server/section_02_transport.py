@@ -100,7 +100,7 @@ def _arriving(line: Line, count: int) -> list[int]:
     got: list[int] = []
     with contextlib.suppress(Silence):
         while len(got) < count:
-            got.append(line.receive(2.0).sequence)
+            got.append(line.receive(2.0 if got else None).sequence)
     return got
 
 
