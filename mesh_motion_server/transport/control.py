@@ -185,7 +185,7 @@ class Control:
 
     def _restart(self, live: Live, asked: Asked) -> None:
         """Another worker for a session whose worker is gone, from its journal."""
-        live.status, live.reclaiming = "starting", False
+        live.status, live.reclaiming, live.over = "starting", False, False
         live.child = self._start(_resume_order(live, live.owner))
         self._expect(live, asked)
         log().info("resume", session=live.session, worker=live.child.pid)

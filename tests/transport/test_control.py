@@ -1,0 +1,60 @@
+"""Control requests with workers that are scripted: which words of a worker outlive it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.messages import Open, Opened, Probe, Probed, Resume
+
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.control import Control
+from mesh_motion_server.transport.protection import Protection
+from mesh_motion_server.transport.registry import Registry
+
+CLIENT = bytes(16)
+
+
+class Scripted:
+    """A control whose workers do nothing, and what it answered."""
+
+    def __init__(self, folder: Path) -> None:
+        self.replies: list[Any] = []
+        settings = ServerSettings.from_mapping({"state_folder": str(folder)})
+        registry = Registry(SessionStore(folder))
+        self.control = Control(registry, settings, self.start, self.take, Protection.access(None))
+
+    def start(self, order: dict[str, Any]) -> Any:
+        return SimpleNamespace(pid=1, channel=SimpleNamespace(send=lambda order: None), kill=lambda: None)
+
+    def take(self, peer: bytes, frame: bytes) -> None:
+        self.replies.append(decode([frame]))
+
+    def ask(self, request: Any) -> None:
+        self.control.request(b"peer", "", bytes(encode(request)[0]))
+
+    def serving(self, epoch: int) -> None:
+        """The newest worker serves."""
+        (live,) = self.control.registry.live.values()
+        self.control.heard(live, {"event": "serving", "endpoint": "", "epoch": epoch, "state": "READY", "step": 1})
+
+
+def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(tmp_path: Path) -> None:
+    """The lease ends just when RESUME asks for the session: another worker takes over, and later it is killed."""
+    told = Scripted(tmp_path)
+    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    told.serving(1)
+    (opened,) = told.replies
+    assert isinstance(opened, Opened)
+    (live,) = told.control.registry.live.values()
+    told.ask(Resume(client=CLIENT, sequence=2, session=opened.session, token=opened.token))
+    told.control.heard(live, {"event": "over"})
+    told.control.gone(live, 0)
+    told.serving(2)
+    told.control.gone(live, -9)
+    told.ask(Probe(client=CLIENT, sequence=3, session=opened.session, token=opened.token))
+    assert isinstance(told.replies[-1], Probed)
+    assert told.replies[-1].worker == "dead"
