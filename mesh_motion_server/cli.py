@@ -4,7 +4,7 @@
 status  meaning
 ======  =============================================================================================
 0       done; warnings, if any, were printed
-1       `conform`: a demand of SPEC.md is not met
+1       `conform`: a demand of SPEC.md is not met; `prove`: a promise is not kept
 2       usage, or an invalid case, mesh, table or setting
 3       refused: no acceptable mesh was found for a motion
 4       the session or the server's limits or storage do not allow it, or results cannot be written

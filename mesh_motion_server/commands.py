@@ -22,6 +22,7 @@ from mesh_motion_server import __version__
 from mesh_motion_server.cli import ExitStatus, complain, status_of
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.key_commands import keys as keys_app
+from mesh_motion_server.prove_command import prove
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.check import CheckReport
@@ -30,9 +31,9 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 _EPILOGUE = (
-    "Exit status: 0 done, 1 a demand not met (conform), 2 usage or invalid input, 3 refused (no acceptable mesh), "
-    "4 session, limit or storage, 69 nobody answers or not installed, 70 defect, 78 wrong or unsafe server settings, "
-    "130 interrupted."
+    "Exit status: 0 done, 1 a demand not met (conform, prove), 2 usage or invalid input, 3 refused (no acceptable "
+    "mesh), 4 session, limit or storage, 69 nobody answers or not installed, 70 defect, 78 wrong or unsafe server "
+    "settings, 130 interrupted."
 )
 
 app = typer.Typer(
@@ -46,6 +47,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 app.add_typer(keys_app, name="keys")
+app.command(short_help="Show that the server keeps its promises.")(prove)
 
 _out = Console(highlight=False, soft_wrap=True)
 _err = Console(stderr=True, highlight=False)

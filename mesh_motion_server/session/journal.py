@@ -71,8 +71,16 @@ class Journal:
         self._handles: list[int] = []
 
     @classmethod
-    def create(cls, folder: Path, files: FileSystem, foundation: Foundation) -> Journal:
+    def create(cls, folder: Path, files: FileSystem, foundation: Foundation, *, capacity: int | None = None) -> Journal:
         """Start the journal of a session that was just built; durable on return.
+
+        Parameters
+        ----------
+        folder : Path
+        files : FileSystem
+        foundation : Foundation
+        capacity : int, optional
+            Bytes of each manifest, whole pages for a checkpoint and two records at least; by default some 250 commits.
 
         Raises
         ------
@@ -81,7 +89,7 @@ class Journal:
         """
         for name in SLOTS:
             _write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
-        capacity = _capacity(foundation)
+        capacity = capacity or _capacity(foundation)
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": 1}
         record = _install_manifest(folder, files, pack_record(0, bytes(32), body), capacity)
         journal = cls(folder, files, Ledger.start(record), record.length)
@@ -194,7 +202,7 @@ class Journal:
 
     def _start_next_manifest(self) -> None:
         """Replace the full manifest by one that starts with a checkpoint."""
-        capacity = _capacity(self.ledger.foundation)
+        capacity = self.ledger.capacity
         packed = self._next_record(self.ledger.checkpoint_body(capacity))
         record = _install_manifest(self._folder, self._files, packed, capacity)
         self._files.close(self._handles[0])

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +16,7 @@ from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.prove import model_files
 from mesh_motion_server.service.dispatch import Envelope, SessionHost
 from mesh_motion_server.session.partitions import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec
@@ -254,19 +252,6 @@ def resume_driver(driver: Driver, store: Any, **options: Any) -> Driver:
     return again
 
 
-def load(name: str) -> Any:
-    """A module of this folder that holds no tests; there are no packages here to import it from."""
-    name_here = f"mesh_motion_tests_{name}"
-    if name_here not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name_here, Path(__file__).with_name(f"{name}.py"))
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name_here] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name_here]
-
-
 @pytest.fixture
 def kit() -> SimpleNamespace:
     """The builders of this module: test modules cannot import it."""
@@ -277,7 +262,7 @@ def kit() -> SimpleNamespace:
         make_spec=make_spec,
         TOKEN=TOKEN,
         SESSION=SESSION,
-        files=load("model_files"),
+        files=model_files,
         make_driver=make_driver,
         resume=resume,
         resume_driver=resume_driver,

@@ -1,4 +1,4 @@
-"""File systems for tests: one in memory that can lose power, and a wrapper whose operations fail.
+"""File systems for proofs: one in memory that can lose power, and a wrapper whose operations fail.
 
 The model is harsher than ext4: after a power loss any subset of the 512-byte sectors written since a file's last sync
 is on the disk, and of the changes to a folder since its last sync any prefix. A sync that fails drops what was to be
@@ -8,11 +8,13 @@ written, while reads still see it, as Linux does.
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from random import Random
 from typing import Any
 
-import numpy as np
+__all__ = ["FailingFiles", "ModelFiles", "PowerLoss", "ShortFiles"]
 
 SECTOR = 512
 
@@ -32,9 +34,22 @@ class _File:
     def settle(self) -> None:
         self.disk, self.pending = bytearray(self.cache), []
 
+    def copy(self) -> _File:
+        return _File(bytearray(self.cache), bytearray(self.disk), list(self.pending))
+
 
 class ModelFiles:
-    """Files in memory. ``crash_at``: number of the operation at which power is lost, counted from the last reset."""
+    """Files in memory.
+
+    Attributes
+    ----------
+    operations : list of str
+        Every change asked for since :meth:`arm`.
+    crash_at : int or None
+        How many of them are done before power is lost.
+    before : callable or None
+        Is told each operation before it is done.
+    """
 
     def __init__(self) -> None:
         self.entries: dict[Path, _File] = {}
@@ -44,22 +59,38 @@ class ModelFiles:
         self.handles: dict[int, Any] = {}
         self.operations: list[str] = []
         self.crash_at: int | None = None
+        self.before: Callable[[str], None] | None = None
         self._next_handle = 1
 
-    # --- the test's side -------------------------------------------------------------------------------------------
+    # --- the proof's side ------------------------------------------------------------------------------------------
 
     def arm(self, crash_at: int | None) -> None:
         """Count operations anew."""
         self.operations, self.crash_at = [], crash_at
+
+    def copy(self) -> ModelFiles:
+        """The same files and what is pending, nothing open: as another machine would find them after a power loss."""
+        other, made = ModelFiles(), dict[int, _File]()
+
+        def of(file: _File) -> _File:
+            if id(file) not in made:
+                made[id(file)] = file.copy()
+            return made[id(file)]
+
+        other.entries = {path: of(file) for path, file in self.entries.items()}
+        other.durable = {path: of(file) for path, file in self.durable.items()}
+        other.changes = [(path, None if file is None else of(file)) for path, file in self.changes]
+        other.folders = set(self.folders)
+        return other
 
     def restore(self, contents: dict[Path, bytes]) -> None:
         """These files, all on the disk."""
         self.entries = {path: _File(bytearray(data), bytearray(data)) for path, data in contents.items()}
         self.durable = dict(self.entries)
 
-    def lose_power(self, random: np.random.Generator) -> None:
+    def lose_power(self, random: Random) -> None:
         """Become what one of the possible disks shows after a restart."""
-        kept = int(random.integers(0, len(self.changes) + 1))
+        kept = random.randrange(len(self.changes) + 1)
         for path, file in self.changes[:kept]:
             self._change(self.durable, path, file)
         for file in {id(f): f for f in [*self.durable.values(), *self.entries.values()]}.values():
@@ -74,12 +105,12 @@ class ModelFiles:
             entries[path] = file
 
     @staticmethod
-    def _tear(file: _File, random: np.random.Generator) -> None:
+    def _tear(file: _File, random: Random) -> None:
         """Any subset of the sectors written since the last sync."""
         if len(file.disk) != len(file.cache):
-            length = int(random.choice([len(file.disk), len(file.cache)]))
+            length = random.choice((len(file.disk), len(file.cache)))
             file.disk = bytearray(file.disk[:length].ljust(length, b"\0"))
-        some = random.choice([0.0, 0.5, 0.9, 1.0])
+        some = random.choice((0.0, 0.5, 0.9, 1.0))
         for offset, data in file.pending:
             start = 0
             while start < len(data):
@@ -93,6 +124,8 @@ class ModelFiles:
     def _operation(self, name: str) -> None:
         if self.crash_at is not None and len(self.operations) >= self.crash_at:
             raise PowerLoss(name)
+        if self.before is not None:
+            self.before(name)
         self.operations.append(name)
 
     def _enter(self, path: Path, file: _File | None) -> None:
@@ -166,7 +199,7 @@ class ModelFiles:
         self.changes.append((source, None))
 
     def _rename_folder(self, source: Path, target: Path) -> None:
-        """At once durable: no test here loses power around it."""
+        """At once durable: nothing here loses power around it."""
         self.folders = {target if folder == source else folder for folder in self.folders}
         for entries in (self.entries, self.durable):
             for path in [p for p in entries if p.parent == source]:

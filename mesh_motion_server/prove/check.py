@@ -1,0 +1,98 @@
+"""A check: one promise of the server, with a seed and a count, and what came of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["BrokenPromise", "Budget", "Check", "Result", "require"]
+
+
+class BrokenPromise(Exception):
+    """A check has seen what must never happen; the message says what, and where to look."""
+
+
+def require(condition: object, message: str) -> None:
+    """Raise :class:`BrokenPromise` with this message unless the condition holds."""
+    if not condition:
+        raise BrokenPromise(message)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a check found.
+
+    Attributes
+    ----------
+    got : str
+        In one line, to be read beside the target.
+    passed : bool
+    details : dict
+        Every figure that was measured, plain values.
+    """
+
+    got: str
+    passed: bool
+    details: dict[str, Any]
+
+
+@dataclass
+class Budget:
+    """How much a check does: a count, or as many as fit in a time.
+
+    Attributes
+    ----------
+    count : int
+        How many, of the check's own unit.
+    seconds : float or None
+        If given, it counts instead; what cannot be done by halves is done once all the same.
+    tell : callable
+        Is told how many are done.
+    """
+
+    count: int
+    seconds: float | None = None
+    tell: Callable[[int], None] = lambda _: None
+    _start: float = field(default_factory=time.monotonic)
+
+    def admits(self, done: int) -> bool:
+        """Whether there is to be another one after so many."""
+        self.tell(done)
+        if self.seconds is not None:
+            return time.monotonic() - self._start < self.seconds
+        return done < self.count
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of the table.
+
+    Attributes
+    ----------
+    name : str
+    target : str
+        What is promised; ``{count}`` in it is how many of what.
+    short, full : int
+        The counts of the two plans.
+    seconds : float
+        What the short plan takes on two cores: the check's share when a time is given for all.
+    run : callable
+        (seed, budget) → :class:`Result`. The same seed and count do the same. It may raise: that is a failure.
+    """
+
+    name: str
+    target: str
+    short: int
+    full: int
+    seconds: float
+    run: Callable[[int, Budget], Result]
+
+    def count(self, plan: str) -> int:
+        """How many in the plan "short" or "full"."""
+        return {"short": self.short, "full": self.full}[plan]
+
+    def target_of(self, count: int) -> str:
+        """The target with its count."""
+        return self.target.format(count=f"{count:,}".replace(",", " "))

@@ -1,0 +1,252 @@
+"""Power is lost between any two operations of the real journal: no acknowledged step, reply or epoch may vanish.
+
+A journal lives by a random script on the model file system: it is built, commits, raises its epoch, fills its manifest
+and is opened again. Before each of its operations the world is copied and power is lost in the copies; of the disks
+that are possible then, several are drawn, and some lose power again while they recover. Each must open, hold what was
+acknowledged (and of what was only asked for all or nothing), and take the next step.
+
+The second part lets each operation fail instead, has another process read what the page cache shows and acknowledge it,
+and only then loses power: what fsync refused may not be believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.digests import state_digest
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.prove.check import Budget, Check, Result, require
+from mesh_motion_server.prove.model_files import FailingFiles, ModelFiles, PowerLoss
+from mesh_motion_server.session import journal_files
+from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.journal_files import KEPT_COMMITS
+from mesh_motion_server.session.ledger import Commit, Foundation
+from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.session.replies import RequestId
+
+__all__ = ["CHECK", "Life", "explore", "fail_each", "random_script"]
+
+FOLDER = Path("/session")
+#: A state of ten sectors.
+NODES, DIMENSION = 300, 2
+FOUNDATION = Foundation("0" * 32, b"s" * 32, b"m" * 32, NODES, DIMENSION, 2 * PAGE)
+#: Disks that are drawn for each operation.
+DISKS = 6
+#: Pages of a manifest, chosen for each script: full after a few records.
+_PAGES = (4, 5, 6, 8)
+
+Wrap = Callable[[Any], Any]
+
+
+def _bare(files: Any) -> Any:
+    return files
+
+
+@cache
+def state_of(step: int) -> NDArray[np.float64]:
+    """The coordinates (n, d) of a step."""
+    return np.random.default_rng(step).random((NODES, DIMENSION))
+
+
+@cache
+def entry_of(step: int) -> Commit:
+    """What is committed with a step."""
+    request = RequestId(b"c" * 16, step, bytes([step % 256]) * 32)
+    return Commit(step, state_digest(step, state_of(step)), (request,), f"receipt {step}".encode())
+
+
+def random_script(random: Random) -> str:
+    """A life: ``c`` commits, ``e`` raises the epoch, ``o`` opens the journal again."""
+    return "".join(random.choices("ceo", (8, 2, 1), k=random.randrange(4, 14)))
+
+
+@dataclass
+class Life:
+    """One journal's life, and what it acknowledged.
+
+    Attributes
+    ----------
+    files : FileSystem
+    pages : int
+        Of a manifest.
+    built : bool
+    step, epoch : int
+        The last ones that were acknowledged.
+    asked : int
+        The last step that was asked for.
+    """
+
+    files: Any
+    pages: int = 6
+    built: bool = False
+    step: int = 0
+    epoch: int = 0
+    asked: int = 0
+
+    def run(self, script: str) -> None:
+        """Build or open the journal and check it, then live by the script."""
+        journal = self._begin()
+        for command in script:
+            if command == "c":
+                self.asked = self.step + 1
+                journal.commit(entry_of(self.asked), state_of(self.asked))
+                self.step = self.asked
+            elif command == "e":
+                self.epoch = journal.raise_epoch()
+            else:
+                journal.close()
+                journal = self._begin()
+        journal.close()
+
+    def _begin(self) -> Journal:
+        if not self.built and not self.files.exists(FOLDER / journal_files.MANIFEST):
+            journal = Journal.create(FOLDER, self.files, FOUNDATION, capacity=self.pages * PAGE)
+            self.built, self.epoch = True, 1
+            return journal
+        journal = Journal.open(FOLDER, self.files)
+        self.built = True
+        self._check(journal)
+        return journal
+
+    def _check(self, journal: Journal) -> None:
+        """Nothing acknowledged is lost, nothing is wrong, and what was only asked for is there or not."""
+        found, commits = journal.ledger.step, journal.ledger.commits
+        require(found in (self.step, self.asked), f"step {found}; {self.step} was acknowledged, {self.asked} asked for")
+        require(not found or np.array_equal(journal.read_state(), state_of(found)), f"step {found} is a wrong array")
+        require(all(commit == entry_of(commit.step) for commit in commits), f"a wrong reply in {commits}")
+        require(len(commits) == min(found, KEPT_COMMITS), f"{len(commits)} replies are kept at step {found}")
+        self.step = found
+        epoch = journal.raise_epoch()
+        require(epoch > self.epoch, f"epoch {epoch} after {self.epoch} was acknowledged")
+        self.epoch = epoch
+
+
+def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DISKS) -> int:
+    """Lose power before every operation of a life.
+
+    Parameters
+    ----------
+    script : str
+    random : Random
+        Draws the disks.
+    wrap : callable
+        Puts something between the journal and the model: a bug that must be found.
+    disks : int
+        For each operation.
+
+    Returns
+    -------
+    int
+        How many disks were looked at.
+
+    Raises
+    ------
+    BrokenPromise, JournalError, OSError
+        What was acknowledged is lost, or a disk cannot be opened; notes say where.
+    """
+    raw, looked_at = ModelFiles(), 0
+    life = Life(wrap(raw), random.choice(_PAGES))
+
+    def lose_power(operation: str) -> None:
+        nonlocal looked_at
+        for disk in range(disks):
+            try:
+                looked_at += _recover(raw.copy(), life, random, wrap, interrupted=bool(disk % 2))
+            except Exception as error:
+                error.add_note(f"(power lost before operation {len(raw.operations)}, {operation}, disk {disk})")
+                raise
+
+    raw.before = lose_power
+    life.run(script)
+    return looked_at
+
+
+def _recover(copy: ModelFiles, life: Life, random: Random, wrap: Wrap, *, interrupted: bool) -> int:
+    """Lose power, once or again during the recovery, and live on; how many disks that were."""
+    copy.lose_power(random)
+    again = replace(life, files=wrap(copy))
+    if interrupted:
+        copy.arm(random.randrange(16))
+        try:
+            again.run("cc")
+        except PowerLoss:
+            pass
+        finally:
+            copy.arm(None)
+        copy.lose_power(random)
+    again.run("c")
+    return 2 if interrupted else 1
+
+
+def fail_each(script: str, random: Random) -> int:
+    """Let each operation fail for ever, believe the page cache, then lose power; how many disks were looked at.
+
+    Raises
+    ------
+    BrokenPromise, JournalError, OSError
+        As :func:`explore`.
+    """
+    pages = random.choice(_PAGES)
+    counted = FailingFiles(ModelFiles())
+    Life(counted, pages).run(script)
+    for fail_at in range(1, counted.count + 1):
+        try:
+            _fail_once(script, random, fail_at, pages)
+        except Exception as error:
+            error.add_note(f"(operation {fail_at} failed)")
+            raise
+    return counted.count
+
+
+def _fail_once(script: str, random: Random, fail_at: int, pages: int) -> None:
+    raw = ModelFiles()
+    failing = FailingFiles(raw)
+    failing.fail_at = fail_at
+    life = Life(failing, pages)
+    try:
+        life.run(script)
+    except (JournalError, OSError):
+        require(failing.failed, "an error without a failed operation")
+    else:
+        require(False, "a failed operation was not told")
+    raw.handles.clear()
+    life.files = raw
+    life.run("")  # another process reads what the page cache shows, and acknowledges it
+    raw.handles.clear()
+    raw.lose_power(random)
+    life.run("cc")
+
+
+def run(seed: int, budget: Budget) -> Result:
+    """Random lives until so many disks were looked at."""
+    lost = failed = lives = 0
+    while budget.admits(lost + failed):
+        random = Random(f"power loss {seed} {lives}")
+        script = random_script(random)
+        try:
+            lost += explore(script, random)
+            failed += fail_each(script, random)
+        except Exception as error:
+            error.add_note(f"(life {lives}, script {script})")
+            raise
+        lives += 1
+    got = f"{lost + failed} disks of {lives} lives, 0 lost or corrupt"
+    return Result(got, True, {"disks": lost + failed, "lives": lives, "after_failed_operations": failed})
+
+
+CHECK = Check(
+    "power-loss",
+    "the journal without power: {count} disks, 0 lost or corrupt",
+    short=100_000,
+    full=1_000_000,
+    seconds=40,
+    run=run,
+)

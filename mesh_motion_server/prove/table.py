@@ -1,0 +1,15 @@
+"""All checks, in the order in which they are run: a new one is a module with a ``CHECK``, and a line here."""
+
+from __future__ import annotations
+
+from mesh_motion_server.prove import journal_damage, power_loss
+from mesh_motion_server.prove.check import Check
+
+__all__ = ["CHECKS"]
+
+#: By what they are about.
+CHECKS: tuple[Check, ...] = (
+    # what is stored
+    power_loss.CHECK,
+    journal_damage.CHECK,
+)

@@ -1,0 +1,50 @@
+"""Damage to the journal: what the check sees, and that it sees a journal that believes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.prove.check import BrokenPromise, Budget
+from mesh_motion_server.prove.journal_damage import CHECK, FOLDER, STEPS, damage, read_back, small_journal
+from mesh_motion_server.session import journal as journal_module
+from mesh_motion_server.session import journal_files
+from mesh_motion_server.session.records import PAGE
+
+
+def test_the_whole_journal_reads_as_it_was_written() -> None:
+    assert read_back(small_journal()) == STEPS
+
+
+def test_every_kth_byte_of_each_file() -> None:
+    contents = small_journal()
+    outcomes = [damage(contents, path, at, at % 8) for path, data in contents.items() for at in range(0, len(data), 13)]
+    assert set(outcomes) == {-1, STEPS}
+    assert min(outcomes.count(-1), outcomes.count(STEPS)) > 100
+
+
+@pytest.mark.slow
+def test_the_whole_row() -> None:
+    result = CHECK.run(1, Budget(1))
+    assert result.passed
+    assert result.details["bytes"] == result.details["told"] + result.details["harmless"]
+    assert result.details["wrong"] == 0
+
+
+def test_a_journal_that_verifies_no_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    contents = small_journal()
+    honest = journal_files.view_slot
+
+    def believe(path, files, foundation):  # type: ignore[no-untyped-def]
+        view = honest(path, files, foundation)
+        return journal_files.SlotView(view.record, view.blank, lambda: True)
+
+    monkeypatch.setattr(journal_files, "view_slot", believe)
+    monkeypatch.setattr(
+        journal_module,
+        "verified_state",
+        lambda raw, ledger: np.frombuffer(raw, "<f8").reshape(ledger.foundation.nodes, 2),
+    )
+    newest = FOLDER / f"slot-{STEPS % 2}"
+    with pytest.raises(BrokenPromise, match="a wrong array is read as step 3"):
+        damage(contents, newest, PAGE + 9, 3)
