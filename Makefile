@@ -1,6 +1,8 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
 # make test   runs every test
 # make lint   ruff and mypy, as CI does
+# make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
+# make prove-full the same with the counts of a night
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
@@ -17,10 +19,10 @@ BIN := $(VENV)/bin
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format peers bench bench-quick studies docker clean
+.PHONY: help demo test test-fast lint format prove prove-full peers bench bench-quick studies docker clean
 
 help:
-	@sed -n '1,10s/^# \{0,1\}//p' Makefile
+	@sed -n '1,12s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -54,6 +56,12 @@ lint: $(VENV)/.development
 format: $(VENV)/.development
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+prove: $(VENV)/.runtime
+	$(BIN)/mesh-motion prove --out out/prove
+
+prove-full: $(VENV)/.runtime
+	$(BIN)/mesh-motion prove --full --out out/prove-full
 
 peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1

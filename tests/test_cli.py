@@ -50,11 +50,11 @@ def one_line(text: str) -> str:
 def test_help_lists_the_commands_and_statuses(run: Run) -> None:
     status, out, _ = run("--help")
     assert status == 0
-    for word in ("play", "check", "serve", "keys", "inspect", "conform", "demo", "version", "Exit status"):
+    for word in ("play", "check", "serve", "keys", "inspect", "conform", "prove", "demo", "version", "Exit status"):
         assert word in out
 
 
-@pytest.mark.parametrize("command", ["play", "check", "serve", "inspect", "conform"])
+@pytest.mark.parametrize("command", ["play", "check", "serve", "inspect", "conform", "prove"])
 def test_each_command_explains_itself_with_examples(run: Run, command: str) -> None:
     status, out, _ = run(command, "--help")
     assert status == 0
