@@ -20,8 +20,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.assembly import sparse_rows
@@ -42,8 +44,9 @@ BASIS = basis_named("wendland-c2")
 
 #: Support radius of a level in the smallest spacing it serves, and that of the level before in its own.
 _RADII, _RATIO = 3.0, 4.0
-#: Side of the cells of which a level takes one node each: those that the next radius does not join are all taken.
-_SEPARATION = 0.4
+#: Least distance of a level's nodes in its spacing: a little less than the next radius, so that those that it does not
+#: join are all taken. The closer nodes would multiply the entries of every matrix and carry nothing further.
+_SEPARATION = 0.7
 #: Share of the nodes whose spacing may be smaller than what sets a radius: single close pairs do not.
 _CLOSE, _WIDE = 5.0, 95.0
 _NEIGHBOURS = 16  # preceding points a row of the preconditioner
@@ -92,9 +95,22 @@ def compact_levels(points: Floats, spacing: Floats, moving: NDArray[np.bool_]) -
 
 
 def _separated(points: Floats, separation: float) -> Indices:
-    """Points (m,) of which no two share a cell of a grid: all where they are further apart than its diagonal."""
-    cells = np.floor((points - points.min(axis=0)) / separation).astype(np.int64)
-    return np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    """Points (m,) of which no two are closer than the separation: the first one left, again and again."""
+    # one of each cell, first, keeps the pairs few; those further apart than its diagonal are all there
+    cells = np.floor((points - points.min(axis=0)) * (np.sqrt(3.0) / separation)).astype(np.int64)
+    candidates: Indices = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    pairs = cKDTree(points[candidates]).query_pairs(separation, output_type="ndarray")
+    taken = np.full(len(candidates), True)
+    _drop_followers(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], taken)
+    return np.asarray(candidates[taken])
+
+
+@njit(cache=True)
+def _drop_followers(pairs: Indices, taken: NDArray[np.bool_]) -> None:
+    """Clear ``taken`` of the second of every pair (p, 2) of which the first is taken; pairs in order of the first."""
+    for p in range(len(pairs)):
+        if taken[pairs[p, 0]]:
+            taken[pairs[p, 1]] = False
 
 
 def _level(points: Floats, members: Indices, radius: float) -> CompactLevel:
