@@ -21,6 +21,7 @@ __all__ = ["dense_block", "mean_row_entries", "sparse_matrix", "sparse_rows"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Shorts = NDArray[np.int32]
 
 _BLOCK = 64  # rows of one task
 _MOST_RUNS = max(MAX_RUNS, MAX_HASHED_RUNS)
@@ -51,28 +52,32 @@ def dense_block(basis: Basis, support_radius: float, rows: Array, columns: Array
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _runs(x, y, z, grid, runs):  # type: ignore[no-untyped-def]
     """Fill ``runs`` with [first, last) of the centres near a place; the count. ``grid`` as :class:`_Search` has it."""
-    origin, inverse_side, shape, starts, keys, cells = grid
+    origin, inverse_side, shape, starts, keys, spans, stored = grid
     if keys.size:
-        return hashed_runs(x, y, z, origin, inverse_side, starts, keys, cells, runs)
-    return centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)
+        count = hashed_runs(x, y, z, origin, inverse_side, keys, spans, stored, runs)
+    else:
+        count = centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)
+    return count
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def _count_rows(points, centres, radius, grid):  # type: ignore[no-untyped-def]
     """Centres (3, nc) closer than R to each of (n, 3) points."""
     n = len(points)
-    counts = np.zeros(n, dtype=np.int64)
+    counts = np.empty(n, dtype=np.int64)
     for block in prange((n + _BLOCK - 1) // _BLOCK):
         runs = np.empty((_MOST_RUNS, 2), dtype=np.int64)
         for i in range(block * _BLOCK, min(n, (block + 1) * _BLOCK)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            count = 0
             for run in range(_runs(x, y, z, grid, runs)):
                 for j in range(runs[run, 0], runs[run, 1]):
                     dx, dy, dz = x - centres[0, j], y - centres[1, j], z - centres[2, j]
-                    counts[i] += dx * dx + dy * dy + dz * dz < radius * radius
+                    count += dx * dx + dy * dy + dz * dz < radius * radius
+            counts[i] = count
     return counts
 
 
@@ -132,14 +137,14 @@ class _Search(NamedTuple):
         Row ``j`` of the sorted centres is centre ``order[j]`` of the layout.
     coordinates : (3, nc) array
     grid : tuple
-        Origin, inverse side, shape, starts, keys and cells; without keys all cells of a grid are stored.
+        Origin, inverse side, shape, starts, and the three of the table of stored cells; without keys all are stored.
     work : float
         Centres visited for each place, roughly.
     """
 
     order: Integers
     coordinates: Array
-    grid: tuple[Array, float, Integers, Integers, Integers, Integers]
+    grid: tuple[Array, float, Integers, Integers, Integers, Shorts, Shorts]
     work: float
 
 
@@ -148,10 +153,11 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
     wider = layout.inverse_side * support_radius * _WIDER < 1.0
     none = np.empty(0, dtype=np.int64)
     if not wider or float(np.ptp(layout.coordinates, axis=1).max()) < _WIDER * support_radius:
-        order = np.arange(layout.n_centres)
-        return _Search(order, layout.coordinates, (*layout.grid(), none, none), layout.fraction * layout.n_centres)
+        order, empty = np.arange(layout.n_centres), np.empty((0, 2), dtype=np.int32)
+        grid = (*layout.grid(), none, empty, empty)
+        return _Search(order, layout.coordinates, grid, layout.fraction * layout.n_centres)
     fine = HashedCells.build(np.ascontiguousarray(layout.coordinates.T), support_radius * _SLACK)
-    grid = (fine.origin, fine.inverse_side, none, fine.starts, fine.keys, fine.cells)
+    grid = (fine.origin, fine.inverse_side, none, none, fine.keys, fine.spans, fine.runs)
     return _Search(fine.order, fine.coordinates, grid, _HASHED_WORK)
 
 

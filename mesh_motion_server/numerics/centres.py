@@ -27,7 +27,7 @@ __all__ = ["CentreLayout", "bounding_box", "padded"]
 #: direct sum's time, 0.3 takes 0.4, 0.03 takes 0.06 (50 000 points, 5 900 centres in 3D).
 _WORTHWHILE_FRACTION = 0.8
 #: Bound on the grid's size, in cells per centre: surfaces leave most cells of their box empty.
-_CELLS_PER_CENTRE = 16
+_CELLS_PER_CENTRE = 64
 #: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
 _SLACK = 1.0 + 1e-6
 #: Whether a point is within reach, in evaluations of a basis function.

@@ -1,7 +1,8 @@
-"""Points sorted by the cells of a grid of which only the cells that hold a point are stored.
+"""Points sorted by the cells of a grid of which only the cells next to a point are stored.
 
 Where the cells are far smaller than the domain, as about a small body in a wide one, a grid with all its cells would
-not fit into memory, and one with larger cells would find thousands of points that are not near.
+not fit into memory, and one with larger cells would find thousands of points that are not near. A stored cell knows the
+points of all 27 around it: one look finds them, or that there are none.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ __all__ = ["MAX_HASHED_RUNS", "HashedCells", "hashed_runs"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Shorts = NDArray[np.int32]
 
-#: Cells around a place.
-MAX_HASHED_RUNS = 27
+#: Cells around a place, of which neighbours along x may make one run.
+_AROUND = 27
+MAX_HASHED_RUNS = _AROUND
 #: Bits of a cell's number along one axis, and the most cells there.
 _BITS = 20
 _MOST = 1 << _BITS
@@ -38,74 +41,89 @@ class HashedCells:
     coordinates : (3, n) array
     origin : (3,) array
     inverse_side : float
-    starts : (cells + 1,) int64 array
-        First sorted point of each stored cell.
-    keys, cells : (t,) int64 arrays
-        A table of the stored cells by their place in the grid, −1 where it is free; t is a power of two.
+    keys : (t,) int64 array
+        A table of the stored cells by their place in the grid, −1 where it is free; t is a power of two. On a surface
+        about a third of it is taken.
+    spans : (t, 2) int32 array
+        [first, last) of each cell's runs.
+    runs : (r, 2) int32 array
+        [first, last) of sorted points.
     """
 
     order: Integers
     coordinates: Array
     origin: Array
     inverse_side: float
-    starts: Integers
     keys: Integers
-    cells: Integers
+    spans: Shorts
+    runs: Shorts
 
     @classmethod
     def build(cls, points: Array, side: float) -> HashedCells:
         """Sort points (n, 3) by cells of the given side, or wider ones where there would be a million along an axis."""
         origin = points.min(axis=0)
-        side = max(side, float(np.max(points.max(axis=0) - origin)) / (_MOST - 2))
+        side = max(side, float(np.max(points.max(axis=0) - origin)) / (_MOST - 4))
         places = np.floor((points - origin) / side).astype(np.int64)
         packed = _packed(places[:, 0], places[:, 1], places[:, 2])
         order = np.argsort(packed, kind="stable")
-        stored, first = np.unique(packed[order], return_index=True)
-        keys = np.full(1 << (2 * len(stored)).bit_length(), -1, dtype=np.int64)
-        cells = np.empty_like(keys)
-        _store(stored, keys, cells)
-        starts = np.append(first, len(points)).astype(np.int64)
-        return cls(order, np.ascontiguousarray(points[order].T), origin, 1.0 / side, starts, keys, cells)
+        held, first = np.unique(packed[order], return_index=True)
+        keys = np.full(1 << (_AROUND * len(held)).bit_length(), -1, dtype=np.int64)
+        spans, runs = np.zeros((len(keys), 2), dtype=np.int32), np.empty((_AROUND * len(held), 2), dtype=np.int32)
+        used = _store(held, np.append(first, len(points)), keys, spans, runs)
+        coordinates = np.ascontiguousarray(points[order].T)
+        return cls(order, coordinates, origin, 1.0 / side, keys, spans, runs[:used].copy())
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _packed(x, y, z):  # type: ignore[no-untyped-def]
-    """One number of a cell's place."""
-    return (z << (2 * _BITS)) | (y << _BITS) | x
+    """One number of a cell's place, −1 or more along each axis."""
+    return ((z + 1) << (2 * _BITS)) | ((y + 1) << _BITS) | (x + 1)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _slot(key, mask):  # type: ignore[no-untyped-def]
-    """Where a key's search begins."""
-    return np.int64((np.uint64(key) * _GOLDEN) >> np.uint64(32)) & mask
-
-
-@njit(cache=True, error_model="numpy")
-def _store(stored: Integers, keys: Integers, cells: Integers) -> None:
-    """Fill the table."""
+def _slot(key, keys):  # type: ignore[no-untyped-def]
+    """Where a key is in the table, or would be."""
     mask = len(keys) - 1
-    for cell in range(len(stored)):
-        slot = _slot(stored[cell], mask)
-        while keys[slot] >= 0:
-            slot = (slot + 1) & mask
-        keys[slot], cells[slot] = stored[cell], cell
+    slot = np.int64((np.uint64(key) * _GOLDEN) >> np.uint64(32)) & mask
+    while keys[slot] >= 0 and keys[slot] != key:
+        slot = (slot + 1) & mask
+    return slot
 
 
 @njit(cache=True, error_model="numpy")
-def hashed_runs(x, y, z, origin, inverse_side, starts, keys, cells, runs):  # type: ignore[no-untyped-def]
-    """Fill ``runs`` (MAX_HASHED_RUNS, 2) with [first, last) of the sorted points about a place; the count."""
+def _store(held: Integers, starts: Integers, keys: Integers, spans: Shorts, runs: Shorts) -> int:
+    """Fill the table for cells ``held`` (c,), ascending, whose points begin at ``starts`` (c + 1,); the runs used."""
+    slots = np.empty((len(held), _AROUND), dtype=np.int64)
+    for cell in range(len(held)):
+        for near in range(_AROUND):
+            key = held[cell] + ((near // 9 - 1) << (2 * _BITS)) + ((near // 3 % 3 - 1) << _BITS) + near % 3 - 1
+            slot = _slot(key, keys)
+            keys[slot], slots[cell, near] = key, slot
+            spans[slot, 1] += 1
+    used = 0
+    for slot in range(len(keys)):
+        count, spans[slot, 0], spans[slot, 1] = spans[slot, 1], used, used
+        used += count
+    for cell in range(len(held)):  # ascending: a cell's runs are, and neighbours along x are one
+        for slot in slots[cell]:
+            last = spans[slot, 1]
+            if last > spans[slot, 0] and runs[last - 1, 1] == starts[cell]:
+                runs[last - 1, 1] = starts[cell + 1]
+            else:
+                runs[last, 0], runs[last, 1] = starts[cell], starts[cell + 1]
+                spans[slot, 1] = last + 1
+    return used
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def hashed_runs(x, y, z, origin, inverse_side, keys, spans, runs, out):  # type: ignore[no-untyped-def]
+    """Fill ``out`` (MAX_HASHED_RUNS, 2) with [first, last) of the sorted points about a place; the count."""
     px, py, pz = (x - origin[0]) * inverse_side, (y - origin[1]) * inverse_side, (z - origin[2]) * inverse_side
-    if not (-1.0 <= px < _MOST and -1.0 <= py < _MOST and -1.0 <= pz < _MOST):
-        return 0
-    cx, cy, cz, mask, count = math.floor(px), math.floor(py), math.floor(pz), len(keys) - 1, 0
-    for iz in range(max(cz - 1, 0), min(cz + 2, _MOST)):
-        for iy in range(max(cy - 1, 0), min(cy + 2, _MOST)):
-            for ix in range(max(cx - 1, 0), min(cx + 2, _MOST)):
-                key = _packed(ix, iy, iz)
-                slot = _slot(key, mask)
-                while keys[slot] >= 0 and keys[slot] != key:
-                    slot = (slot + 1) & mask
-                if keys[slot] == key:
-                    runs[count, 0], runs[count, 1] = starts[cells[slot]], starts[cells[slot] + 1]
-                    count += 1
+    count = 0
+    if -1.0 <= px < _MOST - 2 and -1.0 <= py < _MOST - 2 and -1.0 <= pz < _MOST - 2:
+        slot = _slot(_packed(math.floor(px), math.floor(py), math.floor(pz)), keys)
+        if keys[slot] >= 0:
+            for run in range(spans[slot, 0], spans[slot, 1]):
+                out[count, 0], out[count, 1] = runs[run, 0], runs[run, 1]
+                count += 1
     return count

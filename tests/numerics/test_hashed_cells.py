@@ -47,7 +47,7 @@ def test_every_point_is_stored_once_and_found_from_its_own_cell() -> None:
     found = HashedCells.build(points, RADIUS)
     assert sorted(found.order) == list(range(len(points)))
     runs = np.empty((MAX_HASHED_RUNS, 2), dtype=np.int64)
-    table = (found.origin, found.inverse_side, found.starts, found.keys, found.cells)
+    table = (found.origin, found.inverse_side, found.keys, found.spans, found.runs)
     for i, point in enumerate(points):
         count = hashed_runs(*point, *table, runs)
         assert i in np.concatenate([found.order[a:b] for a, b in runs[:count]])
@@ -56,7 +56,7 @@ def test_every_point_is_stored_once_and_found_from_its_own_cell() -> None:
 def test_places_far_away_and_not_finite_find_nothing() -> None:
     found = HashedCells.build(padded(_centres(3)), RADIUS)
     runs = np.empty((MAX_HASHED_RUNS, 2), dtype=np.int64)
-    table = (found.origin, found.inverse_side, found.starts, found.keys, found.cells)
+    table = (found.origin, found.inverse_side, found.keys, found.spans, found.runs)
     for place in ((1e300, 0.0, 0.0), (-1e300, 0.0, 0.0), (np.inf, 0.5, 0.5), (0.5, np.nan, 0.5), (5.0, 5.0, 5.0)):
         assert hashed_runs(*place, *table, runs) == 0
 
