@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mesh_motion_server.prove import journal_damage, power_loss
+from mesh_motion_server.prove import decoder_fuzz, io_faults, journal_damage, kill_nine, power_loss
 from mesh_motion_server.prove.check import Check
 
 __all__ = ["CHECKS"]
@@ -11,5 +11,9 @@ __all__ = ["CHECKS"]
 CHECKS: tuple[Check, ...] = (
     # what is stored
     power_loss.CHECK,
+    io_faults.CHECK,
     journal_damage.CHECK,
+    kill_nine.CHECK,
+    # what comes in
+    decoder_fuzz.CHECK,
 )

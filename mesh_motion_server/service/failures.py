@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from mesh_motion_protocol.errors import error_code
+from mesh_motion_protocol.errors import brief, brief_details, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
 
 from mesh_motion_server.errors import MeshMotionError, NumericalError, ResourceError
@@ -38,7 +38,7 @@ def error_reply(request: Message, error: MeshMotionError, session: Session) -> E
         client=request.client,
         sequence=request.sequence,
         code=error.code,
-        message=error.message,
+        message=brief(error.message),
         hint=error.hint or known.hint,
         retryable=known.retryable,
         state=str(session.state),
@@ -47,7 +47,7 @@ def error_reply(request: Message, error: MeshMotionError, session: Session) -> E
 
 
 def _details(error: MeshMotionError, session: Session) -> dict[str, Any]:
-    details: dict[str, Any] = dict(error.details)
+    details = brief_details(error.details)
     if isinstance(error, NumericalError):
         details |= {"best": error.best, "fraction": error.fraction}
         details["worst"] = worst_places(error.cells, session.mesh) if session.is_built else []

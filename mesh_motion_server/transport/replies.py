@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mesh_motion_protocol.errors import ProtocolError, error_code
+from mesh_motion_protocol.errors import ProtocolError, brief, brief_details, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
 
 from mesh_motion_server.errors import MeshMotionError
@@ -17,11 +17,11 @@ def error_reply(request: Message, error: MeshMotionError, *, state: str = "") ->
         client=request.client,
         sequence=request.sequence,
         code=error.code,
-        message=error.message,
+        message=brief(error.message),
         hint=error.hint or known.hint,
         retryable=known.retryable,
         state=state,
-        details=error.details,
+        details=brief_details(error.details),
     )
 
 

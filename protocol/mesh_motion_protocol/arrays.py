@@ -127,7 +127,7 @@ def _check_shape(shape: Any, spec: ArraySpec) -> None:
     """As many lengths as axes, none negative, 1 to 3 coordinates."""
     wanted = f"({', '.join(spec.axes)})"
     if len(shape) != len(spec.axes) or any(type(n) is not int or not 0 <= n < 2**48 for n in shape):
-        raise _wrong("SHAPE", f"{spec.name} must have shape {wanted}, got {tuple(shape)}", spec)
+        raise _wrong("SHAPE", f"{spec.name} must have shape {wanted}, got {tuple(shape)!s:.80}", spec)
     for axis, length in zip(spec.axes, shape, strict=True):
         if axis == "dimension" and not 1 <= length <= 3:
             raise _wrong("SHAPE", f"{spec.name} must have 1, 2 or 3 columns, got shape {tuple(shape)}", spec)

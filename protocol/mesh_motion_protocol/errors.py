@@ -7,8 +7,12 @@ does not know a detail treats the code as its canonical name.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["ERROR_CODES", "ErrorCode", "ProtocolError", "error_code"]
+__all__ = ["ERROR_CODES", "ErrorCode", "ProtocolError", "brief", "brief_details", "error_code"]
+
+#: Characters of an error's message, and of each text in its details.
+_MESSAGE, _DETAIL = 1000, 200
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,16 @@ def error_code(code: str) -> ErrorCode:
     return ERROR_CODES.get(code) or ERROR_CODES.get(code.partition(".")[0]) or ERROR_CODES["INTERNAL"]
 
 
+def brief(text: str, most: int = _MESSAGE) -> str:
+    """A text that fits into a reply, whatever names and values of the sender it repeats: else its two ends."""
+    return text if len(text) <= most else f"{text[: most // 2]} … {text[-most // 2 :]}"
+
+
+def brief_details(details: dict[str, Any]) -> dict[str, Any]:
+    """The details of an error, with each text in them brief."""
+    return {key: brief(value, _DETAIL) if isinstance(value, str) else value for key, value in details.items()}
+
+
 class ProtocolError(Exception):
     """Frames that are no message, or a message that cannot be put into frames.
 
@@ -112,10 +126,10 @@ class ProtocolError(Exception):
     """
 
     def __init__(self, message: str, *, code: str, details: dict[str, object] | None = None) -> None:
-        super().__init__(message)
-        self.message = message
+        self.message = brief(message)
+        super().__init__(self.message)
         self.code = code
         self.hint = error_code(code).hint
-        self.details: dict[str, object] = dict(details or {})
+        self.details: dict[str, object] = brief_details(details or {})
         self.client = b"\0" * 16
         self.sequence = 0

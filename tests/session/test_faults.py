@@ -1,123 +1,70 @@
-"""A disk that fails at any operation: FROZEN, nothing lost, and after a resume everything continues bitwise."""
+"""A disk that fails at any operation: the campaign of `mesh-motion prove`, and seeded bugs that it must find."""
 
 from __future__ import annotations
 
 import errno
-from pathlib import Path
+from collections import Counter
+from contextlib import suppress
 from typing import Any
 
 import pytest
-from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Status
 
-from mesh_motion_server.errors import MeshMotionError
-from mesh_motion_server.session.store import SessionStore
-
-ROOT = Path("/model")
-STEPS = 4
-
-
-class Ended(Exception):
-    """The life ended with an error reply; its code, and the last acknowledged step."""
-
-
-def live(driver: Any, last: int, acknowledged: dict[int, bytes]) -> None:
-    """Move and commit up to a step; raises Ended at the first error reply."""
-    while driver.host.step < last:
-        step = driver.host.step + 1
-        moved = driver.move(step)[0]
-        assert moved.type == "MOVED"
-        (reply,) = driver.all(Commit, step=step)
-        if reply.type == "ERROR":
-            raise Ended(reply.code)
-        acknowledged[reply.step] = reply.digest
-
-
-def undisturbed(kit: Any) -> dict[int, bytes]:
-    driver = kit.make_driver(SessionStore(ROOT, files=kit.files.ModelFiles()), [kit.grid_mesh()])
-    driver.open()
-    digests: dict[int, bytes] = {}
-    live(driver, STEPS, digests)
-    return digests
+from mesh_motion_server.errors import JournalError, MeshMotionError
+from mesh_motion_server.prove.check import BrokenPromise, Budget
+from mesh_motion_server.prove.io_faults import CHECK, fail_each_call, short_writes
+from mesh_motion_server.session.journal import Journal
 
 
 @pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO])
 @pytest.mark.parametrize("for_ever", [True, False])
-def test_failures_at_every_operation(kit: Any, error: int, for_ever: bool) -> None:
-    expected = undisturbed(kit)
-    outcomes: dict[str, int] = {}
-    fail_at = 0
-    while True:
-        fail_at += 1
-        raw = kit.files.ModelFiles()
-        files = kit.files.FailingFiles(raw, error=error, for_ever=for_ever)
-        files.fail_at = fail_at
-        acknowledged: dict[int, bytes] = {}
-        outcome = one_life(kit, files, acknowledged)
-        outcomes[outcome] = outcomes.get(outcome, 0) + 1
-        if not files.failed:
-            break
-        raw.handles.clear()
-        continue_after(kit, raw, acknowledged, expected)
-    assert outcomes.pop("whole") == 1
-    assert set(outcomes) == {"not created", "not built", "FROZEN"}
-    assert outcomes["FROZEN"] > 20
-
-
-def one_life(kit: Any, files: Any, acknowledged: dict[int, bytes]) -> str:
-    """What the failing disk did to it."""
-    try:
-        driver = kit.make_driver(SessionStore(ROOT, files=files), [kit.grid_mesh()])
-    except MeshMotionError as error:
-        return "not created" if error.code == "RESOURCE_EXHAUSTED.DISK" else error.code
-    driver.join()
-    driver.upload()
-    (built,) = driver.all(Build)
-    if built.type == "ERROR":
-        assert (built.code, built.state) == ("RESOURCE_EXHAUSTED.DISK", "OPENING")
-        return "not built"
-    try:
-        live(driver, STEPS, acknowledged)
-    except Ended as ended:
-        frozen(driver, acknowledged)
-        return "FROZEN" if str(ended) == "RESOURCE_EXHAUSTED.DISK" else str(ended)
-    return "whole"
-
-
-def frozen(driver: Any, acknowledged: dict[int, bytes]) -> None:
-    """Reads still work, nothing is written any more, the last committed step is told."""
-    status = driver.ask(Status)
-    assert (status.state, status.step) == ("FROZEN", max(acknowledged, default=0))
-    assert driver.ask(Fetch).type == "FETCHED"
-    refused = driver.all(Move, driver.displacement(1), step=status.step + 1)[0]
-    assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
-    assert driver.ask(Close).type == "CLOSED"
-
-
-def continue_after(kit: Any, raw: Any, acknowledged: dict[int, bytes], expected: dict[int, bytes]) -> None:
-    """Another process, a healthy disk: the session is there and goes on bitwise, or it was never built."""
-    store = SessionStore(ROOT, files=raw)
-    try:
-        host = kit.resume(store)
-    except MeshMotionError as error:
-        if acknowledged or error.code != "NOT_FOUND":
-            raise
-        return
-    assert host.step in (max(acknowledged, default=0), max(acknowledged, default=0) + 1)
-    driver = kit.Driver(host, [kit.grid_mesh()])
-    driver.sequences = [1000]
-    driver.join()
-    live(driver, STEPS, acknowledged)
-    assert all(expected[step] == digest for step, digest in acknowledged.items())
+def test_failures_at_every_operation(error: int, for_ever: bool) -> None:
+    endings = fail_each_call(error, for_ever=for_ever)
+    assert endings.pop("whole") == 1
+    assert set(endings) == {"not created", "not built", "FROZEN"}
+    assert endings["FROZEN"] > 20
 
 
 @pytest.mark.parametrize("most", [1, 7, 1000])
-def test_short_writes_are_continued(kit: Any, most: int) -> None:
-    expected = undisturbed(kit)
-    raw = kit.files.ModelFiles()
-    driver = kit.make_driver(SessionStore(ROOT, files=kit.files.ShortFiles(raw, most)), [kit.grid_mesh()])
-    driver.open()
-    acknowledged: dict[int, bytes] = {}
-    live(driver, STEPS, acknowledged)
-    assert acknowledged == expected
-    driver.host.close()
-    assert kit.resume(SessionStore(ROOT, files=raw)).step == STEPS
+def test_short_writes_are_continued(most: int) -> None:
+    short_writes(most)
+
+
+def test_the_whole_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "mesh_motion_server.prove.io_faults.fail_each_call",
+        lambda error, for_ever: Counter({"whole": 1, "FROZEN": 3}),
+    )
+    result = CHECK.run(1, Budget(2))
+    assert result.passed
+    assert (result.details["faults"], result.details["calls"], result.details["short_writes"]) == (24, 3, 2)
+
+
+# --- tests of the test: each seeded bug must be found ----------------------------------------------------------------
+
+
+def test_a_journal_that_does_not_freeze_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Journal, "_require_usable", lambda self: None)
+    monkeypatch.setattr(Journal, "frozen", property(lambda self: False, lambda self, value: None), raising=False)
+    with pytest.raises((BrokenPromise, MeshMotionError)):
+        fail_each_call(errno.EIO, for_ever=False)
+
+
+def test_an_error_that_is_swallowed_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = Journal._write_slot
+
+    def swallowing(self: Journal, step: int, packed: bytes, state: Any) -> None:
+        with suppress(OSError):
+            honest(self, step, packed, state)
+
+    monkeypatch.setattr(Journal, "_write_slot", swallowing)
+    with pytest.raises((BrokenPromise, MeshMotionError)):
+        fail_each_call(errno.ENOSPC, for_ever=False)
+
+
+def test_a_write_that_is_not_continued_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def once(files: Any, handle: int, offset: int, data: Any) -> int:
+        return offset + int(files.write(handle, offset, data))
+
+    monkeypatch.setattr("mesh_motion_server.session.journal.write_all", once)
+    with pytest.raises((BrokenPromise, JournalError)):
+        short_writes(100)

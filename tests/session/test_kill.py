@@ -1,51 +1,52 @@
-"""kill -9 of a process that commits, at random moments, again and again: bitwise as if nothing had happened."""
+"""kill -9 of a process that commits: the campaign of `mesh-motion prove` with a few kills; one process a session."""
 
 from __future__ import annotations
 
-import random
 import subprocess
 import sys
-import time
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
 
+from mesh_motion_server.prove.check import BrokenPromise, Budget
+from mesh_motion_server.prove.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
 from mesh_motion_server.session.store import SessionStore
 
-KILLS = 5
+
+def test_a_few_kills() -> None:
+    result = CHECK.run(7, Budget(12))
+    assert result.passed
+    assert result.details["kills"] == 12
+    assert result.details["acknowledged"] > 12
+    assert 0 < result.details["asked_again"] <= result.details["recovered"]
 
 
-def run_until_killed(root: Path, first: int, seconds: float) -> list[str]:
-    """Lines of a committing process that is killed ``seconds`` after its first commit."""
-    script = Path(__file__).with_name("committing_process.py")
-    with subprocess.Popen(
-        [sys.executable, str(script), str(root), str(first)], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        time.sleep(seconds)
-        process.kill()
-        return [line for line in [*lines, *process.stdout.read().splitlines(True)] if line.endswith("\n")]
+def test_a_session_that_answers_otherwise_is_found(tmp_path: Path) -> None:
+    witness = kill_again_and_again(tmp_path, Random(3), Budget(3))
+    require_undisturbed(tmp_path, witness)
+    frame = bytearray(witness.replies[1])
+    frame[-1] ^= 1
+    witness.replies[1] = bytes(frame)
+    with pytest.raises(BrokenPromise, match="the reply of step 1 differs"):
+        require_undisturbed(tmp_path, witness)
 
 
-def test_no_acknowledged_step_is_lost(kit: Any, tmp_path: Path) -> None:
-    moments = random.Random(7)
-    acknowledged: dict[int, str] = {}
-    store = SessionStore(tmp_path / "killed")
-    for kill in range(KILLS):
-        for line in run_until_killed(tmp_path / "killed", kill, moments.uniform(0.0, 0.05)):
-            step, digest = line.split()
-            acknowledged[int(step)] = digest
-        (stored,) = store.sessions()
-        assert stored.step in (max(acknowledged), max(acknowledged) + 1)
-    undisturbed = kit.make_driver(SessionStore(tmp_path / "whole"), [kit.grid_mesh()])
-    undisturbed.open()
-    for step in range(1, max(acknowledged) + 1):
-        digest = undisturbed.advance(step)[0].digest.hex()
-        assert acknowledged.get(step, digest) == digest
-    assert len(acknowledged) >= KILLS
-    undisturbed.host.close()
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        (["resumed 1 0.1"], "resumes at step 1, 2 was acknowledged"),
+        (["resumed 4 0.1"], "resumes at step 4, 2 was acknowledged"),
+        (["resumed 2 0.1", "reply 2 ee"], "repeated reply of step 2 differs"),
+        (["ended by itself"], "ended by itself"),
+    ],
+)
+def test_a_loss_is_found(lines: list[str], said: str) -> None:
+    witness = Witness()
+    witness.hear(["resumed 0 0.1", "reply 1 aa", "reply 2 bb"])
+    with pytest.raises(BrokenPromise, match=said):
+        witness.hear(lines)
 
 
 @pytest.mark.parametrize("held", [True, False])

@@ -225,6 +225,22 @@ def test_a_header_of_empty_maps_is_refused_before_it_is_built(target, victim, co
     assert memory(pid) - before < 4 * MIB
 
 
+@pytest.mark.parametrize("where", ["control", "data"])
+@pytest.mark.parametrize("at", ["header", "fields", "arrays"])
+def test_a_name_too_long_for_the_answer_is_not_repeated_in_it(target, victim, connect, where, at):
+    """A header of 40 kB is within the limits; an answer that says it twice would not be."""
+    endpoint, pid = victim[where]
+    wire = connect(endpoint, target.client_keys)
+    header = msgpack.unpackb(encode(Ping(client=wire.client, sequence=1))[0])
+    key = "k" * 40_000
+    changes = {"header": {key: 1}, "fields": {"fields": {key: 1}}, "arrays": {"arrays": [{key: object}]}}
+    wire.send_frames(msgpack.packb(header | changes[at], default=str))
+    reply = wire.receive()
+    assert reply.code == "INVALID_ARGUMENT.HEADER"
+    assert len(reply.message) < 2000
+    assert open_files(pid)
+
+
 def test_a_plain_decoder_would_build_it():
     assert len(msgpack.unpackb(EMPTY_MAPS)) == 60_000
 

@@ -1,0 +1,195 @@
+"""A disk that fails at every call that a session makes: FROZEN, nothing lost, and afterwards all goes on bitwise.
+
+A session lives (create, build, some steps) again and again, each time with one more operation of its file system done
+before the disk fails: full or broken, once or for ever. Reads must still work, no further step may be taken, and on a
+healthy disk another process must go on from what was acknowledged, to coordinates that are bitwise those of a life
+without faults. Writes that take fewer bytes than given are no fault.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections import Counter
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Status
+
+from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.prove.check import Budget, Check, Result, require
+from mesh_motion_server.prove.driver import Driver, make_driver, resume
+from mesh_motion_server.prove.model_files import FailingFiles, ModelFiles, ShortFiles
+from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.session.store import SessionStore
+
+__all__ = ["CHECK", "ERRORS", "fail_each_call", "short_writes"]
+
+ROOT = Path("/model")
+STEPS = 4
+_DISK = "RESOURCE_EXHAUSTED.DISK"
+#: What a call may fail with, by name.
+ERRORS = {name: getattr(errno, name) for name in ("ENOSPC", "EIO", "EDQUOT", "EROFS")}
+
+Digests = dict[int, bytes]
+
+
+class _Ended(Exception):
+    """An error reply ended the life; its code."""
+
+
+def fail_each_call(error: int, *, for_ever: bool) -> Counter[str]:
+    """Live once for each operation that can fail.
+
+    Parameters
+    ----------
+    error : int
+        Of errno.
+    for_ever : bool
+        Whether every later operation fails too.
+
+    Returns
+    -------
+    Counter
+        How the lives ended: "not created", "not built", "FROZEN", and once "whole".
+
+    Raises
+    ------
+    BrokenPromise, MeshMotionError
+        If something acknowledged is lost or differs; a note says where.
+    """
+    expected = _undisturbed()
+    endings: Counter[str] = Counter()
+    failed = True
+    while failed:
+        raw = ModelFiles()
+        files = FailingFiles(raw, error=error, for_ever=for_ever)
+        files.fail_at = 1 + endings.total()
+        acknowledged: Digests = {}
+        try:
+            ending = _life(files, acknowledged)
+            failed = bool(files.failed)
+            require((ending == "whole") != failed, f"a failed {files.failed} was not told")
+            endings[ending] += 1
+            raw.handles.clear()
+            _continue(raw, acknowledged, expected)
+        except Exception as wrong:
+            wrong.add_note(f"(operation {files.fail_at}, {files.failed}, failed with {errno.errorcode[error]})")
+            raise
+    return endings
+
+
+def short_writes(most: int) -> None:
+    """A life whose writes take so many bytes at most.
+
+    Raises
+    ------
+    BrokenPromise
+        If anything differs from a life whose writes take all.
+    """
+    raw, acknowledged = ModelFiles(), dict[int, bytes]()
+    driver = make_driver(SessionStore(ROOT, files=ShortFiles(raw, most)), [grid_mesh()])
+    driver.open()
+    _live(driver, acknowledged)
+    driver.host.close()
+    require(acknowledged == _undisturbed(), f"steps differ when writes take {most} bytes")
+    require(resume(SessionStore(ROOT, files=raw)).step == STEPS, f"steps are lost when writes take {most} bytes")
+
+
+def _undisturbed() -> Digests:
+    driver = make_driver(SessionStore(ROOT, files=ModelFiles()), [grid_mesh()])
+    driver.open()
+    digests: Digests = {}
+    _live(driver, digests)
+    return digests
+
+
+def _live(driver: Driver, acknowledged: Digests) -> None:
+    """Move and commit to the last step; raises _Ended at the first error reply to a commit."""
+    while driver.host.step < STEPS:
+        step = driver.host.step + 1
+        moved = driver.move(step)[0]
+        require(moved.type == "MOVED", f"MOVE was answered {moved}")
+        (reply,) = driver.all(Commit, step=step)
+        if reply.type == "ERROR":
+            raise _Ended(reply.code)
+        acknowledged[reply.step] = reply.digest
+
+
+def _life(files: Any, acknowledged: Digests) -> str:
+    """Live on a failing disk; how it ended."""
+    try:
+        driver = make_driver(SessionStore(ROOT, files=files), [grid_mesh()])
+    except MeshMotionError as error:
+        require(error.code == _DISK, f"OPEN was refused by {error.code}")
+        return "not created"
+    driver.join()
+    driver.upload()
+    (built,) = driver.all(Build)
+    if built.type == "ERROR":
+        require((built.code, built.state) == (_DISK, "OPENING"), f"BUILD was answered {built}")
+        return "not built"
+    try:
+        _live(driver, acknowledged)
+    except _Ended as ended:
+        require(str(ended) == _DISK, f"COMMIT was refused by {ended}")
+        _require_frozen(driver, acknowledged)
+        return "FROZEN"
+    return "whole"
+
+
+def _require_frozen(driver: Driver, acknowledged: Digests) -> None:
+    """Reads still work, nothing is written any more, the last committed step is told."""
+    status = driver.ask(Status)
+    last = max(acknowledged, default=0)
+    require((status.state, status.step) == ("FROZEN", last), f"{status.state} at step {status.step}, not {last}")
+    require(driver.ask(Fetch).type == "FETCHED", "FETCH is refused")
+    refused = driver.all(Move, driver.displacement(1), step=status.step + 1)[0]
+    require(refused.type == "ERROR", "a frozen session moves")
+    require((refused.code, refused.state) == (_DISK, "FROZEN"), f"MOVE was answered {refused}")
+    require(driver.ask(Close).type == "CLOSED", "CLOSE is refused")
+
+
+def _continue(raw: ModelFiles, acknowledged: Digests, expected: Digests) -> None:
+    """Another process, a healthy disk: the session is there and goes on bitwise, or it was never built."""
+    try:
+        host = resume(SessionStore(ROOT, files=raw))
+    except MeshMotionError as error:
+        require(error.code == "NOT_FOUND" and not acknowledged, f"RESUME is refused by {error.code}")
+        return
+    last = max(acknowledged, default=0)
+    require(host.step in (last, last + 1), f"step {host.step} is resumed, {last} was acknowledged")
+    driver = Driver(host, [grid_mesh()])
+    driver.sequences = [1000]
+    driver.join()
+    _live(driver, acknowledged)
+    differing = [step for step, digest in acknowledged.items() if expected[step] != digest]
+    require(not differing, f"steps {differing} differ from an undisturbed life")
+
+
+def run(seed: int, budget: Budget) -> Result:
+    """Every error at every call, once and for ever, and short writes of random lengths."""
+    random = Random(f"I/O faults {seed}")
+    endings: Counter[str] = Counter()
+    for error in ERRORS.values():
+        for for_ever in (False, True):
+            endings += fail_each_call(error, for_ever=for_ever)
+    shortened = 0
+    while not shortened or budget.admits(shortened):
+        short_writes(1 + int(10 ** random.uniform(0, 3.7)))
+        shortened += 1
+    faults = endings.total() - endings["whole"]
+    calls = faults // (2 * len(ERRORS))
+    got = f"{faults} faults at {calls} calls, {endings['FROZEN']} FROZEN, all bitwise"
+    details = {"faults": faults, "calls": calls, "endings": dict(endings), "short_writes": shortened}
+    return Result(got, endings["FROZEN"] > 0, details | {"errors": list(ERRORS)})
+
+
+CHECK = Check(
+    "io-faults",
+    "4 errors at every call, {count} lives of short writes: bitwise",
+    short=10,
+    full=300,
+    seconds=8,
+    run=run,
+)

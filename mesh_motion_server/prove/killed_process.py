@@ -1,0 +1,120 @@
+"""Commits for ever and is killed, again and again: ``python -m mesh_motion_server.prove.killed_process FOLDER``.
+
+For each line of standard input, a number of seconds, a process is forked that resumes the session in FOLDER (or opens
+it) and commits step after step, until it is killed by SIGKILL that long after the fork. What it was answered goes to
+standard output, a line each, as soon as it is known::
+
+    resumed STEP SECONDS     the session is there, so long after the fork
+    reply STEP HEX           the COMMITTED frame of a step: for the step resumed at it is asked for once more
+    killed
+    failed WHY               instead of any of these
+
+Forking keeps the time for imports out of each life; the process is killed as any other would be.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.messages import Commit, Fetch, Move
+
+from mesh_motion_server.errors import SessionError
+from mesh_motion_server.prove.check import require
+from mesh_motion_server.prove.driver import Driver, make_driver, resume
+from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.session.store import SessionStore
+
+__all__ = ["commit_of", "final_points", "open_session", "run_to"]
+
+#: The client whose sequence numbers are the steps, so that the same commit is the same request in every life.
+COMMITTER = b"the committer..."
+
+
+def open_session(store: SessionStore, life: int) -> Driver:
+    """The stored session, or a new one where none was built yet."""
+    store.sweep()
+    try:
+        driver = Driver(resume(store), [grid_mesh()])
+    except SessionError as error:
+        if error.code != "NOT_FOUND":
+            raise
+        driver = make_driver(store, [grid_mesh()])
+        driver.open()
+        return driver
+    driver.sequences = [1_000_000_000 * (life + 1)]
+    driver.join()
+    return driver
+
+
+def commit_of(driver: Driver, step: int) -> bytes:
+    """Ask for the commit of a step, which may be committed already; the reply's frame."""
+    request = driver.request(Commit, client=COMMITTER, sequence=step, step=step)
+    (reply,) = driver.send(request)
+    return b"".join(bytes(frame) for frame in encode(reply))
+
+
+def run_to(driver: Driver, last: int) -> dict[int, bytes]:
+    """Move and commit up to a step; the replies."""
+    replies = {}
+    while driver.host.step < last:
+        step = driver.host.step + 1
+        (moved,) = driver.all(Move, _to_and_fro(driver, step), step=step)
+        require(moved.type == "MOVED", f"MOVE of step {step} was answered {moved}")
+        replies[step] = commit_of(driver, step)
+    return replies
+
+
+def _to_and_fro(driver: Driver, step: int) -> list[Any]:
+    """So small that the mesh is as good after ten thousand steps; each step's own, and back in the next."""
+    sign = 1 if step % 2 else -1
+    return [0.01 * sign * rows for rows in driver.displacement((step + 1) // 2)]
+
+
+def final_points(driver: Driver) -> Any:
+    """The committed coordinates (n, d)."""
+    return np.asarray(driver.ask(Fetch).points)
+
+
+def live(folder: str, life: int) -> None:
+    """One life, until it is killed."""
+    start = time.monotonic()
+    driver = open_session(SessionStore(folder), life)
+    step = driver.host.step
+    _say(f"resumed {step} {time.monotonic() - start:.6f}")
+    if step:
+        _say(f"reply {step} {commit_of(driver, step).hex()}")
+    while True:
+        for done, reply in run_to(driver, driver.host.step + 1).items():
+            _say(f"reply {done} {reply.hex()}")
+
+
+def _say(line: str) -> None:
+    """Whole at once: a killed process leaves a part of a line at most if the pipe is full."""
+    os.write(1, line.encode() + b"\n")
+
+
+def main(folder: str) -> None:
+    """Fork, wait, kill."""
+    for life, seconds in enumerate(sys.stdin):
+        child = os.fork()
+        if not child:
+            try:
+                live(folder, life)
+            except Exception as error:
+                _say(f"failed {type(error).__name__}: {error}")
+            finally:
+                os._exit(1)
+        time.sleep(float(seconds))
+        os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+        _say("killed" if os.WIFSIGNALED(status) else "ended by itself")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
