@@ -74,7 +74,7 @@ class MethodSettings(_Strict):
     refuse_below_threshold: bool = False
     allow_invalid: bool = False
     predictor: str = "trial-nodes"
-    quality_report: str = "every-move"
+    quality_report: str = "first-and-commit"
     solver: str = "auto"
 
     @field_validator(*CHOICES)

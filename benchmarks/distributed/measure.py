@@ -39,9 +39,12 @@ METHOD = Method(correction="none")
 _ROOT = Path(__file__).parents[2]
 _ENVIRONMENT = {
     "PYTHONPATH": os.pathsep.join(str(_ROOT / folder) for folder in (".", "protocol", "adapters/python")),
-    "OMP_WAIT_POLICY": "passive",
-    **dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
 }
+#: Set by the workers themselves. Dask sets the others in this process for the moment in which it starts one, and numba
+#: would take them for its own here.
+_OF_WORKERS = {"OMP_WAIT_POLICY": "passive", "NUMBA_NUM_THREADS": "1"}
+_SETTINGS = {"distributed.nanny.pre-spawn-environ": _ENVIRONMENT, "distributed.nanny.environ": _OF_WORKERS}
 _PATIENCE = 120.0
 _EMPTY_QUESTIONS = 60
 _LARGE = 4_000_000  # numbers of the array that the bandwidth is measured with
@@ -50,7 +53,7 @@ _LARGE = 4_000_000  # numbers of the array that the bandwidth is measured with
 @contextmanager
 def workers_on_this_machine(count: int) -> Iterator[Connection]:
     """Worker processes of one thread each, and the way to them."""
-    with dask.config.set({"distributed.nanny.pre-spawn-environ": _ENVIRONMENT}):
+    with dask.config.set(_SETTINGS):
         cluster = LocalCluster(
             n_workers=count,
             threads_per_worker=1,

@@ -66,9 +66,9 @@ class Figures(_Read):
     step : Seconds
         A step's first Move: another mesh than before, so that nothing is in the cache.
     iteration : Seconds
-        A later Move of the same step.
+        A later Move of the same step, told in full: ``quality_report = "every-move"``.
     brief : Seconds
-        The same with ``quality_report = "first-and-commit"``.
+        The same as it comes, with ``quality_report = "first-and-commit"``.
     solve, displace, predict : Seconds
         Parts of ``step``.
     kept_bytes, peak_bytes : int

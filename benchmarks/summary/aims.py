@@ -196,7 +196,7 @@ def _growth(evidence: Evidence) -> Iterator[Row]:
     yield _most("M5: largest memory, set-up included", 4.0, figures.resident_bytes / 1e9 if figures else None, " GB")
 
 
-_NO_ITERATIONS = (("a", None), ("a brief", None))
+_NO_ITERATIONS = (("", None), (" told in full", None))
 
 
 def _iterations(evidence: Evidence) -> Iterator[Row]:
@@ -204,9 +204,9 @@ def _iterations(evidence: Evidence) -> Iterator[Row]:
     for mesh in ("M3", "M4", "M5"):
         figures, threads = _library(evidence, mesh), evidence.results.threads
         step = of_threads(figures.step, threads) if figures else 1.0
-        for name, seconds in (("a", figures.iteration), ("a brief", figures.brief)) if figures else _NO_ITERATIONS:
+        for name, seconds in (("", figures.brief), (" told in full", figures.iteration)) if figures else _NO_ITERATIONS:
             share = of_threads(seconds, threads) / step if seconds else None
-            yield _most(f"{mesh}: {name} later iteration, of the first", 0.6, share)
+            yield _most(f"{mesh}: a later iteration{name}, of the first", 0.6, share)
 
 
 def _corrections(evidence: Evidence, factor: float) -> Iterator[Row]:

@@ -131,7 +131,7 @@ class Method:
     refuse_below_threshold: bool = False
     allow_invalid: bool = False
     predictor: str = "trial-nodes"
-    quality_report: str = "every-move"
+    quality_report: str = "first-and-commit"
     solver: str = "auto"
 
     def __post_init__(self) -> None:

@@ -64,6 +64,10 @@ class StandIn:
             inverted=int((areas <= 0).sum()), cells=len(areas),
         )  # fmt: skip
 
+    def without_distributions(self) -> StandIn:
+        """Itself: its summaries are cheap."""
+        return self
+
     def move(self, committed: Any, targets: Any, factors: Any) -> Any:
         """Spread the boundary's displacement by inverse distance squared."""
         moving = self.roles.moving

@@ -58,7 +58,7 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
             caches=dict(motion.caches),
             seconds={name: float(value) for name, value in motion.seconds.items()},
             warnings=shortened(list(motion.warnings)),
-            displacement=session.mesh.scatter(outcome.displacement, request.partition),
+            displacement=outcome.displacements[request.partition],
             enrichment_points=np.ascontiguousarray(motion.correction.enrichment_points, dtype=np.float64),
         )
         for request in requests

@@ -20,6 +20,7 @@ from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
+from mesh_motion_server.numerics.exact_displacements import reached_by_difference
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit
@@ -29,7 +30,6 @@ from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
 from mesh_motion_server.session.store import SessionFolder
-from mesh_motion_server.session.trial_points import answer
 from mesh_motion_server.session.uploads import MeshUpload, Part
 from mesh_motion_server.settings import ServerSettings
 
@@ -66,14 +66,14 @@ class MoveOutcome:
     step, iteration : int
     motion : Motion
         Of the numerics.
-    displacement : (n, d) array, mesh length unit
-        Canonical order, in the frame of the request.
+    displacements : one (n_p, d) array per partition, mesh length unit
+        Of all its nodes, in its own order and in the frame of the request.
     """
 
     step: int
     iteration: int
     motion: Any
-    displacement: Floats
+    displacements: list[Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,11 +276,13 @@ class Session:
         in_full = not self.iteration or built.model.method.quality_report == "every-move"
         model = built.model if in_full else built.model.without_distributions()
         motion = model.move(self.coordinates("committed"), targets, self.factors)
-        displacement, points, exact = answer(motion.points, base, moving, told)
+        points, exact = reached_by_difference(motion.points, base, moving, told)
+        points.flags.writeable = False
         judged = motion.corrected if exact and in_full else None
         trial = Trial(self.step + 1, self.iteration + 1, points, judged)
         self._swap(state=state, trial=trial, trial_lost=False)
-        return MoveOutcome(trial.step, trial.iteration, motion, displacement)
+        displacements = built.mesh.scatter_differences(motion.points, base, told)
+        return MoveOutcome(trial.step, trial.iteration, motion, displacements)
 
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
         """Make the trial the committed state, durably.

@@ -45,6 +45,9 @@ class PlainModel:
             size=values, skew=values, size_skew=values, metric=values, worst=[], inverted=0, cells=count
         )
 
+    def without_distributions(self):
+        return self
+
     def move(self, committed, targets, factors):
         if abs(targets - committed[self.roles.moving]).max() > 10:
             raise NumericalError("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")

@@ -17,16 +17,19 @@ from mesh_motion_server.distributed.connection import Connection
 _ROOT = Path(__file__).parents[2]
 _ENVIRONMENT = {
     "PYTHONPATH": os.pathsep.join(str(_ROOT / folder) for folder in (".", "protocol", "adapters/python")),
-    "OMP_WAIT_POLICY": "passive",
-    **dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
 }
+#: Set by the workers themselves. Dask sets the others in this process for the moment in which it starts one, and numba
+#: would take them for its own here.
+_OF_WORKERS = {"OMP_WAIT_POLICY": "passive", "NUMBA_NUM_THREADS": "1"}
+_SETTINGS = {"distributed.nanny.pre-spawn-environ": _ENVIRONMENT, "distributed.nanny.environ": _OF_WORKERS}
 
 
 @contextmanager
 def worker_processes(count: int) -> Iterator[Any]:
     """A cluster with ``count`` workers of one thread; Dask's own words about killed ones are left out."""
     distributed = pytest.importorskip("distributed", reason="pip install 'mesh-motion-server[dask]'")
-    with pytest.importorskip("dask").config.set({"distributed.nanny.pre-spawn-environ": _ENVIRONMENT}):
+    with pytest.importorskip("dask").config.set(_SETTINGS):
         cluster = distributed.LocalCluster(
             n_workers=count,
             threads_per_worker=1,

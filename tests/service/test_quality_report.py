@@ -26,7 +26,7 @@ def pushed(driver: Any, by: float) -> list[Any]:
 
 
 def test_later_iterations_leave_the_distributions_to_the_commit(kit: Any, store: Any, tmp_path: Any) -> None:
-    told = opened(kit, store, quality_report="first-and-commit")
+    told = opened(kit, store)
     for step in (1, 2):
         (first,) = told.all(Move, pushed(told, 0.01), step=step)
         assert set(first.quality["corrected"]) == SUMMARY
@@ -43,7 +43,7 @@ def test_later_iterations_leave_the_distributions_to_the_commit(kit: Any, store:
 
 
 def test_after_a_rollback_the_first_is_told_in_full(kit: Any, store: Any) -> None:
-    told = opened(kit, store, quality_report="first-and-commit")
+    told = opened(kit, store)
     told.all(Move, pushed(told, 0.01), step=1)
     told.all(Move, pushed(told, 0.01), step=1)
     told.all(Rollback, step=1)
@@ -52,8 +52,8 @@ def test_after_a_rollback_the_first_is_told_in_full(kit: Any, store: Any) -> Non
     told.host.close()
 
 
-def test_by_default_every_move_tells_all(kit: Any, store: Any) -> None:
-    told = opened(kit, store)
+def test_every_move_tells_all_where_that_is_asked_for(kit: Any, store: Any) -> None:
+    told = opened(kit, store, quality_report="every-move")
     for _ in range(2):
         (moved,) = told.all(Move, pushed(told, 0.01), step=1)
         assert set(moved.quality["standard"]) == SUMMARY

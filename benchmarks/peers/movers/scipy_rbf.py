@@ -1,7 +1,9 @@
-"""scipy's ``RBFInterpolator`` as its manual offers it for many points: a thin plate spline of the nearest neighbours.
+"""scipy's ``RBFInterpolator`` as its manual offers it for many points: an interpolant of the nearest neighbours.
 
 With all boundary nodes as neighbours it would solve one dense system as the textbook does; with ``neighbors`` it solves
-a small one for every node, of which nothing can be kept from step to step but the search tree.
+a small one for every node, of which nothing can be kept from step to step but the search tree. The manual's thin plate
+spline has a linear polynomial, which the neighbours of most nodes do not determine: they lie on one flat side. So the
+kernel is the linear one, with a constant.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ class ScipyRBF:
     kernel : str
     """
 
-    def __init__(self, task: Task, *, neighbors: int = 50, kernel: str = "thin_plate_spline") -> None:
+    def __init__(self, task: Task, *, neighbors: int = 50, kernel: str = "linear") -> None:
         self.task = task
         self.neighbors, self.kernel = neighbors, kernel
         self.centres = np.concatenate([task.moving, task.fixed])
