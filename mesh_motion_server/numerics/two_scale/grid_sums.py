@@ -1,8 +1,9 @@
 """Sums over centres at the points of a uniform grid, block by block: near centres directly, far ones interpolated.
 
-Seen from a block of grid points, the function of a centre far away is a polynomial but for a little: its sum with all
-others of the kind is formed at a few Chebyshev points of the block and interpolated to the grid's points along one axis
-after the other. What is near is summed at the grid's points themselves.
+Seen from a block of grid points, the function of a centre far away is a polynomial but for a little, of a lower order
+the further it is: its sum with all others of the kind is formed at so many Chebyshev points of the block and
+interpolated to those of the next order, and from the highest to the grid's points, along one axis after the other. What
+is near is summed at the grid's points themselves.
 
 References
 ----------
@@ -29,11 +30,11 @@ __all__ = ["grid_sums", "on_grid"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Chebyshev points along an axis of a block, and grid points at most.
-_ORDER, _SIDE = 8, 13
+#: Chebyshev points along an axis of a block for its furthest and nearest far centres, and grid points at most.
+_LEAST, _ORDER, _SIDE = 4, 8, 13
 #: Half widths from a block's middle beyond which a centre is far. Then the interpolation leaves at most 6e-5 of the
-#: largest displacement on the wing in a cube, 1e-6 in the mean: a thirtieth of what the spline between the grid's
-#: points leaves there. All sums directly take two and a half times as long.
+#: largest displacement on the wing in a cube, 2e-6 in the mean: a thirtieth of what the spline between the grid's
+#: points leaves there. All sums directly take three times as long.
 _FAR = 1.8
 #: Products of grid points and centres below which blocks do not pay.
 _WORTHWHILE = 2e6
@@ -92,8 +93,7 @@ def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tup
             low,
             spacing,
             blocks,
-            _chebyshev(),
-            _interpolations(),
+            *_TABLES,
             out,
         )
     return out.reshape(-1, out.shape[-1])
@@ -105,20 +105,52 @@ def _ranges(count: int) -> list[tuple[int, int]]:
     return list(pairwise(count * i // parts for i in range(parts + 1)))
 
 
+def _distances() -> Floats:
+    """(order + 1,) half widths from a block's middle beyond which an order of interpolation is enough.
+
+    The error for a function with a singularity q half widths away falls like ``(q + √(q² − 1))^−order``, and it grows
+    with ``(q / order)²``, as measured for the third power of the distance. It is that of the highest order from
+    ``_FAR`` on for all.
+    """
+
+    def error(q: Floats, order: int) -> Floats:
+        return np.asarray((q / order) ** 2 * (q + np.sqrt(q**2 - 1.0)) ** -order)
+
+    tried = np.geomspace(_FAR, 100.0, 10_000)
+    enough = [
+        tried[np.argmax(error(tried, order) <= error(tried[:1], _ORDER))] for order in range(_LEAST, _ORDER + 1)
+    ]
+    return np.array([np.inf] * _LEAST + enough)
+
+
 def _chebyshev() -> Floats:
-    """(order,) points of the first kind in [−1, 1]."""
-    return np.asarray(np.cos(np.pi * (np.arange(_ORDER) + 0.5) / _ORDER))
-
-
-def _interpolations() -> Floats:
-    """(side + 1, side, order) values of the Lagrange polynomials at 0 … side equidistant points of [−1, 1]."""
-    nodes, out = _chebyshev(), np.zeros((_SIDE + 1, _SIDE, _ORDER))
-    for size in range(2, _SIDE + 1):
-        places = np.linspace(-1.0, 1.0, size)
-        for a in range(_ORDER):
-            others = np.delete(nodes, a)
-            out[size, :size, a] = np.prod((places[:, None] - others) / (nodes[a] - others), axis=1)
+    """(order + 1, order) points of the first kind in [−1, 1], of every order."""
+    out = np.zeros((_ORDER + 1, _ORDER))
+    for order in range(_LEAST, _ORDER + 1):
+        out[order, :order] = np.cos(np.pi * (np.arange(order) + 0.5) / order)
     return out
+
+
+def _interpolations(nodes: Floats) -> Floats:
+    """(order + 1, side + 1, order, side) values of the Lagrange polynomials of every order.
+
+    At 2 … side equidistant points of [−1, 1], and in place 0 at the Chebyshev points of the next order.
+    """
+    out = np.zeros((_ORDER + 1, _SIDE + 1, _ORDER, _SIDE))
+    for order in range(_LEAST, _ORDER + 1):
+        own = nodes[order, :order]
+        others = [(size, np.linspace(-1.0, 1.0, size)) for size in range(2, _SIDE + 1)]
+        if order < _ORDER:
+            others.append((0, nodes[order + 1, : order + 1]))
+        for size, places in others:
+            for a in range(order):
+                rest = np.delete(own, a)
+                values = np.prod((places[:, None] - rest) / (own[a] - rest), axis=1)
+                out[order, size, a, : len(places)] = values
+    return out
+
+
+_TABLES = (_distances(), _chebyshev(), _interpolations(_chebyshev()))
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -130,50 +162,67 @@ def _sum_blocks(
     low: Floats,
     spacing: float,
     blocks: Indices,
+    distances: Floats,
     nodes: Floats,
     interpolations: Floats,
     out: Floats,
 ) -> None:
     """Fill ``out`` (nx, ny, nz, k); ``blocks`` (b, 3, 2) are [first, last) along each axis."""
     for b in prange(len(blocks)):
-        _sum_block(code, centres, weights, inverse_radius, low, spacing, blocks[b], nodes, interpolations, out)
+        _sum_block(
+            code, centres, weights, inverse_radius, low, spacing, blocks[b], distances, nodes, interpolations, out
+        )
 
 
 @njit(cache=True, error_model="numpy")
-def _sum_block(code, centres, weights, inverse_radius, low, spacing, block, nodes, interpolations, out):  # type: ignore[no-untyped-def]
+def _sum_block(code, centres, weights, inverse_radius, low, spacing, block, distances, nodes, interpolations, out):  # type: ignore[no-untyped-def]
     """One block of :func:`_sum_blocks`."""
-    sizes, k = block[:, 1] - block[:, 0], len(weights)
+    sizes = block[:, 1] - block[:, 0]
     middle = low + 0.5 * spacing * (block[:, 0] + block[:, 1] - 1)
     half = 0.5 * spacing * (sizes - 1)
-    near, far, n_near, n_far = np.empty(centres.shape[1], np.int64), np.empty(centres.shape[1], np.int64), 0, 0
-    for j in range(centres.shape[1]):
-        away = 0.0
-        for axis in range(3):
-            away = max(away, abs(centres[axis, j] - middle[axis]))
-        if away > _FAR * half.max():
-            far[n_far], n_far = j, n_far + 1
-        else:
-            near[n_near], n_near = j, n_near + 1
+    orders = _orders(centres, middle, half.max(), distances)
     places = _tensor(
         low[0] + spacing * np.arange(block[0, 0], block[0, 1]),
         low[1] + spacing * np.arange(block[1, 0], block[1, 1]),
         low[2] + spacing * np.arange(block[2, 0], block[2, 1]),
     )
-    totals = np.zeros((k, places.shape[1]))
-    _accumulate(code, places, centres, weights, near[:n_near], inverse_radius, totals)
-    proxies = _tensor(middle[0] + half[0] * nodes, middle[1] + half[1] * nodes, middle[2] + half[2] * nodes)
-    few = np.zeros((k, proxies.shape[1]))
-    _accumulate(code, proxies, centres, weights, far[:n_far], inverse_radius, few)
-    mx, my, mz = interpolations[sizes[0]], interpolations[sizes[1]], interpolations[sizes[2]]
-    for c in range(k):
-        _interpolate(few[c], mx, my, mz, sizes, totals[c])
+    totals = np.zeros((len(weights), places.shape[1]))
+    _accumulate(code, places, centres, weights, np.flatnonzero(orders == 0), inverse_radius, totals)
+    few = np.zeros((len(weights), _LEAST**3))
+    for order in range(_LEAST, _ORDER + 1):
+        own, n = nodes[order, :order], order + 1
+        proxies = _tensor(middle[0] + half[0] * own, middle[1] + half[1] * own, middle[2] + half[2] * own)
+        _accumulate(code, proxies, centres, weights, np.flatnonzero(orders == order), inverse_radius, few)
+        if order < _ORDER:
+            raised, up = np.zeros((len(weights), n**3)), interpolations[order, 0]
+            for c in range(len(weights)):
+                _interpolate(few[c], order, up, up, up, n, n, n, raised[c])
+            few = raised
+    last = interpolations[_ORDER]
+    mx, my, mz = last[sizes[0]], last[sizes[1]], last[sizes[2]]
+    for c in range(len(weights)):
+        _interpolate(few[c], _ORDER, mx, my, mz, sizes[0], sizes[1], sizes[2], totals[c])
     at = 0
     for ix in range(block[0, 0], block[0, 1]):
         for iy in range(block[1, 0], block[1, 1]):
             for iz in range(block[2, 0], block[2, 1]):
-                for c in range(k):
+                for c in range(len(weights)):
                     out[ix, iy, iz, c] = totals[c, at]
                 at += 1
+
+
+@njit(cache=True, error_model="numpy")
+def _orders(centres, middle, half, distances):  # type: ignore[no-untyped-def]
+    """(n,) the order of interpolation that each centre asks for; 0 for those that are near."""
+    orders = np.zeros(centres.shape[1], dtype=np.int64)
+    for j in range(centres.shape[1]):
+        away = 0.0
+        for axis in range(3):
+            away = max(away, abs(centres[axis, j] - middle[axis]))
+        for order in range(_ORDER, _LEAST - 1, -1):
+            if away > distances[order] * half:
+                orders[j] = order
+    return orders
 
 
 @njit(cache=True, error_model="numpy")
@@ -206,22 +255,19 @@ def _accumulate(code, places, centres, weights, members, inverse_radius, totals)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _interpolate(few, mx, my, mz, sizes, total):  # type: ignore[no-untyped-def]
-    """Add the interpolation of values (order³,) at the Chebyshev points to ``total`` at the block's points."""
-    order, nx, ny, nz = mx.shape[1], sizes[0], sizes[1], sizes[2]
+def _interpolate(few, order, mx, my, mz, nx, ny, nz, total):  # type: ignore[no-untyped-def]
+    """Add the interpolation of values (order³,) to ``total`` at nx × ny × nz points, by (order, points) along an axis."""
     slabs, lines = np.zeros((nx, order * order)), np.zeros((nx * ny, order))
     for i in range(nx):
         for a in range(order):
             for r in range(order * order):
-                slabs[i, r] += mx[i, a] * few[a * order * order + r]
+                slabs[i, r] += mx[a, i] * few[a * order * order + r]
     for i in range(nx):
         for j in range(ny):
             for a in range(order):
                 for r in range(order):
-                    lines[i * ny + j, r] += my[j, a] * slabs[i, a * order + r]
+                    lines[i * ny + j, r] += my[a, j] * slabs[i, a * order + r]
     for line in range(nx * ny):
-        for m in range(nz):
-            value = 0.0
-            for a in range(order):
-                value += mz[m, a] * lines[line, a]
-            total[line * nz + m] += value
+        for a in range(order):
+            for m in range(nz):
+                total[line * nz + m] += mz[a, m] * lines[line, a]
