@@ -117,9 +117,7 @@ def _distances() -> Floats:
         return np.asarray((q / order) ** 2 * (q + np.sqrt(q**2 - 1.0)) ** -order)
 
     tried = np.geomspace(_FAR, 100.0, 10_000)
-    enough = [
-        tried[np.argmax(error(tried, order) <= error(tried[:1], _ORDER))] for order in range(_LEAST, _ORDER + 1)
-    ]
+    enough = [tried[np.argmax(error(tried, order) <= error(tried[:1], _ORDER))] for order in range(_LEAST, _ORDER + 1)]
     return np.array([np.inf] * _LEAST + enough)
 
 
@@ -256,7 +254,7 @@ def _accumulate(code, places, centres, weights, members, inverse_radius, totals)
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _interpolate(few, order, mx, my, mz, nx, ny, nz, total):  # type: ignore[no-untyped-def]
-    """Add the interpolation of values (order³,) to ``total`` at nx × ny × nz points, by (order, points) along an axis."""
+    """Add the interpolation of values (order³,) to ``total`` at nx × ny × nz points, by (order, points) of each axis."""
     slabs, lines = np.zeros((nx, order * order)), np.zeros((nx * ny, order))
     for i in range(nx):
         for a in range(order):
