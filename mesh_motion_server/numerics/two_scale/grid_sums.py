@@ -254,7 +254,7 @@ def _accumulate(code, places, centres, weights, members, inverse_radius, totals)
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _interpolate(few, order, mx, my, mz, nx, ny, nz, total):  # type: ignore[no-untyped-def]
-    """Add the interpolation of values (order³,) to ``total`` at nx × ny × nz points, by (order, points) of each axis."""
+    """Add the interpolation of values (order³,) to ``total`` at nx × ny × nz points, by each axis' (order, points)."""
     slabs, lines = np.zeros((nx, order * order)), np.zeros((nx * ny, order))
     for i in range(nx):
         for a in range(order):
