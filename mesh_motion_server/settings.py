@@ -157,6 +157,7 @@ def check_durability(level: str) -> str:
             f"durability: {level!r} is not offered; offered are {', '.join(DURABILITY_LEVELS)}",
             code="INVALID_ARGUMENT.VALUE",
             hint="leave it empty for the default",
+            details={"field": "durability", "value": level},
         )
     return level or DURABILITY_LEVELS[0]
 

@@ -16,10 +16,11 @@ from typing import Any
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, Probe, Probed, Resume, Resumed
 
-from mesh_motion_server.errors import InvalidInput, JournalError, MeshMotionError, ResourceError
+from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError
 from mesh_motion_server.security.allow_list import Access
 from mesh_motion_server.security.authorisation import Verdict, decide, not_found, refusal
-from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.opening import check_open
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook
 from mesh_motion_server.transport.replies import error_reply
@@ -110,7 +111,8 @@ class Control:
             self._refuse(asked, error)
 
     def _open(self, asked: Asked, request: Open) -> None:
-        durability = self._check_open(request)
+        self._check_room()
+        durability = check_open(request, self._settings)
         session, token = secrets.token_hex(16), secrets.token_bytes(32)
         child = self._start(
             {
@@ -136,27 +138,6 @@ class Control:
             worker=child.pid,
             owner=self._access.name(asked.user),
         )
-
-    def _check_open(self, request: Open) -> str:
-        """Refuse what can be refused before a worker is taken; the durability in force."""
-        limits = self._settings
-        self._check_room()
-        if request.partitions > limits.max_partitions:
-            raise InvalidInput(
-                f"partitions must be at most {limits.max_partitions}, got {request.partitions}",
-                code="INVALID_ARGUMENT.VALUE",
-            )
-        if len(request.label) > limits.max_label_characters:
-            raise InvalidInput(
-                f"label must have at most {limits.max_label_characters} characters, got {len(request.label)}",
-                code="INVALID_ARGUMENT.VALUE",
-            )
-        if request.bytes_reserved > limits.max_session_bytes:
-            raise ResourceError(
-                f"a session may have {limits.max_session_bytes} bytes, {request.bytes_reserved} were asked for"
-            )
-        MethodSettings.from_mapping(request.settings)
-        return check_durability(request.durability)
 
     def _check_room(self) -> None:
         if self.registry.working() >= self._settings.max_sessions:
