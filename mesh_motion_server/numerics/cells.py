@@ -184,10 +184,14 @@ class CellTable:
             if name in cells and len(cells[name])
         )
         if not blocks:
-            raise InvalidInput("the mesh has no cells", hint="send at least one cell of a known type")
+            raise InvalidInput(
+                "the mesh has no cells",
+                code="INVALID_ARGUMENT.MESH",
+                hint="send at least one cell of a known type",
+            )
         if len({block.type.dimension for block in blocks}) > 1:
             names = ", ".join(f"{b.type.name} ({b.type.dimension}D)" for b in blocks)
-            raise InvalidInput(f"cells of different dimension in one mesh: {names}")
+            raise InvalidInput(f"cells of different dimension in one mesh: {names}", code="INVALID_ARGUMENT.MESH")
         return cls(blocks)
 
     def __len__(self) -> int:

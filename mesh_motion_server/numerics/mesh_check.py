@@ -31,6 +31,9 @@ __all__ = ["CheckedMesh", "check_mesh", "checked_mesh", "suggest_support_radius"
 
 # A skew that only rounding keeps from 0; cells of a boundary layer with aspect ratio 10⁶ are at 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
+# Squares of sizes in 3D (sixth powers) of cells 10⁻⁶ as long stay normal numbers, and so do those of motions 10¹² as
+# long.
+_SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-30, 1e30
 
 
 class CheckedMesh(NamedTuple):
@@ -71,9 +74,11 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     InvalidInput
         ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is no number; ``.MESH_DEGENERATE`` for node
         indices out of range, repeated nodes in a cell, inverted or flat cells, facets of more than two cells, and
-        boundary nodes that coincide; plain for patches (unknown role, no or repeated nodes, nothing moving).
+        boundary nodes that coincide; ``.MESH`` for an extent that leaves the floating-point range and for patches
+        (unknown role, no or repeated nodes, nothing moving).
     """
     _check_points(points, cells.dimension)
+    _check_extent(points)
     _check_indices(len(points), cells)
     sizes = _checked_sizes(points, cells)
     check_patches(len(points), patches)
@@ -100,6 +105,18 @@ def _check_points(points: NDArray[np.float64], dimension: int) -> None:
             f" ({count} such node{'s' if count > 1 else ''})",
             code="INVALID_ARGUMENT.NONFINITE",
             details={"node": node, "axis": "xyz"[axis], "value": str(points[node, axis]), "count": count},
+        )
+
+
+def _check_extent(points: NDArray[np.float64]) -> None:
+    """Lengths whose powers (a size is a product of d of them) stay within the floating-point range."""
+    extent = float((points.max(axis=0) / 2 - points.min(axis=0) / 2).max()) * 2  # halves: no overflow
+    if 0.0 < extent < _SMALLEST_EXTENT or extent > _LARGEST_EXTENT:
+        raise InvalidInput(
+            f"the mesh is {extent:.3g} long, expected {_SMALLEST_EXTENT:.0e} to {_LARGEST_EXTENT:.0e}",
+            code="INVALID_ARGUMENT.MESH",
+            hint="take another unit of length",
+            details={"value": extent},
         )
 
 

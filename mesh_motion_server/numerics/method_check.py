@@ -8,6 +8,9 @@ usable beside the linear polynomial only, which the control points must determin
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +26,12 @@ __all__ = ["check_method"]
 
 #: What evaluates ∇S, at control points too where a cell's midpoint or centre comes close to one.
 _GRADIENT_PREDICTORS = ("edge-midpoint-gradient", "centre-gradient")
+
+
+#: What solves the bordered system of a conditionally definite basis.
+_DENSE_SOLVERS = ("auto", "dense")
+#: A length of the method is at most so many extents of the mesh, and an extent at most so many lengths.
+_EXTENTS = 1e12
 
 
 #: What an interpolation with periodic images offers, by key.
@@ -62,37 +71,52 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         method.correction == "imposed-gradient" and points.shape[1] == 1
     )  # above 1D, of cells and not of the field
     gradient = method.predictor in _GRADIENT_PREDICTORS or imposed
-    basis = basis_named(method.basis, gradient=gradient)
+    with _naming("basis", method):
+        basis = basis_named(method.basis, gradient=gradient)
     if method.volume_reduction != "none" and method.predictor in _GRADIENT_PREDICTORS:
-        raise InvalidInput(
+        raise _unfit(
+            "predictor",
             f"predictor = {method.predictor!r} needs the motion's gradient, which a volume reduction does not give",
             hint="use 'trial-nodes'",
         )
     if method.boundary_layer_thickness is not None:
         _check_layer(method, points.shape[1])
     if basis.radius_meaning == "shape":
-        checked_radius(method.support_radius, basis)
+        with _naming("support_radius", method):
+            checked_radius(method.support_radius, basis)
+    _check_lengths(method, points)
+    if basis.needs_polynomial and method.solver not in _DENSE_SOLVERS:
+        raise _unfit(
+            "solver",
+            f"solver = {method.solver!r}: the basis {basis.name!r} has only a dense one",
+            hint="leave solver out, or take a basis with compact support",
+        )
     if method.far_field_tolerance > 0.0 and method.solver == "two-scale":
-        raise InvalidInput(
+        raise _unfit(
+            "far_field_tolerance",
             f"far_field_tolerance = {method.far_field_tolerance!r} is for sums in one scale, got solver 'two-scale'",
             hint="leave far_field_tolerance out: two scales already take the far field from a grid",
         )
     if method.support_radius_choice == "motion":
         _check_choice_from_motion(method, basis)
-    linear = chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
+    with _naming("polynomial", method):
+        linear = chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
     if method.reduction != "none" and linear is not None:
-        raise InvalidInput(
+        raise _unfit(
+            "reduction",
             f"reduction = {method.reduction!r} needs a positive definite basis without a polynomial, got basis "
             f"{method.basis!r} with polynomial {method.polynomial!r}",
             hint="basis = 'wendland-c2' and polynomial = 'auto', or reduction = 'none'",
         )
     if method.reduction == "none" and (method.solver == "dense" or basis.needs_polynomial):
         check_dense(len(roles.prescribed))
-    check_placement(method.correction, method.enrichment_placement, points.shape[1])
+    with _naming("enrichment_placement", method):
+        check_placement(method.correction, method.enrichment_placement, points.shape[1])
     if method.correction_in_time == "smooth":
         _check_smooth(method)
     if method.sub_steps == "always" and method.correction == "none":
-        raise InvalidInput(
+        raise _unfit(
+            "sub_steps",
             "sub_steps = 'always' corrects every sub-step, got correction 'none'",
             hint="set another correction, or sub_steps = 'auto'",
         )
@@ -100,15 +124,49 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         _check_periodic(method, basis)
 
 
+@contextmanager
+def _naming(setting: str, method: Method) -> Iterator[None]:
+    """What is refused inside is this setting's fault, and says so."""
+    try:
+        yield
+    except InvalidInput as error:
+        said = error.message
+        told = said if setting in said else f"{setting} = {getattr(method, setting)!r}: {said}"
+        raise _unfit(setting, told, hint=error.hint) from error
+
+
+def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:
+    """A setting that does not go with the others or with the mesh."""
+    return InvalidInput(
+        message, code="INVALID_ARGUMENT.SETTINGS", hint=hint or "set another value", details={"setting": setting}
+    )
+
+
+def _check_lengths(method: Method, points: NDArray[np.float64]) -> None:
+    """Refuse lengths that are none of this mesh: r/R overflows or is lost in rounding, for the sharpest function too."""
+    extent = float(np.ptp(points, axis=0).max())
+    for name in ("support_radius", "enrichment_radius", "volume_reduction_length", "boundary_layer_thickness"):
+        length = getattr(method, name)
+        if length is not None and not extent / _EXTENTS <= length <= extent * _EXTENTS:
+            raise _unfit(
+                name,
+                f"{name} = {length!r}: expected {1 / _EXTENTS:.0e} to {_EXTENTS:.0e} times the extent of the mesh, "
+                f"{extent:.3g}",
+                hint="leave it out, or give a length in the unit of the mesh",
+            )
+
+
 def _check_choice_from_motion(method: Method, basis: Basis) -> None:
     """Refuse a choice of the support radius from the motion where there is none to choose."""
     if method.support_radius is not None:
-        raise InvalidInput(
+        raise _unfit(
+            "support_radius",
             f"support_radius_choice = 'motion': expected no support_radius, got {method.support_radius!r}",
             hint="leave support_radius out, or support_radius_choice",
         )
     if basis.radius_meaning != "support":
-        raise InvalidInput(
+        raise _unfit(
+            "support_radius_choice",
             f"support_radius_choice = 'motion': the basis {basis.name!r} has no support radius",
             hint="leave support_radius_choice out, or use basis = 'wendland-c2'",
         )
@@ -117,9 +175,14 @@ def _check_choice_from_motion(method: Method, basis: Basis) -> None:
 def _check_layer(method: Method, dimension: int) -> None:
     """Refuse what a boundary layer that moves with its wall cannot be combined with."""
     if dimension == 1:
-        raise InvalidInput("boundary_layer_thickness: expected a mesh in 2D or 3D, got one in 1D", hint="leave it out")
+        raise _unfit(
+            "boundary_layer_thickness",
+            "boundary_layer_thickness: expected a mesh in 2D or 3D, got one in 1D",
+            hint="leave it out",
+        )
     if method.predictor in _GRADIENT_PREDICTORS:
-        raise InvalidInput(
+        raise _unfit(
+            "predictor",
             f"predictor = {method.predictor!r} needs the motion's gradient, which a boundary layer does not give",
             hint="use 'trial-nodes'",
         )
@@ -128,18 +191,21 @@ def _check_layer(method: Method, dimension: int) -> None:
 def _check_smooth(method: Method) -> None:
     """Refuse what a correction that is a function of the boundary alone cannot be combined with."""
     if method.correction != "optimised":
-        raise InvalidInput(
+        raise _unfit(
+            "correction_in_time",
             f"correction_in_time = 'smooth': expected correction 'optimised', got {method.correction!r}",
             hint="set correction = 'optimised', or correction_in_time = 'independent'",
         )
     if method.support_radius_choice == "motion":
-        raise InvalidInput(
+        raise _unfit(
+            "correction_in_time",
             "correction_in_time = 'smooth': expected support_radius_choice 'mesh', got 'motion', with which nodes jump "
             "where another radius becomes the best",
             hint="leave support_radius_choice out",
         )
     if method.displacement == "relative":
-        raise InvalidInput(
+        raise _unfit(
+            "correction_in_time",
             "correction_in_time = 'smooth': expected displacement 'absolute' or 'reanchored', got 'relative', which "
             "depends on the way and not on the boundary alone",
             hint="set displacement = 'absolute', or 'reanchored' for large rotations",
@@ -149,13 +215,15 @@ def _check_smooth(method: Method) -> None:
 def _check_periodic(method: Method, basis: Basis) -> None:
     """Refuse what an interpolation that repeats with the domain has not."""
     if not basis.compact:
-        raise InvalidInput(
+        raise _unfit(
+            "basis",
             f"the basis {basis.name!r} has no compact support: infinitely many periodic images would count",
             hint="use one of the Wendland functions, for example basis = 'wendland-c2'",
         )
     for key, offered in _PERIODIC_CHOICES.items():
         if getattr(method, key) not in offered:
-            raise InvalidInput(
+            raise _unfit(
+                key,
                 f"{key} = {getattr(method, key)!r} is not offered with periodic patches",
                 hint=f"use {key} = {' or '.join(map(repr, offered))}",
             )

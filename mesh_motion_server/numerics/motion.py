@@ -230,6 +230,8 @@ class MotionModel:
         try:
             return self._directly_or_in_sub_steps(committed, targets, factors)
         except NumericalError as refusal:
+            if refusal.code != NumericalError.default_code:  # of the system and not of a mesh: no smaller step helps
+                raise
             fraction = self._acceptable_fraction(committed, targets, factors)
             raise NumericalError(
                 refusal.message,
@@ -251,7 +253,8 @@ class MotionModel:
         try:
             return self.attempt(committed, targets, factors)
         except NumericalError as refusal:
-            if self.method.sub_steps == "never" or self.method.correction == "none":
+            unsolvable = refusal.code != NumericalError.default_code
+            if unsolvable or self.method.sub_steps == "never" or self.method.correction == "none":
                 raise
             return led_motion(self, committed, targets, factors, direct=refusal)
 

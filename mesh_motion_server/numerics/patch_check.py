@@ -33,12 +33,14 @@ def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
         if patch.role not in ROLES:
             raise InvalidInput(
                 f"patch {name!r}: unknown role {patch.role!r}; known are {', '.join(ROLES)}",
+                code="INVALID_ARGUMENT.MESH",
                 details={"patch": name, "role": str(patch.role)},
             )
         _check_nodes(n, name, np.asarray(patch.nodes))
     if not any(patch.role == "moving" for patch in patches.values()):
         raise InvalidInput(
             f"no patch has the role 'moving' (patches: {', '.join(map(repr, patches)) or 'none'})",
+            code="INVALID_ARGUMENT.MESH",
             hint="give it to the patch that is displaced",
         )
 
@@ -52,17 +54,24 @@ def _check_nodes(n: int, name: str, nodes: NDArray[np.integer]) -> None:
             details={"patch": name},
         )
     if not len(nodes):
-        raise InvalidInput(f"patch {name!r} has no nodes", hint="leave it out", details={"patch": name})
+        raise InvalidInput(
+            f"patch {name!r} has no nodes", code="INVALID_ARGUMENT.MESH", hint="leave it out", details={"patch": name}
+        )
     outside = np.flatnonzero((nodes < 0) | (nodes >= n))
     if len(outside):
         raise InvalidInput(
             f"patch {name!r}: node id {nodes[outside[0]]} is out of range, expected 0 to {n - 1}",
+            code="INVALID_ARGUMENT.MESH",
             details={"patch": name, "node": int(nodes[outside[0]]), "nodes": n},
         )
     found, first, counts = np.unique(nodes, return_index=True, return_counts=True)
     if (counts > 1).any():
         repeated = int(found[counts > 1][np.argmin(first[counts > 1])])
-        raise InvalidInput(f"patch {name!r} names node {repeated} twice", details={"patch": name, "node": repeated})
+        raise InvalidInput(
+            f"patch {name!r} names node {repeated} twice",
+            code="INVALID_ARGUMENT.MESH",
+            details={"patch": name, "node": repeated},
+        )
 
 
 def patch_warnings(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:

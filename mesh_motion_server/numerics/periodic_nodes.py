@@ -174,6 +174,8 @@ class PeriodicNodes:
             raise InvalidInput(
                 f"the displacements of node {node} and of node {root}, its periodic image, differ by "
                 f"{away[torn[0]]:.3g}; expected the same, turned with the period where that is a rotation",
+                code="INVALID_ARGUMENT.VALUE",
+                hint="displace the images of a node as the node",
                 details={"node": node, "image": root, "distance": float(away[torn[0]])},
             )
 

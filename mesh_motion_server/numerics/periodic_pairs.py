@@ -95,6 +95,7 @@ def periodic_pairs(
         If a patch has no partner; names the first node without an image, and how far the nearest node is from it.
     """
     sides = [_side(points, facets, name, np.sort(patches[name])) for name in sorted(patches)]
+    _refuse_same(sides)
     pairs: list[PeriodicPair] = []
     for candidates in (_translations, _rotations):  # a box has both, and translations are meant
         for place, first in enumerate(sides):
@@ -239,6 +240,20 @@ def _axis(rotation: Array) -> Array:
     if np.abs(np.delete(axis, largest)).max() < _AXIS:
         axis = np.copysign(np.eye(3)[largest], axis[largest])
     return axis
+
+
+def _refuse_same(sides: list[_Side]) -> None:
+    """Raise for two patches of the same nodes: a turn may map a side onto itself, which makes no period."""
+    for place, first in enumerate(sides):
+        for second in sides[:place]:
+            if np.array_equal(first.nodes, second.nodes):
+                raise InvalidInput(
+                    f"the periodic patches {second.name!r} and {first.name!r} have the same nodes, the first is node "
+                    f"{first.nodes[0]}",
+                    code="INVALID_ARGUMENT.MESH",
+                    hint="give each of the two sides a patch of its own, both with the role periodic",
+                    details={"patch": second.name, "node": int(first.nodes[0])},
+                )
 
 
 def _refuse_single(sides: list[_Side], pairs: list[PeriodicPair]) -> None:

@@ -107,8 +107,10 @@ def generated_group(
                 found.append(further)
         if len(found) > _MOST_ELEMENTS:
             raise InvalidInput(
-                f"the support radius reaches across more than {_MOST_ELEMENTS} periodic images",
+                f"support_radius reaches across more than {_MOST_ELEMENTS} periodic images",
+                code="INVALID_ARGUMENT.SETTINGS",
                 hint="take a smaller support_radius: a few periods are enough",
+                details={"setting": "support_radius"},
             )
     return found
 

@@ -12,7 +12,7 @@ to the reference mesh: nothing drifts however often positions are projected.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +61,7 @@ class SlidingSurfaces:
         nodes: Integers,
         *,
         images: Sequence[Transform] = (),
+        mirrors: Collection[str] = (),
     ) -> SlidingSurfaces:
         """Find the surfaces of the sliding nodes.
 
@@ -75,13 +76,17 @@ class SlidingSurfaces:
             The nodes that slide.
         images : sequence of Transform
             Of a periodic domain: a curved surface goes on behind its periodic sides.
+        mirrors : collection of str
+            Symmetry patches: each of their smooth pieces has to be planar.
 
         Raises
         ------
         InvalidInput
-            If a sliding node lies on no boundary facet of its patches.
+            If a sliding node lies on no boundary facet of its patches, or a symmetry patch is curved.
         """
         facets = boundary_facets(cells)
+        for name in sorted(mirrors):
+            _refuse_curved(points, name, smooth_pieces(points, facets, patches[name]))
         pieces = _pieces(points, facets, patches)
         keys = _pieces_of(pieces, len(points), nodes)
         _refuse_stray(keys, patches, nodes)
@@ -168,8 +173,24 @@ def _refuse_stray(keys: list[tuple[int, ...]], patches: Mapping[str, Integers], 
             f"node {stray} of the sliding patch {owner!r} lies on no boundary facet of that patch",
             code="INVALID_ARGUMENT.MESH",
             hint="list all nodes of the patch's facets, those on its rim included",
-            details={"node": stray},
+            details={"patch": owner, "node": stray},
         )
+
+
+def _refuse_curved(points: Array, name: str, pieces: list[Piece]) -> None:
+    """Raise if a piece of a symmetry patch has no plane; names its node farthest from the best one."""
+    curved = next((piece for piece in pieces if piece.normal is None), None)
+    if curved is None:
+        return
+    places = points[curved.nodes] - points[curved.nodes].mean(axis=0)
+    away = np.abs(places @ np.linalg.svd(places, full_matrices=False)[2][-1])
+    node = int(curved.nodes[np.argmax(away)])
+    raise InvalidInput(
+        f"the symmetry patch {name!r} is not planar: node {node} is {away.max():.3g} off its plane",
+        code="INVALID_ARGUMENT.MESH",
+        hint="give a curved surface the role slip",
+        details={"patch": name, "node": node, "distance": float(away.max())},
+    )
 
 
 def _constraint(points: Array, pieces: list[Piece], images: Sequence[Transform]) -> SurfaceConstraint:

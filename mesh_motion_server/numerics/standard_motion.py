@@ -142,7 +142,8 @@ class StandardMotion:
         if len(roles.sliding):
             surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
             images = () if periodic is None else periodic.generators
-            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images)
+            mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
+            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
         layer = None
         if method.boundary_layer_thickness is not None:

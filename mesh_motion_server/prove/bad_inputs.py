@@ -117,8 +117,8 @@ class _Bench:
         """Commit the moves of the shared sessions: their digests are those of undisturbed ones."""
         wrong = {}
         for key, rig in self._standing.items():
-            with_commit = _bits(rig.collective("COMMIT", step=2))
-            if with_commit != self._undisturbed[key][-len(with_commit) :]:
+            committed = _bits(rig.collective("COMMIT", step=2))
+            if committed != self._undisturbed[key][-len(committed) :]:
                 wrong[f"the state after {key}"] = "its digest is not that of an undisturbed session"
             rig.host.close()
         return wrong
@@ -181,6 +181,7 @@ class _Bench:
             self._advance(rig, good)
             _accepted(rig.move(good, step=2))
             self._standing[key] = rig
+            self._expected(row)
         return self._standing[key]
 
     def _compare(self, row: BadInput, replies: Sequence[Message]) -> None:

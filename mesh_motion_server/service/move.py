@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from mesh_motion_protocol.messages import Move, Moved
+from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.service.reports import correction_report, move_quality, shortened
@@ -17,10 +18,12 @@ __all__ = ["FRAMES", "check", "run"]
 
 #: Displacements count from the committed state, or from the reference mesh.
 FRAMES = ("committed", "reference")
+#: Extents of the mesh: so far away its cells are rounded to nothing, and farther away their sizes overflow.
+_FARTHEST = 1e12
 
 
 def check(session: Session, request: Move) -> None:
-    """State, step, frame, shape and finiteness of one partition's displacements.
+    """State, step, frame, shape, finiteness and size of one partition's displacements.
 
     Raises
     ------
@@ -90,3 +93,21 @@ def _check_rows(session: Session, request: Move) -> None:
                 "value": str(rows[row, axis]),
             },
         )
+    _check_lengths(session, request.partition, rows, nodes)
+
+
+def _check_lengths(
+    session: Session, partition: int, rows: NDArray[np.floating], nodes: NDArray[np.integer]
+) -> None:
+    """No finite number that stands for none, like 1e300."""
+    limit = _FARTHEST * session.mesh.extent
+    if not len(rows) or (rows.max() <= limit and rows.min() >= -limit):
+        return
+    row, axis = (int(i) for i in np.argwhere(np.abs(rows) > limit)[0])
+    raise InvalidInput(
+        f"displacement of partition {partition}, row {row} (node {nodes[row]}): component {axis} is {rows[row, axis]}, "
+        f"expected at most {limit:.3g}, {_FARTHEST:.0e} times the extent of the mesh",
+        code="INVALID_ARGUMENT.VALUE",
+        hint="look at the sender's solver first, and at its unit of length",
+        details={"partition": partition, "row": row, "node": int(nodes[row]), "value": str(rows[row, axis])},
+    )

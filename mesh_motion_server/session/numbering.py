@@ -7,17 +7,23 @@ partitions as uploaded.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.session.partitions import MergedMesh
 
-__all__ = ["UploadView", "upload_view"]
+__all__ = ["UploadView", "in_senders_numbers", "upload_view"]
+
+#: How a message names a node, and which details do.
+_NODE = re.compile(r"\bnode (\d+)")
+_NODE_KEYS = ("node", "image")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +75,20 @@ def upload_view(mesh: MergedMesh) -> UploadView:
         cell_order=np.concatenate(orders),
         mesh=mesh,
     )
+
+
+def in_senders_numbers(error: InvalidInput, mesh: MergedMesh) -> InvalidInput:
+    """What is wrong with a motion, its nodes in canonical numbering, as their senders know them.
+
+    Message and details name nodes by global id, which with one partition is the local index; where there are several,
+    the details have the node's partition and local index too.
+    """
+    message = _NODE.sub(lambda found: f"node {mesh.global_ids[int(found[1])]}", error.message)
+    details = dict(error.details)
+    for key in _NODE_KEYS:
+        if isinstance(node := details.get(key), int):
+            details[key] = int(mesh.global_ids[node])
+            if key == "node" and len(mesh.node_maps) > 1:
+                partition, local = mesh.locate_node(node)
+                details |= {"partition": partition, "node": local, "global_id": int(mesh.global_ids[node])}
+    return InvalidInput(message, code=error.code, hint=error.hint, details=details)

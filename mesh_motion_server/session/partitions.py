@@ -106,6 +106,11 @@ class MergedMesh:
         """(k,) canonical indices of the moving nodes, ascending."""
         return np.unique(np.concatenate([m[local] for m, local in self._moving_pairs()]))
 
+    @cached_property
+    def extent(self) -> float:
+        """Longest side of the reference mesh's bounding box, mesh length unit."""
+        return float(np.ptp(self.points, axis=0).max())
+
     def locate_cell(self, cell: int) -> tuple[int, str, int]:
         """(partition, type name, local index) of a canonical cell number."""
         for origin, first in zip(self.cell_origins, self.cells.offsets, strict=False):
@@ -383,7 +388,7 @@ def _check_no_duplicate(nodes: Ints, origin: _CellOrigin) -> None:
     (p, a), (q, b) = places
     raise InvalidInput(
         f"cell {a} of type {origin.type_name!r} in partition {p} is also cell {b} in partition {q}",
-        code="INVALID_ARGUMENT.PARTITION",
+        code="INVALID_ARGUMENT.MESH" if p == q else "INVALID_ARGUMENT.PARTITION",
         hint="send every cell once, from the partition that owns it",
         details={"type": origin.type_name, "partitions": [p, q], "cells": [a, b]},
     )

@@ -25,6 +25,7 @@ from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings, release
+from mesh_motion_server.session.numbering import in_senders_numbers
 from mesh_motion_server.session.partitions import MergedMesh, merge
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
@@ -269,13 +270,13 @@ class Session:
         told = built.mesh.gather_moving(displacements)
         moving = built.mesh.moving
         targets = base[moving] + told
-        if not np.isfinite(targets).all():
-            raise InvalidInput(
-                "a displacement leads out of the floating-point range", code="INVALID_ARGUMENT.NONFINITE"
-            )
+        _check_places(targets, built.mesh)
         in_full = not self.iteration or built.model.method.quality_report == "every-move"
         model = built.model if in_full else built.model.without_distributions()
-        motion = model.move(self.coordinates("committed"), targets, self.factors)
+        try:
+            motion = model.move(self.coordinates("committed"), targets, self.factors)
+        except InvalidInput as error:
+            raise in_senders_numbers(error, built.mesh) from error
         points, exact = reached_by_difference(motion.points, base, moving, told)
         points.flags.writeable = False
         judged = motion.corrected if exact and in_full else None
@@ -384,6 +385,18 @@ class Session:
         except BaseException:
             self.fail()
             raise
+
+
+def _check_places(targets: Floats, mesh: MergedMesh) -> None:
+    """Places (k, d) of the moving nodes are finite, where base and displacement are."""
+    lost = np.flatnonzero(~np.isfinite(targets).all(axis=1))
+    if len(lost):
+        partition, node = mesh.locate_node(int(mesh.moving[lost[0]]))
+        raise InvalidInput(
+            f"partition {partition}, node {node}: its displacement leads out of the floating-point range",
+            code="INVALID_ARGUMENT.NONFINITE",
+            details={"partition": partition, "node": node},
+        )
 
 
 def _restore(journal: Journal, mesh: MergedMesh) -> CommittedState:

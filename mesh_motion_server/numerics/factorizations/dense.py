@@ -113,4 +113,5 @@ def _singular() -> NumericalError:
         "the interpolation matrix is singular to working precision",
         code="FAILED_PRECONDITION",
         hint="take a smaller support radius or a less smooth basis, or separate control points that nearly coincide",
+        details={"setting": "support_radius"},
     )

@@ -384,9 +384,9 @@ def _offset(draft: Draft, rng: Rng) -> Names:
 
 
 def _grazing(draft: Draft, rng: Rng) -> Names:
-    """So far away that the places are rounded to 1/8, half of an edge."""
+    """So far away that places are rounded to 1/8, two edges."""
     del rng
-    draft.points[:] = 1e15 + 0.5 * draft.points
+    draft.points[:] = 1e15 + 0.25 * draft.points
     return {"cell": 0}
 
 

@@ -95,7 +95,7 @@ def _unmovable(
 
     def spoil(spoiled: Draft, rng: Rng) -> Names:
         del rng
-        spoiled.displacement[0] = Rows(np.array(change(spoiled), dtype=np.float64))
+        spoiled.displacement[0], spoiled.frame = Rows(np.array(change(spoiled), dtype=np.float64)), "reference"
         return _WORST
 
     return BadInput(name, "move", spoil, _QUALITY, says, draft=draft, settings=settings)
@@ -114,10 +114,10 @@ def _crossed(draft: Draft) -> Any:
 
 
 def _disagreeing(draft: Draft, rng: Rng) -> Names:
-    """Both partitions have nodes 10 and their neighbours; the second moves its first node by a little more."""
-    del rng
-    draft.displacement[1].values[0, 1] += 1e-9
-    return {"global_id": 10, "partitions": [0, 1]}
+    """The second partition moves a node that both have a little further."""
+    row = int(rng.integers(len(draft.displacement[1].values)))
+    draft.displacement[1].values[row, 1] += 1e-9
+    return {"global_id": (5, 10, 15, 20)[row], "partitions": [0, 1]}
 
 
 def _second_partition(draft: Draft, rng: Rng) -> Names:
@@ -171,29 +171,29 @@ BAD_MOVES = (
     _enormous(1e300),
     _enormous(1e160),
     _enormous(1e60),
-    _unmovable("displacement × 1000", lambda d: 1000 * d.moved, "inverted"),
-    _unmovable("the wall through the fixed one", lambda d: np.tile([1.5, 0.0], (5, 1)), "inverted"),
-    _unmovable("the wall onto the fixed one", lambda d: np.tile([1.0, 0.0], (5, 1)), "inverted"),
-    _unmovable("all moving nodes in one place", lambda d: [0.5, 0.5] - d.points[::5], "inverted"),
-    _unmovable("the wall upside down", lambda d: [0.0, 1.0] - d.points[::5] * [0.0, 2.0], "inverted"),
-    _unmovable("neighbours changed", _crossed, "inverted"),
-    _unmovable("the body outside", lambda d: np.tile([2.0, 0.0], (len(d.moved), 1)), "inverted", draft="hole"),
-    _unmovable("the body inside out", lambda d: 2 * (0.5 - _body(d)) * [1, 0], "inverted", draft="hole"),
-    _unmovable("the body into its wall", lambda d: np.tile([0.4, 0.0], (len(d.moved), 1)), "inverted", draft="hole"),
-    _unmovable("the body through itself", lambda d: 1.5 * (0.5 - _body(d)), "inverted", draft="hole"),
-    _unmovable("the bottom above the top", lambda d: np.tile([0.0, 0.0, 1.5], (9, 1)), "inverted", draft="cube"),
-    _unmovable("1D, past the other end", lambda d: [[1.5]], "inverted", draft="line"),
-    _unmovable("1D, onto the other end", lambda d: [[1.0]], "inverted", draft="line"),
+    _unmovable("displacement × 1000", lambda d: 1000 * d.moved, "no valid mesh"),
+    _unmovable("the wall through the fixed one", lambda d: np.tile([1.5, 0.0], (5, 1)), "no valid mesh"),
+    _unmovable("the wall onto the fixed one", lambda d: np.tile([1.0, 0.0], (5, 1)), "no valid mesh"),
+    _unmovable("all moving nodes in one place", lambda d: [0.5, 0.5] - d.points[::5], "no valid mesh"),
+    _unmovable("the wall upside down", lambda d: [0.0, 1.0] - d.points[::5] * [0.0, 2.0], "no valid mesh"),
+    _unmovable("neighbours changed", _crossed, "no valid mesh"),
+    _unmovable("the body outside", lambda d: np.tile([2.0, 0.0], (len(d.moved), 1)), "no valid mesh", draft="hole"),
+    _unmovable("the body inside out", lambda d: 2 * (0.5 - _body(d)) * [1, 0], "no valid mesh", draft="hole"),
+    _unmovable("the body into its wall", lambda d: np.tile([0.4, 0.0], (len(d.moved), 1)), "no valid mesh", draft="hole"),
+    _unmovable("the body through itself", lambda d: 1.5 * (0.5 - _body(d)), "no valid mesh", draft="hole"),
+    _unmovable("the bottom above the top", lambda d: np.tile([0.0, 0.0, 1.5], (9, 1)), "no valid mesh", draft="cube"),
+    _unmovable("1D, past the other end", lambda d: [[1.5]], "no valid mesh", draft="line"),
+    _unmovable("1D, onto the other end", lambda d: [[1.0]], "no valid mesh", draft="line"),
     _unmovable(
-        "a large motion, uncorrected", lambda d: np.tile([0.9, 0.9], (5, 1)), "inverted", settings={"correction": "none"}
+        "a large motion, uncorrected", lambda d: np.tile([0.9, 0.9], (5, 1)), "no valid mesh", settings={"correction": "none"}
     ),
     _unmovable(
         "below the threshold",
         lambda d: np.tile([0.5, 0.2], (5, 1)) * [[0], [1], [1], [1], [0]],
         "threshold",
-        settings={"quality_threshold": 0.9, "refuse_below_threshold": True},
+        settings={"quality_threshold": 0.5, "refuse_below_threshold": True},
     ),
-    BadInput("partitions that disagree", "move", _disagreeing, _PARTITION, ("10",), draft="halves"),
+    BadInput("partitions that disagree", "move", _disagreeing, _PARTITION, ("global id",), draft="halves"),
     BadInput("NaN in the second partition", "move", _second_partition, _NONFINITE, ("partition 1",), draft="halves"),
-    BadInput("periodic images that part", "move", _periodic_ends, "INVALID_ARGUMENT.MESH", ("node",), draft="periodic"),
+    BadInput("periodic images that part", "move", _periodic_ends, _VALUE, ("node",), draft="periodic"),
 )
