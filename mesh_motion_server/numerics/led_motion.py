@@ -19,6 +19,7 @@ from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.boundary_crossing import BoundaryFacets, crossing_place
 from mesh_motion_server.numerics.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.boundary_orientation import overturned_place
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.numerics.sub_steps import Leg, Walk, furthest_walk
@@ -26,7 +27,7 @@ from mesh_motion_server.numerics.sub_steps import Leg, Walk, furthest_walk
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.motion import Motion, MotionModel
 
-__all__ = ["led_motion"]
+__all__ = ["boundary_of", "led_motion", "refuse_crossing"]
 
 Floats = NDArray[np.float64]
 
@@ -61,9 +62,9 @@ def led_motion(
     """
     watch = Stopwatch()
     start = committed if model.method.displacement == "relative" else model.points
-    boundary = _boundary(model)
+    boundary = boundary_of(model)
     with watch.phase("correct"):
-        _refuse_crossing(model, boundary, start, targets, direct)
+        refuse_crossing(model, boundary, start, targets, direct)
         furthest = _led(model, boundary, start, targets, factors)
     refusal = direct or furthest.refusal
     if furthest.fraction < 1.0 and refusal is not None:
@@ -81,29 +82,35 @@ def led_motion(
     return replace(motion, sub_steps=furthest.legs, correction=correction, seconds=seconds)
 
 
-def _boundary(model: MotionModel) -> BoundaryFacets:
+def boundary_of(model: MotionModel) -> BoundaryFacets:
     """What may cross."""
     facets, roles = boundary_facets(model.cells), model.roles
     return BoundaryFacets.build(facets, roles.moving, roles.fixed, len(model.points))
 
 
-def _refuse_crossing(
+def refuse_crossing(
     model: MotionModel,
     boundary: BoundaryFacets,
     points: Floats,
     told: Floats,
     direct: NumericalError | None = None,
 ) -> None:
-    """Raise NumericalError where the boundary of the mesh ``points`` (n, d), told (k, d) to be so, crosses itself."""
-    moved = points.copy()
+    """Raise NumericalError where the boundary of the mesh ``points`` (n, d), told (k, d) to be so, crosses itself.
+
+    Or where a closed part of it is turned inside out.
+    """
+    moved, is_told = points.copy(), np.zeros(len(points), dtype=bool)
     moved[model.roles.moving] = told
-    place = crossing_place(boundary, moved)
+    is_told[model.roles.moving] = is_told[model.roles.fixed] = True
+    place, fault = crossing_place(boundary, moved), "cross itself"
+    if place is None:
+        place, fault = overturned_place(boundary_facets(model.cells), is_told, model.points, moved), "turn inside out"
     if place is None:
         return
     near = ", ".join(f"{x:.4g}" for x in place)
     known = direct or NumericalError("")
     raise NumericalError(
-        f"no valid mesh exists: the boundary would cross itself near ({near})",
+        f"no valid mesh exists: the boundary would {fault} near ({near})",
         best=known.best,
         cells=known.cells,
         details=known.details,
@@ -123,7 +130,7 @@ def _led(model: MotionModel, boundary: BoundaryFacets, start: Floats, targets: F
     legs = replace(model, method=method, standard_motion=motion, other_radii=(), smooth=None)
 
     def move(points: Floats, waypoint: Floats) -> Leg:
-        _refuse_crossing(model, boundary, points, waypoint)
+        refuse_crossing(model, boundary, points, waypoint)
         found = legs.attempt(points, waypoint, factors if points is start else MakeEachTime())
         return Leg(found.points, found.standard.inverted == 0, found.correction.iterations)
 

@@ -143,7 +143,7 @@ def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:
 
 
 def _check_lengths(method: Method, points: NDArray[np.float64]) -> None:
-    """Refuse lengths that are none of this mesh: r/R overflows or is lost in rounding, for the sharpest function too."""
+    """Refuse lengths that are none of this mesh: r/R overflows or is lost in rounding, for any function."""
     extent = float(np.ptp(points, axis=0).max())
     for name in ("support_radius", "enrichment_radius", "volume_reduction_length", "boundary_layer_thickness"):
         length = getattr(method, name)

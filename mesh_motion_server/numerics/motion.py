@@ -31,7 +31,7 @@ from mesh_motion_server.numerics.correction import Correction, CorrectionProblem
 from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.far_field.evaluator import FarFieldEvaluator
-from mesh_motion_server.numerics.led_motion import led_motion
+from mesh_motion_server.numerics.led_motion import boundary_of, led_motion, refuse_crossing
 from mesh_motion_server.numerics.lowest_quality import LowestJudge
 from mesh_motion_server.numerics.mesh_check import checked_mesh
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
@@ -251,12 +251,24 @@ class MotionModel:
         if self.method.sub_steps == "always":
             return led_motion(self, committed, targets, factors)
         try:
-            return self.attempt(committed, targets, factors)
+            return self._uncrossed(committed, targets, factors)
         except NumericalError as refusal:
             unsolvable = refusal.code != NumericalError.default_code
             if unsolvable or self.method.sub_steps == "never" or self.method.correction == "none":
                 raise
             return led_motion(self, committed, targets, factors, direct=refusal)
+
+    def _uncrossed(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource) -> Motion:
+        """One motion in one step; where the standard one inverted cells, its boundary must not cross itself.
+
+        Then the correction may have found cells that are all positive, and overlap.
+        """
+        motion = self.attempt(committed, targets, factors)
+        if motion.standard.inverted and not self.method.allow_invalid:
+            worst = [cell.number for cell in motion.standard.worst]
+            plain = NumericalError("", best=motion.standard.metric.min, cells=worst)
+            refuse_crossing(self, boundary_of(self), motion.points, targets, plain)
+        return motion
 
     def attempt(
         self,
@@ -405,7 +417,7 @@ class MotionModel:
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
-                model.attempt(committed, origin + fraction * (targets - origin), factors)
+                model._uncrossed(committed, origin + fraction * (targets - origin), factors)
             except NumericalError:
                 return False
             return True

@@ -4,9 +4,9 @@ A case spoils a good session's requests in one place. What is judged:
 
 - the refused request, and no other, is answered by ERROR with the case's code, ``retryable`` and the state before; the
   message and the details name the first offender, the hint the way out; no library warned behind it;
-- the session is as before: a good request gives, bitwise, what it gives in a session that never saw the bad one, and so
-  does the digest of the committed state. Where a bad mesh was sent, which cannot be taken back, the same BUILD is refused
-  in the same words, and CLOSE leaves nothing.
+- the session is as before: a good request gives, bitwise, what it gives in a session that never saw the bad one, and
+  so does the digest of the committed state. Where a bad mesh was sent, which cannot be taken back, the same BUILD is
+  refused in the same words, and CLOSE is answered.
 
 The rows are in :mod:`mesh_motion_server.prove.inputs`; :func:`prove_bad_inputs` runs them, with the places they spoil
 drawn from ``seed``.
@@ -106,7 +106,7 @@ class _Bench:
         if row.where == "open":
             self._refused_open(row, bad, names)
         elif row.where == "upload":
-            assert part is not None  # noqa: S101 - a row of ours
+            assert part is not None  # the row has it
             self._refused_upload(row, good, part, names)
         elif row.where == "build":
             self._refused_build(row, good, bad, names)
@@ -280,7 +280,9 @@ def _judge(reply: Message, row: BadInput, names: Mapping[str, Any], *, state: st
     if reply.code != row.code:
         wrong.append(f"expected {row.code}")
     wrong += [f"expected {text!r} in the message" for text in row.says if text not in reply.message]
-    wrong += [f"expected {key} = {value!r} in the details" for key, value in names.items() if _misses(reply, key, value)]
+    wrong += [
+        f"expected {key} = {value!r} in the details" for key, value in names.items() if _misses(reply, key, value)
+    ]
     if reply.retryable is not row.retryable or reply.retryable is not error_code(reply.code).retryable:
         wrong.append(f"expected retryable = {row.retryable}")
     if reply.state != state:

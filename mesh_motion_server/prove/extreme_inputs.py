@@ -1,7 +1,7 @@
 """Unusual but right inputs against a session: each has to be taken, and answered as exactly as its row says.
 
-In any case the moving nodes go, bitwise, where they were told, no library warns, and the step can be committed. The rows
-are in :mod:`mesh_motion_server.prove.inputs.extremes`.
+In any case the moving nodes go, bitwise, where they were told, no library warns, and the step can be committed. The
+rows are in :mod:`mesh_motion_server.prove.inputs.extremes`.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def _session(rig: Rig, draft: Draft) -> Outcome:
     _only(rig.collective("COMMIT", step=1))
     if rig.noise:
         raise _Refused(f"a library warned of {rig.noise[0]}")
-    assert isinstance(built, Built)  # noqa: S101 - errors are raised above
-    assert isinstance(moved, Moved)  # noqa: S101
+    assert isinstance(built, Built)  # errors are raised above
+    assert isinstance(moved, Moved)
     told = draft.moved.astype(np.float64)
     if moved.displacement[built.moving_nodes].tobytes() != told.tobytes():
         raise _Refused("a moving node is not where it was told")

@@ -96,9 +96,7 @@ def _check_rows(session: Session, request: Move) -> None:
     _check_lengths(session, request.partition, rows, nodes)
 
 
-def _check_lengths(
-    session: Session, partition: int, rows: NDArray[np.floating], nodes: NDArray[np.integer]
-) -> None:
+def _check_lengths(session: Session, partition: int, rows: NDArray[np.floating], nodes: NDArray[np.integer]) -> None:
     """No finite number that stands for none, like 1e300."""
     limit = _FARTHEST * session.mesh.extent
     if not len(rows) or (rows.max() <= limit and rows.min() >= -limit):

@@ -182,7 +182,7 @@ _CELLS = (
     _row("a crossed quadrilateral", _DEGENERATE, _crossed_quad, "quad", "inverted", draft="quads"),
     _row("quadrilaterals in another node order", _DEGENERATE, _lexicographic, "12 such cells", draft="quads"),
     _row("a cell twice", _MESH, _twice, "cell 32", "'triangle'"),
-    _row("a cell twice, begun elsewhere", _DEGENERATE, _twice_rotated, "facet", "32"),
+    _row("the same cell, begun elsewhere", _DEGENERATE, _twice_rotated, "facet", "32"),
     _row("a cell over others", _DEGENERATE, _overlapping, "facet", "32"),
     _row("1D, a cell backwards", _DEGENERATE, _line_backwards, "inverted", draft="line"),
     _row("two fixed nodes in one place", _DEGENERATE, _twin_nodes, "25", "same place"),

@@ -58,9 +58,7 @@ BAD_METHODS = (
     _unfit("boundary_layer_thickness", "line", boundary_layer_thickness=0.1),
     _unfit("correction_in_time", correction_in_time="smooth"),
     _unfit("correction_in_time", correction_in_time="smooth", displacement="absolute", correction="none"),
-    _unfit(
-        "correction_in_time", correction_in_time="smooth", displacement="absolute", support_radius_choice="motion"
-    ),
+    _unfit("correction_in_time", correction_in_time="smooth", displacement="absolute", support_radius_choice="motion"),
     _unfit("sub_steps", sub_steps="always", correction="none"),
     _unfit("enrichment_placement", correction="optimised", enrichment_placement="spread"),
     _unfit("basis", "periodic", basis="tps"),

@@ -106,7 +106,7 @@ def _body(draft: Draft) -> Any:
     return draft.points[draft.rows("patch", "body")[:, 0]]
 
 
-def _crossed(draft: Draft) -> Any:
+def _crossed(_: Draft) -> Any:
     """Two neighbours change places."""
     rows = np.zeros((5, 2))
     rows[1, 1], rows[2, 1] = 0.25, -0.25
@@ -172,24 +172,29 @@ BAD_MOVES = (
     _enormous(1e160),
     _enormous(1e60),
     _unmovable("displacement × 1000", lambda d: 1000 * d.moved, "no valid mesh"),
-    _unmovable("the wall through the fixed one", lambda d: np.tile([1.5, 0.0], (5, 1)), "no valid mesh"),
-    _unmovable("the wall onto the fixed one", lambda d: np.tile([1.0, 0.0], (5, 1)), "no valid mesh"),
+    _unmovable("the wall through the fixed one", lambda _: np.tile([1.5, 0.0], (5, 1)), "no valid mesh"),
+    _unmovable("the wall onto the fixed one", lambda _: np.tile([1.0, 0.0], (5, 1)), "no valid mesh"),
     _unmovable("all moving nodes in one place", lambda d: [0.5, 0.5] - d.points[::5], "no valid mesh"),
     _unmovable("the wall upside down", lambda d: [0.0, 1.0] - d.points[::5] * [0.0, 2.0], "no valid mesh"),
     _unmovable("neighbours changed", _crossed, "no valid mesh"),
     _unmovable("the body outside", lambda d: np.tile([2.0, 0.0], (len(d.moved), 1)), "no valid mesh", draft="hole"),
     _unmovable("the body inside out", lambda d: 2 * (0.5 - _body(d)) * [1, 0], "no valid mesh", draft="hole"),
-    _unmovable("the body into its wall", lambda d: np.tile([0.4, 0.0], (len(d.moved), 1)), "no valid mesh", draft="hole"),
-    _unmovable("the body through itself", lambda d: 1.5 * (0.5 - _body(d)), "no valid mesh", draft="hole"),
-    _unmovable("the bottom above the top", lambda d: np.tile([0.0, 0.0, 1.5], (9, 1)), "no valid mesh", draft="cube"),
-    _unmovable("1D, past the other end", lambda d: [[1.5]], "no valid mesh", draft="line"),
-    _unmovable("1D, onto the other end", lambda d: [[1.0]], "no valid mesh", draft="line"),
     _unmovable(
-        "a large motion, uncorrected", lambda d: np.tile([0.9, 0.9], (5, 1)), "no valid mesh", settings={"correction": "none"}
+        "the body into its wall", lambda d: np.tile([0.4, 0.0], (len(d.moved), 1)), "no valid mesh", draft="hole"
+    ),
+    _unmovable("the body through itself", lambda d: 1.5 * (0.5 - _body(d)), "no valid mesh", draft="hole"),
+    _unmovable("the bottom above the top", lambda _: np.tile([0.0, 0.0, 1.5], (9, 1)), "no valid mesh", draft="cube"),
+    _unmovable("1D, past the other end", lambda _: [[1.5]], "no valid mesh", draft="line"),
+    _unmovable("1D, onto the other end", lambda _: [[1.0]], "no valid mesh", draft="line"),
+    _unmovable(
+        "a large motion, uncorrected",
+        lambda _: np.tile([0.9, 0.9], (5, 1)),
+        "no valid mesh",
+        settings={"correction": "none"},
     ),
     _unmovable(
         "below the threshold",
-        lambda d: np.tile([0.5, 0.2], (5, 1)) * [[0], [1], [1], [1], [0]],
+        lambda _: np.tile([0.5, 0.2], (5, 1)) * [[0], [1], [1], [1], [0]],
         "threshold",
         settings={"quality_threshold": 0.5, "refuse_below_threshold": True},
     ),

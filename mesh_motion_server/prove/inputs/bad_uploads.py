@@ -22,7 +22,7 @@ _INDEX = np.array([[0]])
 def _part(item: str, name: str, role: str, rows: Rows | np.ndarray[Any, Any], /, **names: Any) -> Callable[..., Any]:
     """Always the same part."""
     sent = rows if isinstance(rows, Rows) else Rows(rows)
-    return lambda draft, rng: (Part(item, name, role, sent), names)
+    return lambda *_: (Part(item, name, role, sent), names)
 
 
 def _nonfinite(value: float, dtype: type[Any] = np.float64) -> BadInput:
@@ -47,7 +47,6 @@ def _too_many(draft: Draft, rng: Rng) -> tuple[Part, Names]:
     return Part("nodes", "", "", Rows(np.zeros((5000, 2)))), {"limit": 1 << 16}
 
 
-
 def _row(name: str, code: str, spoil: Callable[..., Any], *says: str) -> BadInput:
     return BadInput(name, "upload", spoil, code, says)
 
@@ -56,9 +55,7 @@ BAD_UPLOADS = (
     *(_nonfinite(value) for value in (np.nan, np.inf, -np.inf)),
     _nonfinite(np.nan, np.float32),
     *(
-        _row(
-            f"2D nodes with {k} columns", _SHAPE, _part("nodes", "", "", np.zeros((3, k)), item="nodes"), f"(3, {k})"
-        )
+        _row(f"2D nodes with {k} columns", _SHAPE, _part("nodes", "", "", np.zeros((3, k)), item="nodes"), f"(3, {k})")
         for k in (0, 1, 3, 200)
     ),
     _row("nodes as integers", _DTYPE, _part("nodes", "", "", np.zeros((3, 2), int), item="nodes"), "float", "int64"),

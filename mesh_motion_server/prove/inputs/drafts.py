@@ -185,7 +185,9 @@ def line() -> Draft:
     """Five nodes in 1D, the first moves."""
     nodes = np.arange(5)
     cells = np.stack([nodes[:-1], nodes[1:]], axis=1)
-    return _draft(np.linspace(0.0, 1.0, 5)[:, None], {"line": cells}, {"left": ("moving", [0]), "right": ("fixed", [4])})
+    return _draft(
+        np.linspace(0.0, 1.0, 5)[:, None], {"line": cells}, {"left": ("moving", [0]), "right": ("fixed", [4])}
+    )
 
 
 def periodic() -> Draft:

@@ -1,4 +1,4 @@
-"""Inputs that are unusual and right: each has to be taken, without a warning of any library, and as exactly as it says."""
+"""Inputs that are unusual and right: each has to be taken, and answered as exactly as its row says."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def _isolated(draft: Draft) -> None:
 def _two_domains(draft: Draft) -> None:
     """A second square that touches nothing and has only free nodes."""
     cells = draft.rows("cells", "triangle")
-    draft.replace("nodes", "", np.concatenate([draft.points, draft.points + [5.0, 0.0]]))
+    draft.replace("nodes", "", np.concatenate([draft.points, draft.points + np.array([5.0, 0.0])]))
     draft.replace("cells", "triangle", np.concatenate([cells, cells + 25]))
 
 

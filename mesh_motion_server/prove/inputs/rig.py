@@ -14,7 +14,7 @@ import numpy as np
 from mesh_motion_protocol.arrays import frames_of
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
-from mesh_motion_protocol.messages import ErrorReply, Message, Open
+from mesh_motion_protocol.messages import ErrorReply, Fetched, Message, Open
 
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.prove.inputs.drafts import Draft, Part, Rows
@@ -59,17 +59,15 @@ def opened(draft: Draft, store: SessionStore, session: str) -> Rig | ErrorReply:
     request: Message | None = None
     try:
         request = decode(frames("OPEN", 1, draft.opening, {}))
-        assert isinstance(request, Open)  # noqa: S101 - decoded from a header that says so
+        assert isinstance(request, Open)  # its header says so
         durability = check_open(request, LIMITS)
         settings = MethodSettings.from_mapping(request.settings)
-        spec = SessionSpec(
-            session, _TOKEN, request.dimension, request.partitions, settings, request.label, durability
-        )
+        spec = SessionSpec(session, _TOKEN, request.dimension, request.partitions, settings, request.label, durability)
         rig = Rig(SessionHost.create(spec, store, limits=LIMITS), request.partitions)
     except ProtocolError as error:
         return undecodable(error)
     except MeshMotionError as error:
-        assert request is not None  # noqa: S101 - what is decoded raises the other one
+        assert request is not None  # else the decoder has raised its own error
         return error_reply(request, error)
     for partition in range(rig.partitions):
         rig.ask("JOIN", partition, {"token": _TOKEN})
@@ -135,5 +133,5 @@ class Rig:
         digest = hashlib.sha256()
         for partition in range(self.partitions):
             (reply,) = self.ask("FETCH", partition, {"what": "committed"})
-            digest.update(reply.points.tobytes() if not isinstance(reply, ErrorReply) else reply.code.encode())
+            digest.update(reply.points.tobytes() if isinstance(reply, Fetched) else reply.type.encode())
         return digest.hexdigest()

@@ -1,0 +1,52 @@
+"""Parts of a boundary that are turned inside out, in 2D and 3D; turned, moved or open ones are not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.numerics.boundary_orientation import overturned_place
+
+SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+RIM = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+CUBE = np.array([(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+FACES = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+HALVES = np.concatenate([FACES[1:][:, [0, 1, 2]], FACES[1:][:, [0, 2, 3]]])
+
+
+def both(points: Any, facets: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """A part and, far away, another."""
+    n = len(points)
+    return np.concatenate([points, points + 9.0]), {k: np.concatenate([f, f + n]) for k, f in facets.items()}
+
+
+@pytest.mark.parametrize(
+    ("points", "facets"),
+    [(SQUARE, {"line": RIM}), (CUBE, {"quad": FACES}), (CUBE, {"quad": FACES[:1], "triangle": HALVES})],
+)
+@pytest.mark.parametrize("hole", [False, True])
+def test_a_mirrored_part_is_found_and_a_turned_one_is_not(points: Any, facets: dict[str, Any], hole: bool) -> None:
+    facets = {kind: nodes[:, ::-1] if hole else nodes for kind, nodes in facets.items()}
+    reference, whole = both(points, facets)
+    told = np.ones(len(reference), dtype=bool)
+    n = len(points)
+    turned = reference.copy()
+    turned[n:] = 3.0 + points * np.array([-2.0, -3.0, 1.0])[: points.shape[1]]
+    assert overturned_place(whole, told, reference, turned) is None
+    mirrored = reference.copy()
+    mirrored[n:, 0] = 19.0 - mirrored[n:, 0]
+    place = overturned_place(whole, told, reference, mirrored)
+    np.testing.assert_allclose(place, 9.5)
+    told[-1] = False
+    assert overturned_place(whole, told, reference, mirrored) is None
+
+
+def test_a_collapsed_part_is_found() -> None:
+    assert overturned_place({"line": RIM}, np.ones(4, dtype=bool), SQUARE, SQUARE * [1.0, 0.0]) is not None
+
+
+def test_in_1d_there_is_nothing_to_turn() -> None:
+    ends = np.array([[0.0], [1.0]])
+    assert overturned_place({"vertex": np.array([[0], [1]])}, np.ones(2, dtype=bool), ends, -ends) is None
