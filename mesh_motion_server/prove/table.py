@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mesh_motion_server.prove import decoder_fuzz, io_faults, journal_damage, kill_nine, power_loss
+from mesh_motion_server.prove import attacked_server, decoder_fuzz, io_faults, journal_damage, kill_nine, power_loss
 from mesh_motion_server.prove.check import Check
 
 __all__ = ["CHECKS"]
@@ -16,4 +16,5 @@ CHECKS: tuple[Check, ...] = (
     kill_nine.CHECK,
     # what comes in
     decoder_fuzz.CHECK,
+    attacked_server.CHECK,
 )
