@@ -23,8 +23,8 @@ __all__ = ["CHECK", "outcome_of"]
 
 #: What the process may grow by.
 _MOST_GROWTH = 5 << 20
-#: Messages before the memory is looked at: what is made once is made then.
-_WARM_UP = 5000
+#: Messages before the memory is looked at: what is made once is made then, and the allocator has seen the largest.
+_WARM_UP = 50_000
 #: Bytes of the reply that tells an error, whatever of the sender's it repeats.
 _LARGEST_ERROR = 6000
 
@@ -56,21 +56,25 @@ def _memory() -> int:
     return resident_bytes()
 
 
+def _one(golden: list[list[bytes]], random: Random, number: int) -> str:
+    """What comes of the next message."""
+    frames = mutated(random.choice(golden), random)
+    try:
+        return outcome_of(frames)
+    except Exception as error:
+        error.add_note(f"(message {number}, frames {[frame[:200].hex() for frame in frames]})")
+        raise
+
+
 def run(seed: int, budget: Budget) -> Result:
-    """So many messages."""
+    """So many messages, after some that are not counted."""
     random, golden = Random(f"fuzz {seed}"), golden_frames()
+    for number in range(min(_WARM_UP, budget.count // 4)):
+        _one(golden, random, -number)
     outcomes: Counter[str] = Counter()
-    done = before = 0
-    start = time.monotonic()
+    before, done, start = _memory(), 0, time.monotonic()
     while done % 1000 or budget.admits(done):
-        if done == min(_WARM_UP, budget.count // 2):
-            before = _memory()
-        frames = mutated(random.choice(golden), random)
-        try:
-            outcomes[outcome_of(frames)] += 1
-        except Exception as error:
-            error.add_note(f"(message {done}, frames {[frame[:200].hex() for frame in frames]})")
-            raise
+        outcomes[_one(golden, random, done)] += 1
         done += 1
     rate = done / (time.monotonic() - start)
     growth = _memory() - before

@@ -95,7 +95,7 @@ def run(seed: int, budget: Budget) -> Result:
 
 CHECK = Check(
     "journal-damage",
-    "every byte of a journal turned, {count} bits each: never a wrong array",
+    "every byte of a journal damaged × {count}: never a wrong array",
     short=1,
     full=8,
     seconds=15,

@@ -27,7 +27,7 @@ from mesh_motion_server.session.store import SessionStore
 __all__ = ["CHECK", "Witness", "kill_again_and_again"]
 
 #: A life lasts up to so many seconds: some tens of commits, or not even its recovery.
-_LONGEST = 0.12
+_LONGEST = 0.2
 #: What a recovery may take at the 95th percentile.
 _RECOVERY_SECONDS = 2.0
 

@@ -25,7 +25,7 @@ from mesh_motion_server.prove.check import Budget, Check, Result
 __all__ = ["HEADING", "Outcome", "Plan", "chosen", "line_of", "prove"]
 
 _PACKAGES = ("numpy", "scipy", "numba", "msgpack", "pyzmq")
-_ROW = "{check:<15} {target:<58} {got:<58} {seed:>6} {seconds:>8} {verdict}"
+_ROW = "{check:<15} {target:<63} {got:<63} {seed:>6} {seconds:>8} {verdict}"
 
 #: The first line of the table.
 HEADING = _ROW.format(check="check", target="target", got="got", seed="seed", seconds="seconds", verdict="").rstrip()
