@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from mesh_motion_server.prove import attacked_server, decoder_fuzz, io_faults, journal_damage, kill_nine, power_loss
+from mesh_motion_server.prove import (
+    attacked_server,
+    decoder_fuzz,
+    io_faults,
+    journal_damage,
+    kill_nine,
+    numerical_input,
+    power_loss,
+)
 from mesh_motion_server.prove.check import Check
 
 __all__ = ["CHECKS"]
@@ -17,4 +25,5 @@ CHECKS: tuple[Check, ...] = (
     # what comes in
     decoder_fuzz.CHECK,
     attacked_server.CHECK,
+    numerical_input.CHECK,
 )

@@ -75,7 +75,8 @@ def opener(sessions: list[StandIn], refuse_at: int | None = None) -> Any:
     """What replaces ``open_session``; the sessions it opened go to a list."""
 
     @contextmanager
-    def open_stand_in(case: Case, mesh: MeshFile, endpoint: str | None) -> Iterator[StandIn]:
+    def open_stand_in(case: Case, mesh: MeshFile, endpoint: str | None, **options: Any) -> Iterator[StandIn]:
+        del options
         sessions.append(StandIn(case, mesh, refuse_at))
         yield sessions[-1]
 

@@ -10,8 +10,10 @@ import pytest
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics import mesh_check, method_check, patch_check
 from mesh_motion_server.prove.bad_inputs import BAD_INPUTS, prove_bad_inputs
+from mesh_motion_server.prove.check import Budget
 from mesh_motion_server.prove.extreme_inputs import prove_extreme_inputs
 from mesh_motion_server.prove.inputs.extremes import EXTREMES
+from mesh_motion_server.prove.numerical_input import CHECK
 from mesh_motion_server.service import move
 from mesh_motion_server.session import partitions, session, uploads
 
@@ -23,11 +25,17 @@ def rows(*starts: str) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_every_bad_input_is_refused_as_its_row_says_and_leaves_no_trace(seed: int) -> None:
-    verdicts = prove_bad_inputs(seed)
+def test_every_bad_input_is_refused_as_its_row_says_and_leaves_no_trace() -> None:
+    verdicts = prove_bad_inputs(1)
     assert verdicts.wrong == {}
     assert verdicts.right == verdicts.cases == len(BAD_INPUTS)
+
+
+def test_the_row_of_the_table_says_how_many() -> None:
+    result = CHECK.run(0, Budget(1))
+    assert result.passed
+    assert result.details == {"refused": len(BAD_INPUTS), "rounds": 1, "extreme": len(EXTREMES)}
+    assert f"{len(EXTREMES)} of {len(EXTREMES)} extreme" in result.got
 
 
 def test_the_table_is_as_large_as_promised_and_meets_every_request() -> None:
@@ -37,10 +45,10 @@ def test_the_table_is_as_large_as_promised_and_meets_every_request() -> None:
     assert len(EXTREMES) >= 35
 
 
-def test_every_extreme_input_is_taken_as_exactly_as_its_row_says() -> None:
-    verdicts = prove_extreme_inputs()
-    assert verdicts.wrong == {}
-    assert verdicts.right == len(EXTREMES)
+def test_an_extreme_input_that_is_refused_is_found(monkeypatch: Any) -> None:
+    monkeypatch.setattr(move, "_FARTHEST", 1e3)
+    carried = [row for row in EXTREMES if row.name == "carried far away"]
+    assert "INVALID_ARGUMENT.VALUE" in prove_extreme_inputs(carried).wrong["carried far away"]
 
 
 def nothing(*args: Any, **kwargs: Any) -> None:
