@@ -7,7 +7,8 @@ standard output, a line each, as soon as it is known::
     resumed STEP SECONDS     the session is there, so long after the fork
     reply STEP HEX           the COMMITTED frame of a step: for the step resumed at it is asked for once more
     killed
-    failed WHY               instead of any of these
+    failed WHY               instead of any of these, and then
+    ended STATUS             it was not killed, but ended by itself
 
 Forking keeps the time for imports out of each life; the process is killed as any other would be.
 """
@@ -27,6 +28,7 @@ from mesh_motion_protocol.messages import Commit, Fetch, Move
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.prove.check import require
 from mesh_motion_server.prove.driver import Driver, make_driver, resume
+from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
 
@@ -100,7 +102,10 @@ def _say(line: str) -> None:
 
 
 def main(folder: str) -> None:
-    """Fork, wait, kill."""
+    """Fork, wait, kill; whatever a life would load first has been loaded by then."""
+    rehearsal = make_driver(SessionStore("/rehearsal", files=ModelFiles()), [grid_mesh()])
+    rehearsal.open()
+    run_to(rehearsal, 3)
     for life, seconds in enumerate(sys.stdin):
         child = os.fork()
         if not child:
@@ -113,7 +118,7 @@ def main(folder: str) -> None:
         time.sleep(float(seconds))
         os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
-        _say("killed" if os.WIFSIGNALED(status) else "ended by itself")
+        _say("killed" if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL else f"ended {status}")
 
 
 if __name__ == "__main__":

@@ -49,6 +49,12 @@ def test_a_loss_is_found(lines: list[str], said: str) -> None:
         witness.hear(lines)
 
 
+def test_a_process_that_ends_by_itself_is_found(tmp_path: Path) -> None:
+    (tmp_path / "sessions").write_text("in the way of the folder")
+    with pytest.raises(BrokenPromise, match=r"not ended by a kill; its last words: .*failed"):
+        kill_again_and_again(tmp_path, Random(4), Budget(3))
+
+
 @pytest.mark.parametrize("held", [True, False])
 def test_two_processes_never_hold_one_session(kit: Any, tmp_path: Path, held: bool) -> None:
     store = SessionStore(tmp_path)
