@@ -90,6 +90,27 @@ def test_the_fraction_of_a_refusal_is_accepted(
     assert accepted.corrected.metric.min >= (0.2 if refuse_below_threshold else 0.0)
 
 
+def test_a_radius_past_rounding_is_refused_with_the_radius_as_the_way_out() -> None:
+    model = model_of(support_radius=1e9)
+    with pytest.raises(NumericalError, match="matrix is singular to working precision") as refused:
+        model.move(model.points, targets_of(model, 5.0))
+    assert refused.value.message == "the interpolation matrix is singular to working precision"  # no word of sub-steps
+    assert refused.value.code == "FAILED_PRECONDITION"
+    assert "smaller support radius" in refused.value.hint
+    assert refused.value.details == {"setting": "support_radius"}
+
+
+def test_a_body_that_is_mirrored_is_refused_although_nothing_crosses() -> None:
+    model = model_of()
+    mirrored = targets_of(model) * [-1.0, 1.0] + [1.0, 0.0]
+    with pytest.raises(
+        NumericalError, match="no valid mesh exists: the boundary would turn inside out near"
+    ) as refused:
+        model.move(model.points, mirrored)
+    assert 0.0 < (refused.value.fraction or 0.0) < 0.5
+    assert refused.value.cells
+
+
 def test_plain_motion_that_inverts_cells_is_refused_unless_asked_for() -> None:
     model = model_of(correction="none")
     targets = targets_of(model, 60.0, (-0.2, -0.2))

@@ -87,6 +87,12 @@ def test_a_patch_without_a_partner_is_named() -> None:
         pairs_of((points, cells, {"sides": both}))
 
 
+def test_a_side_is_not_its_own_image() -> None:
+    points, cells, patches = periodic_box("quad", 10)
+    with pytest.raises(InvalidInput, match="'a' and 'b' have the same nodes"):
+        pairs_of((points, cells, {"a": patches["y0"], "b": patches["y0"]}))
+
+
 def test_corners_of_a_doubly_periodic_box_are_one_orbit() -> None:
     mesh = periodic_box("hexahedron", 5, axes="xyz")
     nodes = PeriodicNodes.of_pairs(mesh[0], pairs_of(mesh))

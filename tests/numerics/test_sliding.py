@@ -203,6 +203,20 @@ def test_a_node_without_facets_is_named():
         SlidingSurfaces.build(points, cells, {"s": np.array([1])}, np.array([1]))
 
 
+def test_a_symmetry_patch_is_planar_piece_by_piece():
+    points, cells = grid(6, 3)
+    bottom = np.flatnonzero(points[:, 1] == 0.0)
+    sides = np.flatnonzero((points == 0.0).any(axis=1))
+    for nodes in (bottom, sides):  # a corner between two planes is none of a curved surface
+        assert SlidingSurfaces.build(points, cells, {"m": nodes}, nodes, mirrors=["m"]).nodes is nodes
+    points[bottom, 1] = -0.1 * np.sin(np.pi * points[bottom, 0])
+    assert len(SlidingSurfaces.build(points, cells, {"m": bottom}, bottom).groups)
+    with pytest.raises(InvalidInput, match="symmetry patch 'm' is not planar: node") as refused:
+        SlidingSurfaces.build(points, cells, {"m": bottom}, bottom, mirrors=["m"])
+    assert refused.value.details["node"] in bottom
+    assert refused.value.hint == "give a curved surface the role slip"
+
+
 def test_projection_is_bitwise_repeatable():
     points, cells, outer, _ = ring(200, 1)
     push = points[outer] + 0.03

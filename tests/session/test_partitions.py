@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.session.numbering import upload_view
+from mesh_motion_server.session.numbering import in_senders_numbers, upload_view
 from mesh_motion_server.session.partitions import merge
 
 
@@ -214,3 +214,17 @@ def test_the_durable_order_is_ascending_by_global_id(kit: Any) -> None:
     whole = replace(kit.grid_mesh(), global_ids=np.random.default_rng(3).permutation(100)[:25] * 7)
     for mesh in (merge([whole]), merge(kit.split_mesh(whole, 3))):
         np.testing.assert_array_equal(mesh.id_order, np.argsort(mesh.global_ids))
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_an_error_about_a_motion_counts_nodes_as_their_senders_do(kit: Any, parts: int) -> None:
+    meshes = kit.split_mesh(kit.grid_mesh(), parts) if parts > 1 else [kit.grid_mesh()]
+    mesh = merge(meshes)
+    node, image = 7, 13
+    raised = InvalidInput(f"node {node} and node {image} differ by 7", hint="h", details={"node": node, "image": image})
+    told = in_senders_numbers(raised, mesh)
+    ids = mesh.global_ids
+    assert told.message == f"node {ids[node]} and node {ids[image]} differ by 7"
+    assert (told.code, told.hint, told.details["image"]) == (raised.code, "h", ids[image])
+    sender = meshes[int(told.details.get("partition", 0))]
+    assert sender.global_ids[told.details["node"]] == ids[node] == told.details.get("global_id", ids[node])
