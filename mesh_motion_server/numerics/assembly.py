@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.hashed_cells import MAX_HASHED_RUNS, HashedCells, hashed_runs
+from mesh_motion_server.numerics.hashed_cells import MAX_HASHED_RUNS, hashed_runs
 from mesh_motion_server.numerics.kernel_maps import map_phi
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
@@ -156,7 +156,7 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
         order, empty = np.arange(layout.n_centres), np.empty((0, 2), dtype=np.int32)
         grid = (*layout.grid(), none, empty, empty)
         return _Search(order, layout.coordinates, grid, layout.fraction * layout.n_centres)
-    fine = HashedCells.build(np.ascontiguousarray(layout.coordinates.T), support_radius * _SLACK)
+    fine = layout.small_cells(support_radius * _SLACK)
     grid = (fine.origin, fine.inverse_side, none, none, fine.keys, fine.spans, fine.runs)
     return _Search(fine.order, fine.coordinates, grid, _HASHED_WORK)
 

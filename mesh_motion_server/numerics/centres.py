@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cell_lists import count_neighbours, mark_neighbours, mark_reached, sort_by_cells
+from mesh_motion_server.numerics.hashed_cells import HashedCells
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.threads import threads_for
@@ -117,6 +118,16 @@ class CentreLayout:
         if unasked is not None:
             inside[unasked] = False
         return np.flatnonzero(inside)
+
+    def small_cells(self, side: float) -> HashedCells:
+        """The sorted centres by cells of another side, kept for the next who asks."""
+        if side not in self._by_side:
+            self._by_side[side] = HashedCells.build(np.ascontiguousarray(self.coordinates.T), side)
+        return self._by_side[side]
+
+    @cached_property
+    def _by_side(self) -> dict[float, HashedCells]:
+        return {}
 
     @cached_property
     def _reached_cells(self) -> NDArray[np.bool_]:

@@ -50,7 +50,9 @@ _SEPARATION = 0.7
 #: Share of the nodes whose spacing may be smaller than what sets a radius: single close pairs do not.
 _CLOSE, _WIDE = 5.0, 95.0
 _NEIGHBOURS = 16  # preceding points a row of the preconditioner
-_TOLERANCE = 1e-11  # of the largest value interpolated, of which the coarse field leaves a hundredth or less
+#: Of the largest value interpolated, of which the coarse field leaves a hundredth or less; what a wide level leaves of it
+#: between its nodes, a ten-thousandth, the next one takes anyway.
+_TOLERANCE, _WIDE_TOLERANCE = 1e-11, 1e-7
 _MAX_ITERATIONS = 200
 _ACCEPTED = 1e-9
 
@@ -147,7 +149,7 @@ class CompactSystem:
     def nbytes(self) -> int:
         return nbytes(self.matrix) + self.points.nbytes + self.layout.coordinates.nbytes
 
-    def solve(self, residual: Floats, scale: float) -> tuple[Interpolant, int]:
+    def solve(self, residual: Floats, scale: float, *, last: bool = True) -> tuple[Interpolant, int]:
         """The interpolant of a residual (n, k) of all control points at the members, and the iterations it took.
 
         Parameters
@@ -155,17 +157,21 @@ class CompactSystem:
         residual : (n, k) array
         scale : float
             Largest value to be interpolated, by whatever: what the solution's error is measured by.
+        last : bool
+            Whether no other level takes what is left.
 
         Raises
         ------
         NumericalError
-            If the residual stays above 1e-9 of the scale.
+            If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-7.
         """
-        found, iterations = self._conjugate_gradients(in_lanes(residual[self.level.members]), scale)
+        found, iterations = self._conjugate_gradients(
+            in_lanes(residual[self.level.members]), scale, _TOLERANCE if last else _WIDE_TOLERANCE
+        )
         weights = np.ascontiguousarray(found[:, : residual.shape[1]])
         return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout), iterations
 
-    def _conjugate_gradients(self, right: Floats, scale: float) -> tuple[Floats, int]:
+    def _conjugate_gradients(self, right: Floats, scale: float, tolerance: float) -> tuple[Floats, int]:
         """Solution (m, k); all columns advance together."""
         if scale == 0.0:
             return np.zeros_like(right), 0
@@ -173,11 +179,11 @@ class CompactSystem:
             right,
             apply=lambda vectors: product(self.matrix, vectors),
             precondition=self.level.precondition,
-            done=lambda left: largest(left) <= _TOLERANCE * scale,
+            done=lambda left: largest(left) <= tolerance * scale,
             most=_MAX_ITERATIONS,
         )
         reached = largest(found.residual) / scale
-        if reached > _ACCEPTED:
+        if reached > max(_ACCEPTED, tolerance):
             raise NumericalError(
                 f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",
                 hint="separate boundary nodes that nearly coincide, or take another solver than 'two-scale'",

@@ -164,10 +164,11 @@ class TwoScaleFactorization:
         spline.values(self.control_points, left)
         np.subtract(values, left, out=left)
         levels, iterations, scale = [], 0, largest(values)
-        for number, system in enumerate(self.systems, start=1):
-            level, taken = system.solve(left, scale)
+        for system in self.systems:
+            last = system is self.systems[-1]
+            level, taken = system.solve(left, scale, last=last)
             levels.append(level)
             iterations += taken
-            if number < len(self.systems):
+            if not last:
                 left -= evaluator.displacement(level, self.control_points)
         return TwoScaleInterpolant(spline, tuple(levels), self.basis, iterations)

@@ -214,9 +214,10 @@ def _orders(centres, middle, half, distances):  # type: ignore[no-untyped-def]
     """(n,) the order of interpolation that each centre asks for; 0 for those that are near."""
     orders = np.zeros(centres.shape[1], dtype=np.int64)
     for j in range(centres.shape[1]):
-        away = 0.0
+        square = 0.0
         for axis in range(3):
-            away = max(away, abs(centres[axis, j] - middle[axis]))
+            square += max(abs(centres[axis, j] - middle[axis]) - half, 0.0) ** 2
+        away = half + math.sqrt(square)  # opposite a face the distance from the middle, opposite a corner more
         for order in range(_ORDER, _LEAST - 1, -1):
             if away > distances[order] * half:
                 orders[j] = order
