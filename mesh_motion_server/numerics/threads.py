@@ -39,7 +39,11 @@ def checked_threads(threads: int | None) -> int:
 def threads_for(work: float, at_most: int | None = None) -> Iterator[None]:
     """Limit the calling thread's parallel loops while about ``work`` basis functions are evaluated, and restore."""
     before = numba.get_num_threads()
-    numba.set_num_threads(1 if work < _SMALL else min(before, at_most or before))
+    limit = 1 if work < _SMALL else min(before, at_most or before)
+    if limit == before:  # to set what is set takes microseconds all the same
+        yield
+        return
+    numba.set_num_threads(limit)
     try:
         yield
     finally:
