@@ -50,8 +50,8 @@ _SEPARATION = 0.7
 #: Share of the nodes whose spacing may be smaller than what sets a radius: single close pairs do not.
 _CLOSE, _WIDE = 5.0, 95.0
 _NEIGHBOURS = 16  # preceding points a row of the preconditioner
-#: Of the largest value interpolated, of which the coarse field leaves a hundredth or less; what a wide level leaves of it
-#: between its nodes, a ten-thousandth, the next one takes anyway.
+#: Of the largest value interpolated, of which the coarse field leaves a hundredth or less; and for a wide level, which
+#: between its nodes leaves a ten-thousandth to the next one anyway.
 _TOLERANCE, _WIDE_TOLERANCE = 1e-11, 1e-7
 _MAX_ITERATIONS = 200
 _ACCEPTED = 1e-9
