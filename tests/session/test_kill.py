@@ -19,7 +19,7 @@ def test_a_few_kills() -> None:
     result = CHECK.run(7, Budget(12))
     assert result.passed
     assert result.details["kills"] == 12
-    assert result.details["acknowledged"] > 12
+    assert result.details["acknowledged"] > 3
     assert 0 < result.details["asked_again"] <= result.details["recovered"]
 
 
