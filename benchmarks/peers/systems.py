@@ -138,6 +138,13 @@ _KRATOS = "KratosMultiphysics.MeshMovingApplication"
 
 _OURS = "mesh_motion_server.numerics.motion"
 
+
+def _rival(text: str, **options: Any) -> PythonSystem:
+    """The plain motion by another way to deal with many boundary nodes."""
+    options |= {"correction": "none", "allow_invalid": True}
+    return PythonSystem(f"mesh-motion server, plain RBF, {text}", "ours:MotionModelMover", options, needs=_OURS)
+
+
 SYSTEMS: dict[str, System] = {
     "ours": PythonSystem("**mesh-motion server**, as it comes", "ours:MotionModelMover", needs=_OURS),
     "ours-maximum": PythonSystem(
@@ -161,6 +168,10 @@ SYSTEMS: dict[str, System] = {
         {"correction": "none", "allow_invalid": True},
         needs=_OURS,
     ),
+    "ours-one-scale": _rival("all centres in one scale", solver="iterative"),
+    "ours-greedy": _rival("greedy reduction", reduction="greedy-combined"),
+    "ours-multi-step": _rival("multi-step reduction", reduction="multi-step"),
+    "ours-multiscale": _rival("multiscale", reduction="multiscale"),
     "dense-rbf": PythonSystem("dense RBF in numpy, all centres", "dense_rbf:DenseRBF"),
     "scipy-rbf": PythonSystem("scipy RBFInterpolator, 50 neighbours", "scipy_rbf:ScipyRBF", needs="scipy.interpolate"),
     "openfoam": OpenFoamSystem("OpenFOAM displacementLaplacian, tolerance 1e-5", Settings(tolerance="usual")),

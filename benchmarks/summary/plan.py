@@ -82,6 +82,8 @@ _FULL = [
     *_peers("M1-T1-20", dense_rbf=4, ours=5, openfoam_converged=5, kratos_laplacian=6),
     *_peers("M3-T3-1", ours_maximum=20, scipy_rbf=25, openfoam_uncorrected=9, kratos_similarity=12),
     *_peers("M3-T3-1", openfoam=9, ours_served=20),
+    *_peers("M3-T3-1", ours_one_scale=15, ours_greedy=30, ours_multi_step=20, ours_multiscale=20),
+    *_peers("M2-T1-1", ours_one_scale=10, ours_greedy=15, ours_multi_step=10, ours_multiscale=10),
     *_peers("M2-T1-1", ours_maximum=15, openfoam_uncorrected=15, kratos_similarity=30, scipy_rbf=25, openfoam=15),
     *_peers("M1-T1-20", ours_maximum=5, openfoam_uncorrected=5, kratos_similarity=6, openfoam=5, scipy_rbf=4),
     *_corrections(M3_0p20=8, M4_0p20=20, M2_0p20=8),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.cell_order import sorted_in_buckets
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.exact_displacements import differences_of, reached_by_difference
+from mesh_motion_server.numerics.exact_displacements import differences_of, settle
 from mesh_motion_server.numerics.far_field.far_sum import FarSum
 from mesh_motion_server.numerics.interpolant import factorize
 from mesh_motion_server.numerics.method import Method
@@ -51,7 +51,7 @@ def compile_kernels() -> float:
         for method in _methods(points.shape[1]):
             _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
         sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
-        reached_by_difference(points, points, np.arange(1), points[:1])
+        settle(points.copy(), points, np.arange(1), np.zeros_like(points[:1]))
         differences_of(points, points, np.arange(1))
     _many_unknowns()
     load_two_scale_kernels()

@@ -1,7 +1,7 @@
 """The displacements that lead from given coordinates to a motion's, and the coordinates that they lead to.
 
-All of it is as large as the mesh, so each array is written once, without temporaries. Nothing is summed: the results
-are the same for any number of threads.
+All of it is as large as the mesh, so an array is written once or, where only few numbers change, in place; nothing is
+summed, and the results are the same for any number of threads.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.thread_share import threads_for
 
-__all__ = ["differences_of", "reached_by_difference"]
+__all__ = ["differences_of", "settle"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -22,8 +22,8 @@ _PARTS = 64
 _NUMBERS_PER_THREAD = 100_000
 
 
-def reached_by_difference(moved: Floats, base: Floats, nodes: Indices, told: Floats) -> tuple[Floats, bool]:
-    """Where ``base`` plus the rounded differences to ``moved`` leads, and whether that is ``moved`` itself.
+def settle(moved: Floats, base: Floats, nodes: Indices, told: Floats) -> bool:
+    """Change ``moved`` into ``base`` plus its rounded differences to it; return whether that changed nothing.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ def reached_by_difference(moved: Floats, base: Floats, nodes: Indices, told: Flo
     nodes : (k,) int64 array
         Those whose displacement is ``told`` (k, d) instead, mesh length unit.
     """
-    reached, differing = np.empty_like(base), np.zeros(_PARTS, dtype=np.int64)
+    before, differing = moved[nodes], np.zeros(_PARTS, dtype=np.int64)
     with threads_for(moved.size // _NUMBERS_PER_THREAD):
-        _add_differences(moved.reshape(-1), base.reshape(-1), reached.reshape(-1), differing)
-    wrong = int(differing.sum()) - int(np.count_nonzero(reached[nodes] != moved[nodes]))
-    reached[nodes] = base[nodes] + told
-    return reached, wrong == 0 and bool(np.array_equal(reached[nodes], moved[nodes]))
+        _round_differences(moved.reshape(-1), base.reshape(-1), differing)
+    elsewhere = int(differing.sum()) - int(np.count_nonzero(moved[nodes] != before))
+    moved[nodes] = base[nodes] + told
+    return elsewhere == 0 and bool(np.array_equal(moved[nodes], before))
 
 
 def differences_of(moved: Floats, base: Floats, rows: Indices) -> Floats:
@@ -49,15 +49,16 @@ def differences_of(moved: Floats, base: Floats, rows: Indices) -> Floats:
 
 
 @njit(cache=True, parallel=True)
-def _add_differences(moved, base, reached, differing):  # type: ignore[no-untyped-def]
-    """Entry by entry; how many of each part's are not those of ``moved``."""
+def _round_differences(moved, base, differing):  # type: ignore[no-untyped-def]
+    """Entry by entry; how many of each part's change."""
     m = moved.size
     for part in prange(_PARTS):
         count = 0
         for k in range(part * m // _PARTS, (part + 1) * m // _PARTS):
             value = base[k] + (moved[k] - base[k])
-            reached[k] = value
-            count += value != moved[k]
+            if value != moved[k]:
+                moved[k] = value
+                count += 1
         differing[part] = count
 
 

@@ -20,7 +20,7 @@ from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
-from mesh_motion_server.numerics.exact_displacements import reached_by_difference
+from mesh_motion_server.numerics.exact_displacements import settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit
@@ -277,13 +277,20 @@ class Session:
             motion = model.move(self.coordinates("committed"), targets, self.factors)
         except InvalidInput as error:
             raise in_senders_numbers(error, built.mesh) from error
-        points, exact = reached_by_difference(motion.points, base, moving, told)
+        answers = built.mesh.scatter_differences(motion.points, base, told)
+        points = self._own(motion.points)
+        exact = settle(points, base, moving, told)
         points.flags.writeable = False
         judged = motion.corrected if exact and in_full else None
         trial = Trial(self.step + 1, self.iteration + 1, points, judged)
         self._swap(state=state, trial=trial, trial_lost=False)
-        displacements = built.mesh.scatter_differences(motion.points, base, told)
-        return MoveOutcome(trial.step, trial.iteration, motion, displacements)
+        return MoveOutcome(trial.step, trial.iteration, motion, answers)
+
+    def _own(self, points: Floats) -> Floats:
+        """A motion's coordinates (n, d) to be changed: nobody needs them any more, unless they are others' too."""
+        kept = (self.coordinates("committed"), self.coordinates("reference"))
+        shared = any(np.may_share_memory(points, other) for other in kept)
+        return points.copy() if shared or not points.flags.writeable else points
 
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
         """Make the trial the committed state, durably.

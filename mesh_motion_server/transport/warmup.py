@@ -37,15 +37,12 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
         return
     # imported here: a host without these numerics needs no compiled kernels
     from mesh_motion_server.numerics.cell_order import sorted_in_buckets  # noqa: PLC0415
-    from mesh_motion_server.numerics.exact_displacements import (  # noqa: PLC0415
-        differences_of,
-        reached_by_difference,
-    )
+    from mesh_motion_server.numerics.exact_displacements import differences_of, settle  # noqa: PLC0415
     from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels  # noqa: PLC0415
 
     for points, cells in _meshes():
         sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
-        reached_by_difference(points, points, np.arange(1), points[:1])
+        settle(points.copy(), points, np.arange(1), np.zeros_like(points[:1]))
         differences_of(points, points, np.arange(1))
         for solver in _SOLVERS:
             if interrupted():
