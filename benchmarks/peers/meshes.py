@@ -10,6 +10,7 @@ spacing varies by a factor of 30.
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -174,6 +175,7 @@ def _in_gmsh(build: Callable[[], BenchmarkMesh]) -> BenchmarkMesh:
         return build()
     finally:
         gmsh.finalize()
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # Gmsh lets the process end at a broken pipe
 
 
 def _polygon(corners: list[tuple[float, float]], sizes: list[float]) -> int:
