@@ -31,7 +31,7 @@ from mesh_motion_server.distributed.held import HeldPartition, displace, gradien
 from mesh_motion_server.distributed.order_statistics import BinContent
 from mesh_motion_server.distributed.packing import pack
 from mesh_motion_server.distributed.split import Split, mesh_digest
-from mesh_motion_server.distributed.summaries import Questions, joined
+from mesh_motion_server.distributed.summaries import Questions, by_question, joined
 from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.distributed.versions import Told, Version, Versions
 from mesh_motion_server.numerics.cells import CellTable
@@ -161,8 +161,7 @@ class DistributedEvaluator:
             where = told.to(self._nodes[number], whole=True) if fresh else None
             return questions, where, version, metric, keep
 
-        answers = self._crew.ask(Question(questioned, "questions", "summaries", arguments))
-        return [list(contents) for contents in zip(*answers, strict=True)]
+        return by_question(self._crew.ask(Question(questioned, "questions", "summaries", arguments)))
 
     def _is_mesh(self, points: Floats) -> bool:
         return points.shape == self._points.shape

@@ -25,7 +25,7 @@ from mesh_motion_server.distributed.held import Positions, Step, advance, own_po
 from mesh_motion_server.distributed.order_statistics import BinContent
 from mesh_motion_server.distributed.packing import pack
 from mesh_motion_server.distributed.sources import PartitionSource
-from mesh_motion_server.distributed.summaries import Questions, joined
+from mesh_motion_server.distributed.summaries import Questions, by_question, joined
 from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.numerics.acceptance import refuse_unacceptable
@@ -245,8 +245,7 @@ class PartitionedMotion:
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:
             return questions, question.arguments(number, fresh) if fresh else None
 
-        answers = self._crew.ask(Question(questioned_after, "questions", "summaries", arguments))
-        return [list(contents) for contents in zip(*answers, strict=True)]
+        return by_question(self._crew.ask(Question(questioned_after, "questions", "summaries", arguments)))
 
     def _committed(self, number: int, fresh: bool) -> tuple[Positions, tuple[Step, ...]]:
         """The committed positions of a partition: a version it has, or all that leads to it."""

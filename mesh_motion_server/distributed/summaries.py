@@ -14,16 +14,23 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.order_statistics import WHOLE, BinContent, Way, content, narrowed
 from mesh_motion_server.numerics.metrics import CellQuality
-from mesh_motion_server.numerics.quality_summary import Distribution, QualitySummary, WorstCell, smallest
+from mesh_motion_server.numerics.quality_summary import (
+    Distribution,
+    QualitySummary,
+    WorstCell,
+    percentile_ranks,
+    reported_metrics,
+    smallest,
+    worst_cells,
+)
 
-__all__ = ["PartialSummary", "Questions", "joined", "part_of"]
+__all__ = ["PartialSummary", "Questions", "by_question", "joined", "part_of"]
 
 Floats = NDArray[np.float64]
 
 Questions = tuple[tuple[str, Way], ...]
 """Metrics, and the bin of each that is asked for."""
 
-_PERCENTILES = (1, 5, 50)
 _WORST = 10
 
 
@@ -50,11 +57,6 @@ class PartialSummary:
     worst: tuple[WorstCell, ...]
 
 
-def metric_names(metric: str) -> tuple[str, ...]:
-    """The metrics that a summary by ``metric`` speaks of."""
-    return tuple(dict.fromkeys(("size", "skew", "size-skew", metric)))
-
-
 def part_of(
     quality: CellQuality, numbers: NDArray[np.int64], centres: Callable[[NDArray[np.int64]], Floats], *, metric: str
 ) -> PartialSummary:
@@ -71,7 +73,7 @@ def part_of(
     metric : str
         Ranks the worst cells.
     """
-    values = {name: quality.metric(name) for name in metric_names(metric)}
+    values = {name: quality.metric(name) for name in reported_metrics(metric)}
     worst = smallest(values[metric], _WORST)
     return PartialSummary(
         cells=len(quality),
@@ -79,18 +81,13 @@ def part_of(
         sums={name: float(own.sum()) for name, own in values.items()},
         minima={name: float(own.min()) for name, own in values.items()},
         contents={name: content(own, WHOLE) for name, own in values.items()},
-        worst=tuple(
-            WorstCell(
-                number=int(numbers[cell]),
-                centre=tuple(float(x) for x in centre),
-                value=float(values[metric][cell]),
-                size=float(values["size"][cell]),
-                skew=float(values["skew"][cell]),
-                size_skew=float(values["size-skew"][cell]),
-            )
-            for cell, centre in zip(worst, centres(worst), strict=True)
-        ),
+        worst=worst_cells(numbers[worst], quality.subset(worst), centres(worst), metric),
     )
+
+
+def by_question(answers: Sequence[Sequence[BinContent]]) -> list[list[BinContent]]:
+    """The contents of each question, partition by partition, from each partition's answers to all of them."""
+    return [list(contents) for contents in zip(*answers, strict=True)]
 
 
 def joined(
@@ -112,9 +109,9 @@ def joined(
         name: Distribution(
             min(part.minima[name] for part in parts),
             sum(part.sums[name] for part in parts) / cells,
-            *(percentiles[name, p] for p in _PERCENTILES),
+            *(percentiles[name, rank] for rank in percentile_ranks(cells)),
         )
-        for name in metric_names(metric)
+        for name in reported_metrics(metric)
     }
     worst = sorted((cell for part in parts for cell in part.worst), key=lambda cell: (cell.value, cell.number))
     return QualitySummary(
@@ -135,13 +132,13 @@ def _percentiles(
     cells: int,
     ask: Callable[[Questions], Sequence[Sequence[BinContent]]],
 ) -> dict[tuple[str, int], float]:
-    """The value with rank ⌊p (m − 1) / 100⌋ in ascending order, by metric and p."""
+    """The values of the percentiles, by metric and rank in ascending order."""
     found: dict[tuple[str, int], float] = {}
     open_ways: dict[tuple[str, int], tuple[Way, int]] = {}
     known: dict[tuple[str, Way], Sequence[BinContent]] = {}
-    for name in metric_names(metric):
+    for name in reported_metrics(metric):
         known[name, WHOLE] = [part.contents[name] for part in parts]
-        open_ways |= {(name, p): (WHOLE, p * (cells - 1) // 100) for p in _PERCENTILES}
+        open_ways |= {(name, rank): (WHOLE, rank) for rank in percentile_ranks(cells)}
     while open_ways:
         steps = {key: narrowed(way, rank, known[key[0], way]) for key, (way, rank) in open_ways.items()}
         found |= {key: step for key, step in steps.items() if isinstance(step, float)}

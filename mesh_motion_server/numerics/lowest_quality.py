@@ -28,20 +28,11 @@ from mesh_motion_server.numerics.corner_kernels import (
     metric_value,
     metric_values,
 )
-from mesh_motion_server.numerics.metrics import (
-    as_positions,
-    block_slices,
-    ideal_corner,
-    metric_code,
-    shape_code,
-    subset_quality,
-    work_items,
-)
+from mesh_motion_server.numerics.metrics import as_positions, judged_blocks, metric_code, subset_quality
 from mesh_motion_server.numerics.quality_summary import LowestQuality, Minimum, worst_cells
 from mesh_motion_server.numerics.quality_tally import PARTS
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.simplex_kernels import tetra_all_above
-from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["LowestJudge", "lowest_quality"]
 
@@ -156,21 +147,8 @@ def _lowest_numbers(
     values, numbers = np.empty((PARTS, count)), np.full((PARTS, count), len(cells))
     values[:] = _first_limit(positions, cells, reference_sizes, metric, count)
     inversions = np.zeros(PARTS, dtype=np.int64)
-    for block, rows in block_slices(cells):
-        with threads_for(work_items(len(block))):
-            _lowest(
-                positions,
-                read_only(block.nodes),
-                block.type.corner_array,
-                shape_code(block.type),
-                ideal_corner(block.type.name),
-                read_only(reference_sizes[rows]),
-                (rows.start, len(cells)),
-                metric,
-                values,
-                numbers,
-                inversions,
-            )
+    for rows, sort in judged_blocks(_lowest, positions, cells, reference_sizes):
+        sort((rows.start, len(cells)), metric, values, numbers, inversions)
     order = np.lexsort((numbers.ravel(), values.ravel()))[: min(count, len(cells))]
     return numbers.ravel()[order], int(inversions.sum())
 

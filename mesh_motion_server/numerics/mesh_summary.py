@@ -14,19 +14,9 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.corner_kernels import CHUNK, METRIC_CODES, evaluate, gather, metric_value
-from mesh_motion_server.numerics.metrics import (
-    as_positions,
-    block_slices,
-    ideal_corner,
-    metric_code,
-    shape_code,
-    subset_quality,
-    work_items,
-)
+from mesh_motion_server.numerics.metrics import as_positions, judged_blocks, metric_code, subset_quality
 from mesh_motion_server.numerics.quality_summary import QualitySummary, reported_metrics, summary_of
 from mesh_motion_server.numerics.quality_tally import PARTS, Tally, empty_tallies, tally_chunk, tally_three
-from mesh_motion_server.numerics.read_only import read_only
-from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["mesh_summary"]
 
@@ -113,20 +103,6 @@ def _judged(
     total = len(cells)
     levels, counts, totals = empty_tallies(count, total)
     inversions = np.zeros(PARTS, dtype=np.int64)
-    for block, rows in block_slices(cells):
-        with threads_for(work_items(len(block))):
-            _judge(
-                positions,
-                read_only(block.nodes),
-                block.type.corner_array,
-                shape_code(block.type),
-                ideal_corner(block.type.name),
-                read_only(reference_sizes[rows]),
-                (rows.start, total),
-                metric,
-                levels,
-                counts,
-                totals,
-                inversions,
-            )
+    for rows, judge in judged_blocks(_judge, positions, cells, reference_sizes):
+        judge((rows.start, total), metric, levels, counts, totals, inversions)
     return [Tally(levels[k], counts[:, k], totals[:, k]) for k in range(count)], int(inversions.sum())

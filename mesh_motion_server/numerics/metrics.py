@@ -30,10 +30,10 @@ P. M. Knupp, Algebraic mesh quality metrics for unstructured initial meshes, Fin
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,6 +184,29 @@ def work_items(cells: int) -> int:
     return -(-cells // kernels.BLOCK)
 
 
+def judged_blocks(
+    kernel: Callable[..., Any], positions: Floats, cells: CellTable, reference_sizes: Floats
+) -> Iterator[tuple[slice, Callable[..., Any]]]:
+    """Each block's slice of cell numbers, and a kernel that judges cells with its first arguments: those of the block.
+
+    The threads are those that the block is worth, until the next one is asked for.
+    """
+    for block, rows in block_slices(cells):
+        with threads_for(work_items(len(block))):
+            yield (
+                rows,
+                partial(
+                    kernel,
+                    positions,
+                    read_only(block.nodes),
+                    block.type.corner_array,
+                    shape_code(block.type),
+                    ideal_corner(block.type.name),
+                    read_only(reference_sizes[rows]),
+                ),
+            )
+
+
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
     """Points as the kernels want them; InvalidInput if they are not (n, d) with the cells' dimension."""
     positions = np.ascontiguousarray(points, dtype=np.float64)
@@ -258,17 +281,8 @@ def quality_extremes(
     """Smallest value of a metric, its cell and the number of inverted cells, in one pass that stores nothing."""
     positions, code = as_positions(points, cells.dimension), metric_code(metric)
     best, inversions = (np.inf, 0), 0
-    for block, rows in block_slices(cells):
-        with threads_for(work_items(len(block))):
-            least, where, inverted = kernels.node_extremes(
-                positions,
-                read_only(block.nodes),
-                block.type.corner_array,
-                shape_code(block.type),
-                ideal_corner(block.type.name),
-                read_only(reference_sizes[rows]),
-                code,
-            )
+    for rows, extremes in judged_blocks(kernels.node_extremes, positions, cells, reference_sizes):
+        least, where, inverted = extremes(code)
         first = int(np.argmin(least))
         best = min(best, (float(least[first]), rows.start + int(where[first])))
         inversions += int(inverted.sum())

@@ -27,6 +27,7 @@ __all__ = [
     "QualitySummary",
     "WorstCell",
     "distribution",
+    "percentile_ranks",
     "reported_metrics",
     "smallest",
     "summarize",
@@ -153,7 +154,7 @@ def reported_metrics(metric: str) -> list[str]:
 def distribution(values: Floats) -> Distribution:
     """Minimum, mean and percentiles of the values (m,), m ≥ 1, of a quality metric."""
     tally = Tally.of(values)
-    ranked = tally.at_ranks(_ranks(len(values)))
+    ranked = tally.at_ranks(percentile_ranks(len(values)))
     return Distribution(tally.least, tally.mean, *ranked.found(values[ranked.numbers]))
 
 
@@ -219,7 +220,7 @@ def summary_of(
     metric, worst
         As in :func:`summarize`.
     """
-    ranks = _ranks(len(tallies[metric]))
+    ranks = percentile_ranks(len(tallies[metric]))
     ranked = {name: tally.at_ranks(ranks) for name, tally in tallies.items()}
     candidates = tallies[metric].lowest(worst)
     numbers = [candidates, *(of.numbers for of in ranked.values())]
@@ -244,8 +245,8 @@ def summary_of(
     )
 
 
-def _ranks(count: int) -> list[int]:
-    """Of the percentiles of so many values."""
+def percentile_ranks(count: int) -> list[int]:
+    """Ranks, from 0 in ascending order, of the percentiles p1, p5 and p50 of so many values."""
     return [p * (count - 1) // 100 for p in _PERCENTILES]
 
 

@@ -14,7 +14,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mesh_motion_client import Keys, Mesh, Patch, connect
@@ -24,7 +23,14 @@ from mesh_motion_client.session import Session
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import List, Probe, Probed
 
-from mesh_motion_server.prove.attacks import endless_message, forged_user, half_open, oversized_hello, storm
+from mesh_motion_server.prove.attacks import (
+    ended,
+    endless_message,
+    forged_user,
+    half_open,
+    oversized_hello,
+    storm,
+)
 from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.processes import Usage, descendants, usage_of
 from mesh_motion_server.prove.stand_in import grid_mesh
@@ -193,7 +199,7 @@ def attack(targets: Sequence[Target], seed: int, budget: Budget) -> tuple[Counte
 def _single_attacks(target: Target, endpoint: str, seed: int) -> None:
     """Those that need not be made often."""
     with half_open(endpoint, seed=seed, count=_SILENT) as held:
-        require(all(_ended(raw) for raw in held), f"the server {target.name} keeps silent connections")
+        require(all(ended(raw) for raw in held), f"the server {target.name} keeps silent connections")
     taken = oversized_hello(endpoint, 300 * _MIB)
     require(taken < _MOST_TAKEN, f"the server {target.name} takes {taken} bytes of a HELLO")
     if target.keys is not None:
@@ -201,18 +207,6 @@ def _single_attacks(target: Target, endpoint: str, seed: int) -> None:
         require(taken < _MOST_TAKEN, f"{taken} bytes of a message without end are taken from a stranger")
         back = forged_user(endpoint, b"root", bytes(encode(List(client=b"c" * 16, sequence=1))[0]))
         require(b"LISTED" not in back, "a peer has named himself a user, and was believed")
-
-
-def _ended(raw: Any) -> bool:
-    """Whether the other end closes the connection."""
-    try:
-        while raw.recv(256):
-            pass
-    except ConnectionError:
-        pass
-    except TimeoutError:
-        return False
-    return True
 
 
 def run(seed: int, budget: Budget) -> Result:

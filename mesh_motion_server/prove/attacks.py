@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 
 __all__ = [
     "STORMS",
+    "ended",
     "endless_message",
     "forged_user",
     "greeting",
@@ -30,6 +31,18 @@ __all__ = [
 
 _SECONDS = 30.0
 _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
+
+
+def ended(raw: socket.socket) -> bool:
+    """Whether the other end closes the connection, within the socket's timeout."""
+    try:
+        while raw.recv(256):
+            pass
+    except ConnectionError:
+        pass
+    except TimeoutError:
+        return False
+    return True
 
 
 def connection(endpoint: str) -> socket.socket:

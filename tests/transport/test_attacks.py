@@ -14,6 +14,7 @@ from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import Commit, Hello, Join, List, Move, Open, Ping, Status
 
 from mesh_motion_server.prove.attacks import (
+    ended,
     endless_message,
     forged_user,
     half_open,
@@ -82,18 +83,6 @@ def open_files(pid):
     return len(list(Path(f"/proc/{pid}/fd").iterdir()))
 
 
-def ended_by_the_server(raw):
-    """Read to the end; a timeout is none."""
-    try:
-        while raw.recv(256):
-            pass
-    except ConnectionError:
-        pass
-    except TimeoutError:
-        return False
-    return True
-
-
 def memory(pid):
     return psutil.Process(pid).memory_info().rss
 
@@ -130,7 +119,7 @@ def test_silent_connections_are_closed_in_time(target, victim, where):
     endpoint, pid = victim[where]
     files = open_files(pid)
     with half_open(endpoint, seed=3, count=150) as held:
-        assert all(ended_by_the_server(raw) for raw in held)
+        assert all(ended(raw) for raw in held)
         target.wait_until(lambda: open_files(pid) <= files, "the descriptors are back")
 
 
@@ -139,7 +128,7 @@ def test_without_a_time_for_handshakes_they_would_stay():
         here = open_files("self")
         with half_open(endpoint, seed=3, count=20) as held:
             held[0].settimeout(1.5)  # three times what the server above allows
-            assert not ended_by_the_server(held[0])
+            assert not ended(held[0])
             assert open_files("self") >= here + 40  # both ends are ours
 
 
