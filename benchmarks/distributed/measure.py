@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import logging
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import dask
 import numpy as np
-from distributed import LocalCluster
 from numpy.typing import NDArray
 
 from benchmarks.distributed.cases import PartitionCase
 from benchmarks.distributed.figures import Row
+from benchmarks.distributed.local_cluster import local_cluster
 from mesh_motion_server.distributed.connection import Connection
 from mesh_motion_server.distributed.crew import Crew, Question
 from mesh_motion_server.distributed.held import HeldPartition
@@ -36,15 +33,6 @@ __all__ = ["measure_messages", "measured", "workers_on_this_machine"]
 Floats = NDArray[np.float64]
 
 METHOD = Method(correction="none")
-_ROOT = Path(__file__).parents[2]
-_ENVIRONMENT = {
-    "PYTHONPATH": os.pathsep.join(str(_ROOT / folder) for folder in (".", "protocol", "adapters/python")),
-    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
-}
-#: Set by the workers themselves. Dask sets the others in this process for the moment in which it starts one, and numba
-#: would take them for its own here.
-_OF_WORKERS = {"OMP_WAIT_POLICY": "passive", "NUMBA_NUM_THREADS": "1"}
-_SETTINGS = {"distributed.nanny.pre-spawn-environ": _ENVIRONMENT, "distributed.nanny.environ": _OF_WORKERS}
 _PATIENCE = 120.0
 _EMPTY_QUESTIONS = 60
 _LARGE = 4_000_000  # numbers of the array that the bandwidth is measured with
@@ -53,21 +41,12 @@ _LARGE = 4_000_000  # numbers of the array that the bandwidth is measured with
 @contextmanager
 def workers_on_this_machine(count: int) -> Iterator[Connection]:
     """Worker processes of one thread each, and the way to them."""
-    with dask.config.set(_SETTINGS):
-        cluster = LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-        )
+    with local_cluster(count) as cluster:
         connection = Connection(cluster.scheduler_address, _PATIENCE)
         try:
             yield connection
         finally:
             connection.close()
-            cluster.close(timeout=20)
 
 
 def _nothing(held: HeldPartition) -> bool:

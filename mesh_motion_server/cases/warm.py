@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.cell_order import sorted_in_buckets
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.exact_displacements import differences_of, settle
 from mesh_motion_server.numerics.far_field.far_sum import FarSum
 from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.loading import load_session_kernels
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.reduction import REDUCTIONS
@@ -50,9 +49,7 @@ def compile_kernels() -> float:
     for name, (points, cells) in tiny_meshes():
         for method in _methods(points.shape[1]):
             _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
-        sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
-        settle(points.copy(), points, np.arange(1), np.zeros_like(points[:1]))
-        differences_of(points, points, np.arange(1))
+        load_session_kernels(points, cells)
     _many_unknowns()
     load_two_scale_kernels()
     _far_field()

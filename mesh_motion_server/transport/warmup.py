@@ -36,14 +36,11 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
     if model_class is None:
         return
     # imported here: a host without these numerics needs no compiled kernels
-    from mesh_motion_server.numerics.cell_order import sorted_in_buckets  # noqa: PLC0415
-    from mesh_motion_server.numerics.exact_displacements import differences_of, settle  # noqa: PLC0415
+    from mesh_motion_server.numerics.loading import load_session_kernels  # noqa: PLC0415
     from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels  # noqa: PLC0415
 
     for points, cells in _meshes():
-        sorted_in_buckets([(np.arange(len(points)), cells.blocks[0].nodes)], len(points))
-        settle(points.copy(), points, np.arange(1), np.zeros_like(points[:1]))
-        differences_of(points, points, np.arange(1))
+        load_session_kernels(points, cells)
         for solver in _SOLVERS:
             if interrupted():
                 return

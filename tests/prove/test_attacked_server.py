@@ -59,13 +59,23 @@ def test_files_that_are_kept_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     os.close(kept)
 
 
+#: Takes 32 MiB when told to, then waits. A process of its own: this one may have memory to reuse from earlier tests.
+_KEEPER = "import sys; input(); kept = bytearray(b'x') * (32 << 20); print(len(kept), flush=True); input()"
+
+
 def test_memory_that_is_kept_is_told() -> None:
-    target = bare_target(os.getpid(), usage_of(os.getpid()))
-    kept = bytearray(b"x") * (32 << 20)
-    assert target.require_calm() > 20 << 20
-    target.remember()
-    assert target.require_calm() < 1 << 20
-    del kept
+    command = [sys.executable, "-c", "print('ready', flush=True);" + _KEEPER]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as keeper:
+        assert keeper.stdin is not None
+        assert keeper.stdout is not None
+        assert keeper.stdout.readline() == "ready\n"
+        target = bare_target(keeper.pid, usage_of(keeper.pid))
+        keeper.stdin.write("\n")
+        assert keeper.stdout.readline() == f"{32 << 20}\n"
+        assert target.require_calm() > 20 << 20
+        target.remember()
+        assert target.require_calm() < 1 << 20
+        keeper.kill()
 
 
 @pytest.mark.parametrize(
