@@ -9,6 +9,7 @@ import msgpack
 from mesh_motion_protocol.messages import Commit as CommitRequest
 from mesh_motion_protocol.messages import Committed
 
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service.reports import summary_report
 from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.replies import RequestId
@@ -40,6 +41,7 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
         return packed
 
     session.commit(request_ids, receipt)
+    failpoint("request.committed")
     return [Committed(client=request.client, sequence=request.sequence, **content) for request in requests]
 
 

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from mesh_motion_protocol.messages import Close, Join, Message, Ping, Pong, SessionMessage, Status
 
 from mesh_motion_server.errors import SessionError
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import close, join, status
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.execution import Execution
@@ -246,6 +247,7 @@ class SessionHost:
         self._holders.check_address(request)
         if isinstance(request, Join):
             reply: Message = join.answer(self._session, request)
+            failpoint("request.join")
             self._holders.join(peer, request.partition)
             return [Envelope(peer, reply)]
         self._holders.check_joined(peer, request.partition)
@@ -265,6 +267,7 @@ class SessionHost:
         )
         self._holders.leave(request.partition)
         if not len(self._holders):
+            failpoint("request.close.left")
             self._end(discard=self._discard)
             self.closed = True
         return [*replies, Envelope(peer, reply)]
@@ -275,4 +278,5 @@ class SessionHost:
         self._execution.forget_waiting()
         self._session.close()
         if discard:
+            failpoint("request.discard")
             self._store.discard(self.session)

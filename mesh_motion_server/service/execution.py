@@ -11,6 +11,7 @@ from mesh_motion_protocol.messages import Message, SessionMessage
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import MeshMotionError, SessionError
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import build, commit, fetch, move, rollback, upload
 from mesh_motion_server.service.commands import Collective, Single
 from mesh_motion_server.service.envelope import Envelope
@@ -57,6 +58,7 @@ class Execution:
         for entry in session.commits:
             for request_id, reply in commit.replies_of(entry):
                 self._stored.store(request_id, reply, _nbytes(reply))
+        failpoint("request.replies.known")
 
     @property
     def deadline(self) -> float | None:
@@ -103,7 +105,9 @@ class Execution:
                 return replies
         gathering.arrivals[arrival.request.partition] = arrival
         if not gathering.complete:
+            failpoint("request.gather.first")
             return replies
+        failpoint("request.gather.complete")
         self._gathering = None
         arrivals = gathering.in_order()
         requests, ids = [a.request for a in arrivals], [a.request_id for a in arrivals]
@@ -135,6 +139,7 @@ class Execution:
         """Run, remember and address the replies; a failure is everybody's reply."""
         try:
             replies = run()
+            failpoint("request.unstored")
         except Exception as error:
             known = known_error(error)
             for arrival in arrivals:
@@ -143,6 +148,7 @@ class Execution:
         for arrival, reply in zip(arrivals, replies, strict=True):
             _seal(reply)
             self._stored.store(arrival.request_id, reply, _nbytes(reply))
+        failpoint("request.stored")
         return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _require_idle(self, partition: int) -> None:

@@ -9,6 +9,7 @@ from mesh_motion_protocol.messages import Move, Moved
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service.reports import correction_report, move_quality, shortened
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.session import Session
@@ -48,6 +49,7 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
     del request_ids
     rows = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
     outcome = session.move(requests[0].frame, rows)
+    failpoint("request.moved")
     motion = outcome.motion
     quality, correction = move_quality(motion, session), correction_report(motion)
     return [

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.filesystem import FileSystem, write_all
 from mesh_motion_server.session.journal_files import KEPT_COMMITS, MANIFEST, SLOTS, read_journal, verified_state
 from mesh_motion_server.session.ledger import Commit, Foundation, Ledger
@@ -89,6 +90,7 @@ class Journal:
         """
         for name in SLOTS:
             _write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
+        failpoint("journal.create.slots")
         capacity = capacity or _capacity(foundation)
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": 1}
         record = _install_manifest(folder, files, pack_record(0, bytes(32), body), capacity)
@@ -108,6 +110,7 @@ class Journal:
         found = read_journal(folder, files)
         journal = cls(folder, files, found.ledger, found.end)
         with journal._freezing("opening the journal"):
+            failpoint("journal.open.read")
             journal._open_files()
             journal._settle(found)
         return journal
@@ -132,11 +135,13 @@ class Journal:
         if state.shape != (foundation.nodes, foundation.dimension):
             raise JournalError(f"the state of step {entry.step} does not fit its slot: {state.shape}", code="INTERNAL")
         with self._freezing(f"committing step {entry.step}"):
+            failpoint("journal.commit.start")
             packed = self._next_record(entry.as_body())
             if self._end + len(packed) > self.ledger.capacity:
                 self._start_next_manifest()
                 packed = self._next_record(entry.as_body())
             self._write_slot(entry.step, packed, state)
+            failpoint("journal.commit.slot-synced")
             self._append(packed)
 
     def raise_epoch(self) -> int:
@@ -149,6 +154,7 @@ class Journal:
         """
         self._require_usable()
         with self._freezing("raising the epoch"):
+            failpoint("journal.epoch.start")
             if self._end + PAGE > self.ledger.capacity:
                 self._start_next_manifest()
             self._append(self._next_record({"kind": "epoch", "epoch": self.ledger.epoch + 1}))
@@ -188,12 +194,15 @@ class Journal:
         handle = self._handles[1 + step % 2]
         write_all(self._files, handle, 0, packed)
         write_all(self._files, handle, area, np.ascontiguousarray(state, dtype="<f8").data.cast("B"))
+        failpoint("journal.commit.slot-unsynced")
         self._files.sync(handle)
 
     def _append(self, packed: bytes) -> None:
         """The record at the manifest's end, synced; then the ledger says so."""
         write_all(self._files, self._handles[0], self._end, packed)
+        failpoint("journal.record.unsynced")
         self._files.sync(self._handles[0])
+        failpoint("journal.record.synced")
         self._advance(_own(packed))
 
     def _advance(self, record: Record) -> None:
@@ -202,6 +211,7 @@ class Journal:
 
     def _start_next_manifest(self) -> None:
         """Replace the full manifest by one that starts with a checkpoint."""
+        failpoint("journal.rotate")
         capacity = self.ledger.capacity
         packed = self._next_record(self.ledger.checkpoint_body(capacity))
         record = _install_manifest(self._folder, self._files, packed, capacity)
@@ -228,12 +238,14 @@ class Journal:
         rest = bytes(max(0, self.ledger.capacity - self._end)) if found.torn else b""
         write_all(self._files, self._handles[0], start, packed + rest)
         self._files.sync(self._handles[0])
+        failpoint("journal.settle.record")
         for number in found.dirty_slots:
             write_all(self._files, self._handles[1 + number], 0, bytes(self.ledger.foundation.record_area))
             self._files.sync(self._handles[1 + number])
         if found.torn and not found.completion:
             # the torn record may have been an epoch that somebody was told
             self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
+        failpoint("journal.settle.done")
         self._files.remove(self._folder / _NEXT_MANIFEST)
 
     def _require_usable(self) -> None:
@@ -278,7 +290,9 @@ def _own(packed: bytes) -> Record:
 def _install_manifest(folder: Path, files: FileSystem, packed: bytes, capacity: int) -> Record:
     """A manifest that starts with this record, durable under its name."""
     _write_new(files, folder / _NEXT_MANIFEST, packed, capacity)
+    failpoint("journal.create.unnamed")
     files.rename(folder / _NEXT_MANIFEST, folder / MANIFEST)
+    failpoint("journal.create.renamed")
     files.sync_folder(folder)
     return _own(packed)
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.cells import CELL_TYPES
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.session.filesystem import FileSystem, write_all
@@ -44,6 +45,7 @@ def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh
         for part in chain([head], (a.data.cast("B") for partition in partitions for a in _arrays(partition))):
             offset = write_all(files, handle, offset, part)
             digest.update(part)
+        failpoint("store.mesh.unsynced")
         files.sync(handle)
     finally:
         files.close(handle)
@@ -59,6 +61,7 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
         DATA_LOSS.CHECKSUM if the file is missing or not the one that was written.
     """
     try:
+        failpoint("store.mesh.read")
         handle = files.open(path, writable=False)
         try:
             data = files.read(handle, 0, files.size(handle))

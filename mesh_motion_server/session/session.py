@@ -20,6 +20,7 @@ from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.exact_displacements import settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal import Journal
@@ -127,9 +128,11 @@ class Session:
         session = cls(folder, limits, build_model)
         journal, partitions = folder.load()
         try:
+            failpoint("session.reopen.start")
             mesh = merge(partitions)
             model = build_model(mesh.points, mesh.cells, mesh.patches, session.spec.settings.to_method())
             committed = _restore(journal, mesh)
+            failpoint("session.reopen.restored")
             session._epoch = journal.raise_epoch()
         except BaseException:
             journal.close()
@@ -226,6 +229,7 @@ class Session:
         """Append a part of the mesh; returns the rows of its item and name so far."""
         state = self.admit(Operation.UPLOAD)
         rows = self.upload.add(partition, part)
+        failpoint("session.upload.taken")
         self._swap(state=state)
         return rows
 
@@ -243,7 +247,9 @@ class Session:
         partitions = self.upload.meshes()
         mesh = merge(partitions)
         model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
+        failpoint("session.build.checked")
         journal = self._folder.build(partitions, len(mesh.points))
+        failpoint("session.build.stored")
         self._built = _Built(mesh, model, journal)
         self._now = _Standing(state, CommittedState(0, mesh.points))
         self.upload.clear()
@@ -265,6 +271,7 @@ class Session:
             If no acceptable motion was found; an earlier trial stays.
         """
         state = self.admit(Operation.MOVE)
+        failpoint("session.move.start")
         built = self._require_built()
         base = self.coordinates(frame)
         told = built.mesh.gather_moving(displacements)
@@ -283,6 +290,7 @@ class Session:
         points.flags.writeable = False
         judged = motion.corrected if exact and in_full else None
         trial = Trial(self.step + 1, self.iteration + 1, points, judged)
+        failpoint("session.move.computed")
         self._swap(state=state, trial=trial, trial_lost=False)
         return MoveOutcome(trial.step, trial.iteration, motion, answers)
 
@@ -311,17 +319,20 @@ class Session:
         built, trial = self._require_built(), self._now.trial
         if trial is None:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
+        failpoint("session.commit.start")
         durable = np.take(trial.points, built.mesh.id_order, axis=0)
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
         self._write(built.journal, entry, durable)
+        failpoint("session.commit.durable")
         self._now = _Standing(state, CommittedState(trial.step, trial.points))
         return outcome
 
     def rollback(self) -> None:
         """Drop the trial, if any."""
+        failpoint("session.rollback.start")
         self._swap(state=self.admit(Operation.ROLLBACK), trial=None, trial_lost=False)
 
     def resume(self) -> int:
@@ -343,12 +354,14 @@ class Session:
         except JournalError:
             self._swap(state=State.FROZEN)
             raise
+        failpoint("session.resume.raised")
         self._swap(state=state, trial=None, trial_lost=True)
         return self._epoch
 
     def suspend(self) -> None:
         """The lease ended."""
         state = self.admit(Operation.LEASE_END)
+        failpoint("session.suspend")
         lost = self._now.trial is not None or self._now.trial_lost
         keep = self._now.trial if state is not State.SUSPENDED else None
         self._swap(state=state, trial=keep, trial_lost=lost and keep is None)
@@ -364,6 +377,7 @@ class Session:
     def close(self) -> None:
         """Give files and lock back; idempotent."""
         self._swap(state=State.CLOSED, trial=None)
+        failpoint("session.close")
         self.factors.clear()
         if self._built is not None:
             release(self._built.model)

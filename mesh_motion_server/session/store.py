@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, write_all
 from mesh_motion_server.session.journal import Journal, record_area
 from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
@@ -95,6 +96,7 @@ class SessionFolder:
                 dimension=self.spec.dimension,
                 record_area=record_area(len(partitions)),
             )
+            failpoint("store.mesh.written")
             return Journal.create(self.path, self._files, foundation)
         except OSError as error:
             raise _disk_error("the session cannot be stored", error) from error
@@ -151,8 +153,10 @@ class SessionStore:
             if self._files.exists(path):
                 raise SessionError(f"there is a session {spec.session!r} already", hint="take a new id")
             self._files.make_folder(path)
+            failpoint("store.create.folder-made")
             lock = self._files.lock(path / _LOCK)
             _write_file(self._files, path / _SPEC, StoredSpec.of(spec).to_bytes())
+            failpoint("store.create.spec-written")
             self._files.sync_folder(path)
             self._files.sync_folder(self._sessions)
             return SessionFolder(path, self._files, lock)
@@ -182,6 +186,7 @@ class SessionStore:
         except OSError as error:
             raise _disk_error("the session cannot be opened", error) from error
         try:
+            failpoint("store.open.locked")
             return SessionFolder(path, self._files, lock)
         except BaseException:
             self._files.close(lock)
@@ -216,6 +221,7 @@ class SessionStore:
 
     def sessions(self) -> list[StoredSession]:
         """The sessions that can be resumed, by id; reads the manifests' chains only."""
+        failpoint("store.list")
         return [self._describe(path) for path in self._folders() if self._files.exists(path / MANIFEST)]
 
     def discard(self, session: str) -> None:
@@ -234,6 +240,7 @@ class SessionStore:
         try:
             if self._files.exists(path):
                 self._files.rename(path, away)
+                failpoint("store.discard.renamed")
                 self._files.sync_folder(self._sessions)
         except OSError as error:
             raise _disk_error("the session cannot be discarded", error) from error
@@ -242,6 +249,7 @@ class SessionStore:
     def sweep(self) -> list[str]:
         """Remove what was half deleted and sessions that were never built and nobody holds; returns their names."""
         removed = []
+        failpoint("store.sweep")
         for path in self._sessions.glob("*.discarded"):
             shutil.rmtree(path, ignore_errors=True)
             removed.append(path.name)

@@ -17,6 +17,7 @@ from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, Probe, Probed, Resume, Resumed
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.security.allow_list import Access
 from mesh_motion_server.security.authorisation import Verdict, decide, not_found, refusal
 from mesh_motion_server.settings import ServerSettings
@@ -127,6 +128,7 @@ class Control:
                 "owner": asked.user,
             }
         )
+        failpoint("supervisor.opened")
         live = Live(session, token, asked.user, child, request.label, request.partitions)
         self._expect(live, asked)
         self.registry.live[session] = live
@@ -166,6 +168,7 @@ class Control:
 
     def _restart(self, live: Live, asked: Asked) -> None:
         """Another worker for a session whose worker is gone, from its journal."""
+        failpoint("supervisor.restart")
         live.status, live.reclaiming, live.over = "starting", False, False
         live.child = self._start(_resume_order(live, live.owner))
         self._expect(live, asked)
@@ -308,6 +311,7 @@ class Control:
     # --- replies -----------------------------------------------------------------------------------------------------
 
     def _settle(self, asked: Asked, reply: Message) -> None:
+        failpoint("supervisor.answer")
         asked.reply = bytes(encode(reply)[0])
         self._send(asked.peer, asked.reply)
 

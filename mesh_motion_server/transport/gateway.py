@@ -22,6 +22,7 @@ from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import CONTROL, Hello, Message, Ping, Pong, Welcome
 
 from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.failpoints import activate, failpoint
 from mesh_motion_server.security.allow_list import AllowList
 from mesh_motion_server.security.authorisation import Verdict, refusal
 from mesh_motion_server.transport.authenticator import Authenticator
@@ -96,6 +97,7 @@ class Gateway:
 
     def _receive(self) -> None:
         peer, *parts = self._socket.recv_multipart(copy=False)
+        failpoint("gateway.received")
         self._take(peer.bytes, user_of(parts[-1] if parts else peer, self._protection), [p.bytes for p in parts])
 
     def _take(self, peer: bytes, user: str, frames: list[bytes]) -> None:
@@ -116,6 +118,7 @@ class Gateway:
         elif isinstance(request, Ping):
             self._reply(peer, Pong(client=request.client, sequence=request.sequence))
         elif request.type in CONTROL:
+            failpoint("gateway.forward")
             self._channel.send({"peer": peer, "user": user, "frame": frames[0]})
         else:
             self._reply(peer, unexpected(request, "control"))
@@ -149,6 +152,7 @@ class Gateway:
 
     def _send(self, peer: bytes, frames: list[bytes]) -> None:
         """Send, or drop for a peer that is gone or does not read."""
+        failpoint("gateway.reply")
         with contextlib.suppress(zmq.Again, zmq.ZMQError):
             self._socket.send_multipart([peer, *frames], flags=zmq.NOBLOCK)
 
@@ -158,6 +162,8 @@ def main(arguments: list[str]) -> int:
     die_with_parent()
     channel = Channel.inherited(int(arguments[0]))
     configure("gateway", arguments[1])
+    activate()
+    failpoint("gateway.start")
     order = channel.receive()
     if order is None:
         return 0

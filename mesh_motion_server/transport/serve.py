@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 from mesh_motion_server import __version__
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.failpoints import activate
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock_folder
 from mesh_motion_server.transport.hosting import Hosting
@@ -56,7 +58,7 @@ def serve(
     -------
     int
         Exit status: 0 after a drain, 69 if the endpoint is taken, 70 if the gateway or the workers keep falling, 78
-        if the endpoint is wrong or unsafe, or the keys do not protect it.
+        if the endpoint is wrong or unsafe, the keys do not protect it, or there is no such failpoint.
     """
     configure("supervisor", level)
     if ready_file is not None:
@@ -66,9 +68,12 @@ def serve(
         protection = Protection.of_folder(settings.keys_folder.expanduser()) if settings.keys_folder else None
         endpoint = _allowed(settings.endpoint, insecure=insecure, protected=protection is not None)
         lock = lock_folder(endpoint)
-    except EndpointError as error:
+        failpoints = activate()
+    except (EndpointError, InvalidInput) as error:
         log().error("refused", reason=error.message, hint=error.hint)
         return EXIT_CONFIGURATION
+    if failpoints is not None:
+        log().warning("failpoints", folder=str(failpoints), consequence="this server fails on purpose: a test's")
     settings = settings.model_copy(update={"state_folder": settings.state_folder.expanduser()})
     supervisor = Supervisor(settings, hosting or Hosting(), level, protection)
     try:

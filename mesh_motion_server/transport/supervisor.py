@@ -19,6 +19,7 @@ from typing import Any
 from mesh_motion_protocol.limits import default_limits
 
 from mesh_motion_server import __version__
+from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
@@ -132,6 +133,7 @@ class Supervisor:
         if self._control.draining:
             return
         log().info("draining", reason=reason)
+        failpoint("supervisor.drain")
         self._control.draining = True
         self._killed_at = time.monotonic() + self._settings.drain_seconds
         if self._spare is not None:
@@ -201,9 +203,11 @@ class Supervisor:
             return
         message = gateway.channel.receive()
         if message is not None:
+            failpoint("supervisor.request")
             self._control.request(message["peer"], message["user"], message["frame"])
             return
         self._selector.unregister(gateway.channel)
+        failpoint("supervisor.gateway-ended")
         log().error("gateway_ended", code=gateway.reap())
         self._gateway = None
         if self._gateway_starts < _GATEWAY_STARTS:
@@ -231,6 +235,7 @@ class Supervisor:
         """Give the order to the spare, which reads it as soon as it has imported everything; start the next spare."""
         child, self._spare = self._spare or self._start_worker(), None
         child.channel.send(order | self._order() | {"settings": self._settings.model_dump_json()})
+        failpoint("supervisor.ordered")
         self._spare = self._start_worker()
         return child
 
@@ -240,9 +245,11 @@ class Supervisor:
         if message is not None:
             self._silent_ends, child.spoke = 0, True
             if live is not None:
+                failpoint("supervisor.heard")
                 self._control.heard(live, message)
             return
         code = self._end(child)
+        failpoint("supervisor.worker-ended")
         self._silent_ends += not child.spoke
         if live is not None:
             self._control.gone(live, code)

@@ -26,6 +26,7 @@ from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import CONTROL, REPLIES, Message, Ping, Pong
 
 from mesh_motion_server.errors import MeshMotionError, ResourceError
+from mesh_motion_server.failpoints import activate, failpoint
 from mesh_motion_server.security.authorisation import Verdict
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.session.spec import SessionSpec
@@ -146,8 +147,10 @@ class Worker:
         """The supervisor's orders: drain, reclaim."""
         order = self._channel.receive()
         if order is None or order["order"] == "drain":
+            failpoint("worker.drain")
             self._over = True
             return
+        failpoint("worker.reclaim")
         try:
             epoch = self._host.reclaim(order["token"])
         except MeshMotionError as error:
@@ -161,6 +164,7 @@ class Worker:
     def _receive(self) -> None:
         """One request, from frames to the frames of its replies."""
         peer, *parts = self._socket.recv_multipart(copy=False)
+        failpoint("worker.received")
         started = time.perf_counter()
         user = self._rights.user(parts[-1] if parts else peer)
         state = str(self._host.state) if self._rights.is_owner(user) else ""
@@ -197,8 +201,10 @@ class Worker:
     def _send(self, envelopes: Sequence[Envelope]) -> None:
         for envelope in envelopes:
             frames = self._frames(envelope.message)
+            failpoint("worker.sending")
             try:
                 self._socket.send_multipart([envelope.peer, *frames], flags=zmq.NOBLOCK, copy=False)
+                failpoint("worker.sent")
             except zmq.ZMQError as error:
                 # The peer is gone or does not read: it asks again, by the same request id, when it is back.
                 log().info("undelivered", reply=envelope.message.type, reason=str(error))
@@ -220,6 +226,7 @@ class Worker:
         alone = self._lease.alone(now)
         if alone >= self._settings.lease_seconds and not self._suspended:
             self._suspended = True
+            failpoint("worker.lease-end")
             log().info("lease_ended", state=str(self._host.state), step=self._host.step)
             self._send(self._host.suspend())
         self._over = self._over or alone >= self._settings.idle_seconds
@@ -239,9 +246,12 @@ def main(arguments: list[str]) -> int:
     descriptor, level, *modules = arguments
     channel = Channel.inherited(int(descriptor))
     configure("worker", level)
+    activate()
+    failpoint("worker.start")
     hosting = Hosting(*modules)
     hosts, stores = hosting.load_host(), hosting.load_store()
     warm_up(hosting.numerics, interrupted=channel.pending)
+    failpoint("worker.ready")
     order = channel.receive()
     if order is None or order["order"] == "drain":
         return 0
@@ -250,6 +260,7 @@ def main(arguments: list[str]) -> int:
 
 def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, signals: Any) -> int:
     """From the order to the end of the session's use."""
+    failpoint("worker.ordered")
     settings = ServerSettings.model_validate_json(order["settings"])
     limit_address_space(settings.worker_memory_bytes)
     limit_descriptors(_DESCRIPTORS)
@@ -263,12 +274,15 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         channel.send({"event": "failed"} | _failure(error))
         return 1
     try:
+        failpoint("worker.hosting")
         endpoint = _listen(context, socket, order["endpoint"], protection)
+        failpoint("worker.bound")
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
         worker = Worker(channel, socket, host, settings, Rights(protection, order["owner"]))
         worker.run(signals)
         worker.disconnect()
+        failpoint("worker.over")
         channel.send({"event": "over", "closed": host.closed})
     finally:
         host.close()
