@@ -15,7 +15,8 @@ from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.factor_source import FactorSource
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.quality_summary import Judgement
 from mesh_motion_server.numerics.roles import Patch
 

@@ -25,7 +25,8 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.numerics.sub_steps import Leg, Walk, furthest_walk
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.motion import Motion, MotionModel
+    from mesh_motion_server.numerics.motion import MotionModel
+    from mesh_motion_server.numerics.motion_found import Motion
 
 __all__ = ["boundary_of", "led_motion", "refuse_crossing"]
 

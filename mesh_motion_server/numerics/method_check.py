@@ -67,49 +67,14 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     ResourceError
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
-    imposed = (
-        method.correction == "imposed-gradient" and points.shape[1] == 1
-    )  # above 1D, of cells and not of the field
-    gradient = method.predictor in _GRADIENT_PREDICTORS or imposed
-    with _naming("basis", method):
-        basis = basis_named(method.basis, gradient=gradient)
-    if method.volume_reduction != "none" and method.predictor in _GRADIENT_PREDICTORS:
-        raise _unfit(
-            "predictor",
-            f"predictor = {method.predictor!r} needs the motion's gradient, which a volume reduction does not give",
-            hint="use 'trial-nodes'",
-        )
+    basis = _checked_basis(method, points.shape[1])
     if method.boundary_layer_thickness is not None:
         _check_layer(method, points.shape[1])
-    if basis.radius_meaning == "shape":
-        with _naming("support_radius", method):
-            checked_radius(method.support_radius, basis)
     _check_lengths(method, points)
-    if basis.needs_polynomial and method.solver not in _DENSE_SOLVERS:
-        raise _unfit(
-            "solver",
-            f"solver = {method.solver!r}: the basis {basis.name!r} has only a dense one",
-            hint="leave solver out, or take a basis with compact support",
-        )
-    if method.far_field_tolerance > 0.0 and method.solver == "two-scale":
-        raise _unfit(
-            "far_field_tolerance",
-            f"far_field_tolerance = {method.far_field_tolerance!r} is for sums in one scale, got solver 'two-scale'",
-            hint="leave far_field_tolerance out: two scales already take the far field from a grid",
-        )
+    _check_solver(method, basis)
     if method.support_radius_choice == "motion":
         _check_choice_from_motion(method, basis)
-    with _naming("polynomial", method):
-        linear = chosen_polynomial(method.polynomial, basis, points[roles.prescribed])
-    if method.reduction != "none" and linear is not None:
-        raise _unfit(
-            "reduction",
-            f"reduction = {method.reduction!r} needs a positive definite basis without a polynomial, got basis "
-            f"{method.basis!r} with polynomial {method.polynomial!r}",
-            hint="basis = 'wendland-c2' and polynomial = 'auto', or reduction = 'none'",
-        )
-    if method.reduction == "none" and (method.solver == "dense" or basis.needs_polynomial):
-        check_dense(len(roles.prescribed))
+    _check_reductions(method, basis, points[roles.prescribed])
     with _naming("enrichment_placement", method):
         check_placement(method.correction, method.enrichment_placement, points.shape[1])
     if method.correction_in_time == "smooth":
@@ -122,6 +87,55 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         )
     if periodic:
         _check_periodic(method, basis)
+
+
+def _checked_basis(method: Method, dimension: int) -> Basis:
+    """The basis function, if it has what will be asked of it."""
+    # above 1D the imposed gradient is one of cells and not of the field
+    gradient = method.predictor in _GRADIENT_PREDICTORS or (method.correction == "imposed-gradient" and dimension == 1)
+    with _naming("basis", method):
+        basis = basis_named(method.basis, gradient=gradient)
+    if basis.radius_meaning == "shape":
+        with _naming("support_radius", method):
+            checked_radius(method.support_radius, basis)
+    return basis
+
+
+def _check_solver(method: Method, basis: Basis) -> None:
+    """Refuse a solver that the basis or the far field has not."""
+    if basis.needs_polynomial and method.solver not in _DENSE_SOLVERS:
+        raise _unfit(
+            "solver",
+            f"solver = {method.solver!r}: the basis {basis.name!r} has only a dense one",
+            hint="leave solver out, or take a basis with compact support",
+        )
+    if method.far_field_tolerance > 0.0 and method.solver == "two-scale":
+        raise _unfit(
+            "far_field_tolerance",
+            f"far_field_tolerance = {method.far_field_tolerance!r} is for sums in one scale, got solver 'two-scale'",
+            hint="leave far_field_tolerance out: two scales already take the far field from a grid",
+        )
+
+
+def _check_reductions(method: Method, basis: Basis, control_points: NDArray[np.float64]) -> None:
+    """Refuse a reduction that does not go with the rest, and a dense matrix of all control points beyond memory."""
+    if method.volume_reduction != "none" and method.predictor in _GRADIENT_PREDICTORS:
+        raise _unfit(
+            "predictor",
+            f"predictor = {method.predictor!r} needs the motion's gradient, which a volume reduction does not give",
+            hint="use 'trial-nodes'",
+        )
+    with _naming("polynomial", method):
+        linear = chosen_polynomial(method.polynomial, basis, control_points)
+    if method.reduction != "none" and linear is not None:
+        raise _unfit(
+            "reduction",
+            f"reduction = {method.reduction!r} needs a positive definite basis without a polynomial, got basis "
+            f"{method.basis!r} with polynomial {method.polynomial!r}",
+            hint="basis = 'wendland-c2' and polynomial = 'auto', or reduction = 'none'",
+        )
+    if method.reduction == "none" and (method.solver == "dense" or basis.needs_polynomial):
+        check_dense(len(control_points))
 
 
 @contextmanager

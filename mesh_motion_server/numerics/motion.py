@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_server.numerics.boundary_layer_fallback import fitting_layer, given_way, move_with_layer
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.correction import Correction, CorrectionProblem, correct
+from mesh_motion_server.numerics.correction import CorrectionProblem, correct
 from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.far_field.evaluator import FarFieldEvaluator
@@ -38,6 +37,7 @@ from mesh_motion_server.numerics.mesh_summary import mesh_summary
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
 from mesh_motion_server.numerics.metrics import QualitySummary, summarize
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.prediction import predict
 from mesh_motion_server.numerics.quality_summary import Judgement
 from mesh_motion_server.numerics.radius_choice import PredictedMotion, best_predicted, with_other_radii, with_radii
@@ -48,48 +48,7 @@ from mesh_motion_server.numerics.standard_motion import StandardMotion, Standard
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
-__all__ = ["Motion", "MotionModel"]
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """An accepted motion; still a trial.
-
-    Attributes
-    ----------
-    points : (n, d) array
-        New positions, mesh length unit; the moving nodes are bitwise where they were told to be.
-    standard, corrected : QualitySummary, or LowestQuality of a model that was told so
-        Predicted before any node moved: by the standard motion, and after the correction.
-    correction : Correction
-        What the correction did.
-    reached : bool
-        Whether ``corrected`` is at or above the threshold.
-    seconds : dict
-        Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
-    caches : dict
-        ``"reused"`` or ``"made"`` for each kind of what depends on the state alone (``factorization``, ``operators``),
-        ``bytes``: what the cache holds of each; and what a model adds to it.
-    control_points : (nc,) int64 array
-        Nodes that the standard motion was interpolated from.
-    support_radius : float
-        R of the standard motion, mesh length unit.
-    warnings : list of str
-    sub_steps : int
-        Legs in which the mesh was led there; 1 for a direct motion.
-    """
-
-    points: NDArray[np.float64]
-    standard: Judgement
-    corrected: Judgement
-    correction: Correction
-    reached: bool
-    seconds: dict[str, float]
-    caches: dict[str, Any]
-    control_points: NDArray[np.int64]
-    support_radius: float
-    warnings: list[str]
-    sub_steps: int = 1
+__all__ = ["MotionModel"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ from correction_cases import BodyMesh, stored
 from mesh_motion_server.distributed.connection import Connection
 from mesh_motion_server.distributed.model import DistributedModel
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.roles import Patch
 
 MESHES = {"block": lambda: stored("thesis_block"), "cube": lambda: box_mesh("tetra", 10)}

@@ -15,7 +15,8 @@ from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.roles import Patch
 
 DISPLACEMENTS = ("relative", "absolute", "reanchored")

@@ -11,7 +11,8 @@ from periodic_meshes import Mesh, periodic_box, sector, turn
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.roles import Patch
 
 

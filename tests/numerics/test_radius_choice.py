@@ -7,7 +7,8 @@ from docs.studies.moved_bodies import Turn, stored
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.roles import BoundaryRoles
 from mesh_motion_server.numerics.support_radius import candidate_support_radii
 from mesh_motion_server.session.factors import FactorCache

@@ -17,7 +17,8 @@ from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.correction import CorrectionSettings, correct
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime, gradient_stiffness, travel
 from mesh_motion_server.session.factors import FactorCache

@@ -13,7 +13,8 @@ from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.motion import Motion, MotionModel
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.roles import Patch
 
 Floats = NDArray[np.float64]
