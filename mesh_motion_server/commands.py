@@ -378,6 +378,7 @@ def conform(
     """
     from mesh_motion_conformance.command import Subject, listed
     from mesh_motion_conformance.command import conform as put_cases
+    from mesh_motion_conformance.presence import Unreachable
 
     if (endpoint is None) == (client is None):
         raise typer.BadParameter("give either --endpoint or --client", param_hint="--endpoint")
@@ -385,7 +386,11 @@ def conform(
     if list_cases:
         _out.print(listed(subject, only or ()), markup=False)
         return
-    outcomes = put_cases(subject, _plain, only=only or (), json=json_file, junit=junit, quiet=quiet)
+    try:
+        outcomes = put_cases(subject, _plain, only=only or (), json=json_file, junit=junit, quiet=quiet)
+    except Unreachable as error:
+        complain(str(error))
+        raise typer.Exit(ExitStatus.UNAVAILABLE) from None
     if any(outcome.verdict == "FAIL" for outcome in outcomes):
         raise typer.Exit(ExitStatus.UNMET)
 

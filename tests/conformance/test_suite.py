@@ -2,15 +2,18 @@
 
 import ast
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import zmq
 from mesh_motion_conformance.__main__ import main
 from mesh_motion_conformance.case import Case, Outcome, Skip, Unmet, section_order
 from mesh_motion_conformance.client import client_cases
 from mesh_motion_conformance.line import Silence
+from mesh_motion_conformance.presence import Unreachable, require_somebody
 from mesh_motion_conformance.report import line_of, summary
 from mesh_motion_conformance.runner import run, selected
 from mesh_motion_conformance.server import server_cases
@@ -151,6 +154,34 @@ def test_command_lists_cases(capsys):
     assert all(line.startswith("16-") for line in capsys.readouterr().out.splitlines())
 
 
-def test_command_without_anybody_there_ends_with_1(capsys):
-    assert main(["--endpoint", "tcp://127.0.0.1:1", "--only", "19-PING", "--timeout", "0.2"]) == 1
-    assert "FAIL 19-PING-byte-by-byte-at-control" in capsys.readouterr().out
+@pytest.mark.parametrize("arguments", [[], ["--only", "7"]])
+def test_command_without_anybody_there_says_so_at_once_and_ends_with_69(capsys, arguments):
+    assert main(["--endpoint", "tcp://127.0.0.1:1", "--timeout", "600", *arguments]) == 69
+    told = capsys.readouterr()
+    assert told.err == "mesh_motion_conformance: nobody listens at tcp://127.0.0.1:1\n"
+    assert told.out == ""
+
+
+def test_who_listens_but_does_not_greet_is_nobody():
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        endpoint = "tcp://{}:{}".format(*silent.getsockname())
+        with pytest.raises(Unreachable, match="answers a ZMTP greeting"):
+            require_somebody(endpoint, 0.3)
+
+
+def test_what_is_no_endpoint_is_nobody():
+    with pytest.raises(Unreachable, match="tcp://HOST:PORT"):
+        require_somebody("http://127.0.0.1", 0.3)
+
+
+def test_a_server_with_keys_is_told_apart():
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as router:
+        router.curve_server, router.curve_secretkey = True, zmq.curve_keypair()[1]
+        port = router.bind_to_random_port("tcp://127.0.0.1")
+        with pytest.raises(Unreachable, match="asks for keys"):
+            require_somebody(f"tcp://127.0.0.1:{port}", 30.0)
+
+
+def test_who_greets_is_somebody():
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as router:
+        require_somebody(f"tcp://127.0.0.1:{router.bind_to_random_port('tcp://127.0.0.1')}", 30.0)

@@ -7,12 +7,16 @@ import sys
 from pathlib import Path
 
 from mesh_motion_conformance.command import Subject, conform, listed
+from mesh_motion_conformance.presence import Unreachable
 
 __all__ = ["main"]
 
+#: ``EX_UNAVAILABLE`` of sysexits.h.
+_UNAVAILABLE = 69
+
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit status: 0 all demands met, 1 some not, 2 usage."""
+    """Exit status: 0 all demands met, 1 some not, 2 usage, 69 nobody at the endpoint."""
     parser = argparse.ArgumentParser(prog="mesh_motion_conformance", description="What of SPEC.md holds, by section.")
     whom = parser.add_mutually_exclusive_group(required=True)
     whom.add_argument("--endpoint", default="", help="a server's control endpoint, tcp://HOST:PORT or ipc:///PATH")
@@ -33,7 +37,11 @@ def main(arguments: list[str] | None = None) -> int:
     if given.list:
         _tell(listed(subject, given.only))
         return 0
-    outcomes = conform(subject, _tell, only=given.only, json=given.json, junit=given.junit, quiet=given.quiet)
+    try:
+        outcomes = conform(subject, _tell, only=given.only, json=given.json, junit=given.junit, quiet=given.quiet)
+    except Unreachable as error:
+        sys.stderr.write(f"mesh_motion_conformance: {error}\n")
+        return _UNAVAILABLE
     return int(any(outcome.verdict == "FAIL" for outcome in outcomes))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mesh_motion_conformance.case import Case, Outcome
 from mesh_motion_conformance.client import ClientStage, client_cases
+from mesh_motion_conformance.presence import require_somebody
 from mesh_motion_conformance.report import line_of, summary, write_json, write_junit
 from mesh_motion_conformance.runner import run, selected
 from mesh_motion_conformance.server import Stage, server_cases
@@ -78,12 +79,19 @@ def conform(
     Returns
     -------
     list of Outcome
+
+    Raises
+    ------
+    Unreachable
+        If nobody is at the endpoint.
     """
 
     def told(outcome: Outcome) -> None:
         if outcome.verdict == "FAIL" or not quiet:
             tell(line_of(outcome))
 
+    if subject.endpoint:
+        require_somebody(subject.endpoint, subject.seconds)
     stage = subject.stage()
     try:
         outcomes = run(selected(subject.cases(), only), stage, told)

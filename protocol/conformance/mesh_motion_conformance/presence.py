@@ -1,0 +1,58 @@
+"""Whether anybody is there at all, found out before the first case."""
+
+from __future__ import annotations
+
+import time
+
+import zmq
+import zmq.utils.monitor
+
+__all__ = ["Unreachable", "require_somebody"]
+
+_CONNECTED = zmq.EVENT_CONNECTED
+_GREETED = zmq.EVENT_HANDSHAKE_SUCCEEDED
+_AGAIN = zmq.EVENT_CONNECT_RETRIED
+_NOT_ADMITTED = zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+
+
+class Unreachable(Exception):
+    """There is no server to put cases to; the message says what was met instead."""
+
+
+def require_somebody(endpoint: str, seconds: float) -> None:
+    """Make one ZMTP connection and end it.
+
+    A connection that is refused decides at once, silence after ``seconds``.
+
+    Raises
+    ------
+    Unreachable
+    """
+    socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+    socket.setsockopt(zmq.LINGER, 0)
+    socket.setsockopt(zmq.IPV6, int("[" in endpoint))
+    events = socket.get_monitor_socket(_CONNECTED | _GREETED | _AGAIN | _NOT_ADMITTED)
+    try:
+        socket.connect(endpoint)
+        _wait(events, endpoint, time.monotonic() + seconds)
+    except zmq.ZMQError as error:
+        raise Unreachable(f"the endpoint must be tcp://HOST:PORT or ipc:///PATH, got {endpoint!r}: {error}") from None
+    finally:
+        socket.disable_monitor()
+        events.close()
+        socket.close()
+
+
+def _wait(events: zmq.Socket[bytes], endpoint: str, deadline: float) -> None:
+    """Until an event decides: a connection that never came about, a greeting, or the end of one."""
+    connected = False
+    while events.poll(max(0, round(1000 * (deadline - time.monotonic())))):
+        event = zmq.utils.monitor.recv_monitor_message(events)["event"]
+        if event == _GREETED:
+            return
+        if event & _NOT_ADMITTED:
+            raise Unreachable(f"the server at {endpoint} asks for keys; the suite connects without")
+        if event == _AGAIN and not connected:
+            raise Unreachable(f"nobody listens at {endpoint}")
+        connected = connected or event == _CONNECTED
+    raise Unreachable(f"nobody at {endpoint} answers a ZMTP greeting")
