@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from mesh_motion_server.prove import (
     attacked_server,
+    authorisation_matrix,
+    conformance,
     decoder_fuzz,
     io_faults,
     journal_damage,
@@ -23,7 +25,9 @@ CHECKS: tuple[Check, ...] = (
     journal_damage.CHECK,
     kill_nine.CHECK,
     # what comes in
+    conformance.CHECK,
     decoder_fuzz.CHECK,
     attacked_server.CHECK,
+    authorisation_matrix.CHECK,
     numerical_input.CHECK,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from mesh_motion_protocol.messages import SessionMessage
 
 from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.session.session import Session
 
 __all__ = ["Holders"]
@@ -37,7 +38,7 @@ class Holders:
         """
         spec = self._session.spec
         if request.session != spec.session:
-            raise SessionError(f"there is no session {request.session!r:.40} here", code="NOT_FOUND")
+            raise not_found(request.session)
         if not 0 <= request.partition < spec.partitions:
             raise InvalidInput(
                 f"partition {request.partition} is not in 0 … {spec.partitions - 1}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mesh_motion_protocol.messages import Join, Joined
 
-from mesh_motion_server.errors import SessionError
+from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.session.session import Session
 
 __all__ = ["answer"]
@@ -19,7 +19,7 @@ def answer(session: Session, request: Join) -> Joined:
         NOT_FOUND for a wrong token, as for an unknown session.
     """
     if not session.spec.admits(request.token):
-        raise SessionError(f"there is no session {request.session!r:.40} for this token", code="NOT_FOUND")
+        raise not_found(request.session)
     session.join()
     mesh = session.mesh if session.is_built else None
     return Joined(

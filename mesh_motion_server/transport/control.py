@@ -36,6 +36,9 @@ _START_SECONDS = 600.0
 _RECLAIM_SECONDS = 5.0
 #: NOT_FOUND is told so long after the question: longer than looking a session up takes, so that the time tells nothing.
 _NOT_FOUND_SECONDS = 0.05
+#: Waiting for sockets ends up to a millisecond late, counted from when the wait began: a reply that is sent then tells
+#: how long the lookup before it took. So the wait ends this early, and the rest is slept to the microsecond.
+_ROUNDING_SECONDS = 0.002
 _SEEN = (Verdict.USE, Verdict.OVERSEE)
 
 
@@ -295,8 +298,9 @@ class Control:
 
     def keep_time(self, now: float) -> None:
         """Kill workers that did not start or did not take the new holder in time; :meth:`gone` then goes on."""
-        while self._later and self._later[0][0] <= now:
-            _, peer, frame = self._later.popleft()
+        while self._later and self._later[0][0] - now <= _ROUNDING_SECONDS:
+            due, peer, frame = self._later.popleft()
+            time.sleep(max(0.0, due - time.monotonic()))
             self._send(peer, frame)
         for live in self.registry.live.values():
             if live.deadline is not None and live.deadline <= now:
@@ -306,7 +310,7 @@ class Control:
     def next_deadline(self) -> float | None:
         """When :meth:`keep_time` will have something to do."""
         deadlines = [live.deadline for live in self.registry.live.values() if live.deadline]
-        return min(deadlines + [when for when, _, _ in islice(self._later, 1)], default=None)
+        return min(deadlines + [due - _ROUNDING_SECONDS for due, _, _ in islice(self._later, 1)], default=None)
 
     # --- replies -----------------------------------------------------------------------------------------------------
 

@@ -333,3 +333,12 @@ def test_the_digest_is_the_documented_one(kit: Any, ready: Any) -> None:
     (committed,) = ready.all(Rollback, step=2) and [ready.host._session.commits[-1]]
     header = b"mesh-motion state 1\n" + b"".join(n.to_bytes(8, "little") for n in (1, 25, 2))
     assert committed.digest == hashlib.sha256(header + points.astype("<f8").tobytes()).digest()
+
+
+def test_a_wrong_token_and_another_session_are_refused_in_the_same_words(driver: Any) -> None:
+    wrong = driver.ask(Join, token=bytes(32))
+    other = driver.ask(Join, token=bytes(32), session="f" * 32)
+    for reply in (wrong, other):
+        assert reply.code == "NOT_FOUND"
+    assert wrong.message.replace(driver.host.session, "ID") == other.message.replace("f" * 32, "ID")
+    assert (wrong.hint, wrong.details) == (other.hint, other.details)

@@ -1,0 +1,126 @@
+"""Faults for the server's own processes: each of them imports this at its start and breaks what SEEDED_FAULTS names.
+
+The folder is put first on PYTHONPATH by the fixture ``seed``. A process that is run by ``-m`` is a module of its own, so
+what is patched here is what such modules import, not themselves.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+FAULTS: dict[str, Callable[[], None]] = {}
+
+
+def fault(seed: Callable[[], None]) -> Callable[[], None]:
+    """Known by its name, with blanks."""
+    FAULTS[seed.__name__.replace("_", " ")] = seed
+    return seed
+
+
+# --- authorisation ---
+
+
+@fault
+def a_monitor_may_close() -> None:
+    from mesh_motion_server.security.authorisation import MATRIX, Role, Verdict
+
+    MATRIX[Role.MONITOR]["CLOSE"] = (Verdict.OVERSEE, Verdict.OVERSEE)
+
+
+@fault
+def an_owner_may_probe_others_sessions() -> None:
+    from mesh_motion_server.security.authorisation import MATRIX, Role, Verdict
+
+    MATRIX[Role.OWNER]["PROBE"] = (Verdict.USE, Verdict.USE)
+
+
+@fault
+def an_admin_may_not_list() -> None:
+    from mesh_motion_server.security.authorisation import MATRIX, Role, Verdict
+
+    MATRIX[Role.ADMIN]["LIST"] = (Verdict.DENIED, Verdict.DENIED)
+
+
+@fault
+def statuses_tell_places() -> None:
+    from mesh_motion_server.service import status
+
+    status.without_places = lambda reply: reply
+
+
+@fault
+def no_delay_of_not_found() -> None:
+    from mesh_motion_server.transport import control
+
+    control._NOT_FOUND_SECONDS = 0.0
+
+
+@fault
+def a_lookup_that_takes_its_time_after_the_delay_began() -> None:
+    import time
+
+    from mesh_motion_server.transport.control import Control
+    from mesh_motion_server.transport.registry import Registry
+
+    owner, reply_error = Registry.owner, Control._reply_error
+
+    def slow(self, session):
+        found = owner(self, session)
+        time.sleep(0.03 * (found is not None))
+        return found
+
+    def late(self, *given):
+        self._asked_at = time.monotonic()
+        reply_error(self, *given)
+
+    Registry.owner, Control._reply_error = slow, late
+
+
+@fault
+def another_hint_where_there_is_a_session() -> None:
+    from mesh_motion_server.errors import SessionError
+    from mesh_motion_server.transport import control
+
+    request, not_found, control_of = control.Control.request, control.not_found, []
+
+    def remember(self, *given):
+        control_of[:] = [self]
+        request(self, *given)
+
+    def worded(session):
+        known = control_of[0].registry.owner(session) is not None
+        error = not_found(session)
+        return SessionError(error.message, code="NOT_FOUND", hint="it is not yours") if known else error
+
+    control.Control.request, control.not_found = remember, worded
+
+
+@fault
+def an_allow_list_that_is_read_once() -> None:
+    from mesh_motion_server.security.allow_list import AllowList
+
+    look = AllowList._look
+    AllowList._look = lambda self: None if self._entries else look(self)
+
+
+@fault
+def users_who_name_themselves() -> None:
+    import contextlib
+
+    import zmq
+
+    from mesh_motion_server.security.allow_list import Everybody
+    from mesh_motion_server.transport import protection
+
+    def user_of(frame, _protection):
+        with contextlib.suppress(zmq.ZMQError):
+            return str(frame.get("User-Id"))
+        return ""
+
+    protection.user_of = user_of
+    Everybody.roles = lambda self, key: ("owner",)
+
+
+for name in filter(None, os.environ.get("SEEDED_FAULTS", "").split(",")):
+    FAULTS[name]()
