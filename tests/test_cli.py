@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -67,13 +68,17 @@ def test_conform_lists_its_cases(run: Run) -> None:
     assert out.startswith("16-one-move: ")
 
 
-_PING = "19-PING-byte-by-byte-at-control"
-
-
 def test_conform_tells_what_is_not_met(run: Run) -> None:
-    status, out, _ = run("conform", "--endpoint", "tcp://127.0.0.1:1", "--only", _PING, "--timeout", "0.2", "-q")
+    status, out, _ = run("conform", "--client", shlex.join([sys.executable, "-c", ""]), "--only", "18.1", "-q")
     assert status == ExitStatus.UNMET
-    assert f"FAIL {_PING}" in out
+    assert "FAIL 18.1-" in out
+
+
+def test_conform_tells_at_once_that_nobody_is_there(run: Run) -> None:
+    status, out, err = run("conform", "--endpoint", "tcp://127.0.0.1:1", "--timeout", "600")
+    assert status == ExitStatus.UNAVAILABLE
+    assert out == ""
+    assert err == "mesh-motion: nobody listens at tcp://127.0.0.1:1\n"
 
 
 def test_version(run: Run) -> None:
