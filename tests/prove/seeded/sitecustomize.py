@@ -1,8 +1,10 @@
 """Faults for the server's own processes: each of them imports this at its start and breaks what SEEDED_FAULTS names.
 
-The folder is put first on PYTHONPATH by the fixture ``seed``. A process that is run by ``-m`` is a module of its own, so
-what is patched here is what such modules import, not themselves.
+The folder is put first on PYTHONPATH by the fixture ``seed``. A process that is run by ``-m`` is a module of its own,
+so what is patched here is what such modules import, not themselves.
 """
+
+# ruff: noqa: PLC0415  (what no fault breaks is not loaded)
 
 from __future__ import annotations
 
