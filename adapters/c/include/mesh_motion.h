@@ -1,0 +1,198 @@
+/* Client of the mesh-motion server: displacements of a moving boundary in, displacements of all nodes out.
+ *
+ *     mm_context *server = mm_context_new();
+ *     mm_connect(server, "tcp://127.0.0.1:7440");
+ *     mm_session *session = mm_session_new(server);
+ *     mm_points(session, 2, nodes, points);
+ *     mm_cells(session, "quad", cells, quads);
+ *     mm_patch(session, "block", "moving", block_nodes, block);
+ *     mm_open(session);                                 // a session on the server
+ *     mm_build(session);                                // the mesh is there, checked and durable
+ *     mm_move(session, MM_SINCE_COMMITTED, k, rows, nodes, displacement);        // once per coupling iteration
+ *     mm_commit(session);                               // once per time step
+ *     mm_close(session, MM_KEEP);
+ *     if (mm_error(server)) fprintf(stderr, "%s\n", mm_error_message(server));   // once, at the end, is enough
+ *
+ * Errors are sticky, as those of a stream: the first one stays in the context, and every later call returns it at once
+ * and does nothing, until mm_clear_error. So a program may look after each call, or after a whole time step.
+ *
+ * Every call that waits ends: within the time-outs of mm_set_timeouts. A call that timed out may be made again,
+ * unchanged: it is then the same request, and what it asks for is done once, whatever was lost on the way. Broken
+ * connections are mended, and a session whose worker died is resumed from its journal, inside the calls.
+ *
+ * A context with all its sessions is used by one thread at a time; several contexts may be used by several threads.
+ * There is no global state. Text is UTF-8, ended by a zero byte. Nodes count from 0. Arrays are row-major.
+ * protocol/SPEC.md says what the words mean: committed state, trial, patch, role, partition, quality.
+ */
+#ifndef MESH_MOTION_H
+#define MESH_MOTION_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+#define MM_API __attribute__((visibility("default")))
+#else
+#define MM_API
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MM_VERSION "1.0.0"
+
+typedef struct mm_context mm_context; /* a server, and the error */
+typedef struct mm_session mm_session; /* one partition's part of one mesh on it */
+typedef struct mm_report mm_report;   /* what the server reported: numbers and texts by path; NULL is an empty one */
+
+/* What a call returns: MM_OK or the error's canonical name, numbered as in gRPC. mm_error_code has the details. */
+typedef enum {
+    MM_OK = 0,
+    MM_INVALID_ARGUMENT = 3,
+    MM_DEADLINE_EXCEEDED = 4,
+    MM_NOT_FOUND = 5,
+    MM_PERMISSION_DENIED = 7,
+    MM_RESOURCE_EXHAUSTED = 8,
+    MM_FAILED_PRECONDITION = 9,
+    MM_ABORTED = 10,
+    MM_UNIMPLEMENTED = 12,
+    MM_INTERNAL = 13,
+    MM_UNAVAILABLE = 14,
+    MM_DATA_LOSS = 15,
+    MM_UNAUTHENTICATED = 16
+} mm_result;
+
+/* --- a server ---------------------------------------------------------------------------------------------------- */
+
+/* NULL only where there is no memory. */
+MM_API mm_context *mm_context_new(void);
+/* Frees its sessions too. NULL is admitted. */
+MM_API void mm_context_free(mm_context *context);
+/* Seconds for what takes no computing (60) and for what does: build, move, commit, rollback, resume (1800). */
+MM_API mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds);
+/* For a server that asks for keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's .public
+ * (or that key itself, 40 characters). Without this call MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY name them. */
+MM_API mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *server_key);
+/* tcp://HOST:PORT or ipc:///path. Waits until the server answers. */
+MM_API mm_result mm_connect(mm_context *context, const char *endpoint);
+MM_API mm_result mm_ping(mm_context *context);
+/* WELCOME: version.0, server, limits.max_sessions, durability.0 … */
+MM_API const mm_report *mm_welcome(const mm_context *context);
+
+/* --- the error ---------------------------------------------------------------------------------------------------- */
+
+MM_API mm_result mm_error(const mm_context *context);
+MM_API const char *mm_error_code(const mm_context *context);    /* "FAILED_PRECONDITION.QUALITY"; "" without an error */
+MM_API const char *mm_error_message(const mm_context *context); /* what was expected, what came */
+MM_API const char *mm_error_hint(const mm_context *context);    /* the way out; may be "" */
+/* The first offender: node, patch, row, value … With FAILED_PRECONDITION.QUALITY: best, fraction, worst.0.cell … */
+MM_API const mm_report *mm_error_details(const mm_context *context);
+/* 1 if the code is this one or one of its details: "ABORTED" is also ABORTED.FENCED. */
+MM_API int mm_error_is(const mm_context *context, const char *code);
+MM_API void mm_clear_error(mm_context *context);
+
+/* --- a mesh and how it is moved ------------------------------------------------------------------------------------ */
+
+MM_API mm_session *mm_session_new(mm_context *context);
+/* Ends the connection and no more: the session stays on the server until its lease ends (mm_close is better). */
+MM_API void mm_session_free(mm_session *session);
+
+/* The arrays of these four are not copied: leave them in place until mm_build returns. Indices and types are checked.
+ * Cell types: line; triangle, quad; tetra, pyramid, wedge, hexahedron, with their nodes in the order of VTK.
+ * Roles: moving, fixed, slip, symmetry, periodic. mm_cells may be called once for each type, mm_patch for each patch. */
+MM_API mm_result mm_points(mm_session *session, int dimension, size_t nodes, const double *points);
+MM_API mm_result mm_cells(mm_session *session, const char *type, size_t cells, const int64_t *nodes);
+MM_API mm_result mm_cells32(mm_session *session, const char *type, size_t cells, const int32_t *nodes);
+MM_API mm_result mm_patch(mm_session *session, const char *name, const char *role, size_t nodes, const int64_t *indices);
+/* With several partitions: the number of each node in the whole mesh. */
+MM_API mm_result mm_global_ids(mm_session *session, const int64_t *ids);
+
+/* Settings of the method, before mm_open; SPEC.md, section 14, has their names: support_radius, quality_threshold … */
+MM_API mm_result mm_set_number(mm_session *session, const char *key, double value);
+MM_API mm_result mm_set_integer(mm_session *session, const char *key, int64_t value);
+MM_API mm_result mm_set_flag(mm_session *session, const char *key, int value);
+MM_API mm_result mm_set_text(mm_session *session, const char *key, const char *value);
+/* Shown in logs and lists. */
+MM_API mm_result mm_set_label(mm_session *session, const char *label);
+/* "full", "replay" or "relaxed", of those that WELCOME's durability names. */
+MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
+/* Which partition this is, of how many: 0, 1 unless set. One partition is one rank of a parallel driver. */
+MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);
+
+/* --- opening ------------------------------------------------------------------------------------------------------ */
+
+/* A new session, joined. With several partitions one of them opens; its id and token go to the others … */
+MM_API mm_result mm_open(mm_session *session);
+/* … which join by them. Also for a session that another partition has resumed. */
+MM_API mm_result mm_join(mm_session *session);
+/* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. */
+MM_API mm_result mm_build(mm_session *session);
+/* Takes a session up again at its last committed step, after a crash of any side; earlier holders are fenced off. */
+MM_API mm_result mm_resume(mm_session *session);
+
+#define MM_ID_SIZE 33 /* 32 hexadecimal digits and the end */
+#define MM_TOKEN_BYTES 32
+/* What opens a session again. Whoever has them has the session: keep the token secret. */
+MM_API const char *mm_id(const mm_session *session);
+MM_API const uint8_t *mm_token(const mm_session *session);
+MM_API mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t token[MM_TOKEN_BYTES]);
+/* The same in a file of mode 0600, as the Python client writes and reads it. */
+MM_API mm_result mm_save_credentials(mm_session *session, const char *path);
+MM_API mm_result mm_load_credentials(mm_session *session, const char *path);
+
+/* --- a time step ---------------------------------------------------------------------------------------------------- */
+
+typedef enum { MM_SINCE_COMMITTED, MM_SINCE_REFERENCE } mm_frame; /* what a displacement counts from */
+typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
+
+/* One coupling iteration: `moving` rows for the moving nodes (in the order of mm_moving_nodes) in, `nodes` rows for all
+ * nodes out. Each starts from the committed state; nothing is final. MM_FAILED_PRECONDITION, code
+ * FAILED_PRECONDITION.QUALITY: there is no acceptable mesh; the session is as before. */
+MM_API mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
+                         double *answer);
+/* The last move becomes the committed state, durably, and the time step ends. */
+MM_API mm_result mm_commit(mm_session *session);
+/* The moves of this time step are forgotten. */
+MM_API mm_result mm_rollback(mm_session *session);
+/* Coordinates of all nodes: committed, or of the mesh as it was uploaded. */
+MM_API mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *points);
+/* Asks the server; mm_state, mm_step, mm_iteration and mm_status_report tell the answer. */
+MM_API mm_result mm_status(mm_session *session);
+/* MM_KEEP leaves the session stored and resumable, MM_DISCARD deletes it. Doing it twice is no error. */
+MM_API mm_result mm_close(mm_session *session, mm_outcome outcome);
+
+MM_API int mm_dimension(const mm_session *session);
+MM_API size_t mm_node_count(const mm_session *session);
+/* The nodes whose displacement mm_move takes, ascending; valid while the session is. */
+MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
+MM_API int64_t mm_step(const mm_session *session);         /* last committed step; 0: as uploaded */
+MM_API int64_t mm_durable_step(const mm_session *session); /* what survives the end of the machine */
+MM_API int64_t mm_iteration(const mm_session *session);    /* moves of the step under way */
+MM_API const char *mm_state(const mm_session *session);    /* as last told: READY, TRIAL … */
+MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256 of the committed state */
+/* Where the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
+MM_API const double *mm_enrichment_points(const mm_session *session, size_t *count);
+
+/* --- reports ------------------------------------------------------------------------------------------------------ */
+
+/* The last replies of each kind (SPEC.md, sections 12 and 15); valid until the next one of that kind. */
+MM_API const mm_report *mm_built(const mm_session *session);     /* settings, mesh, quality */
+MM_API const mm_report *mm_moved(const mm_session *session);     /* quality, correction, caches, seconds, warnings */
+MM_API const mm_report *mm_committed(const mm_session *session); /* quality, durable_step */
+MM_API const mm_report *mm_status_report(const mm_session *session);
+
+/* By path: keys and indices with dots, as "quality.corrected.metric.min" or "quality.corrected.worst.0.cell". */
+MM_API double mm_report_number(const mm_report *report, const char *path); /* NaN where there is none */
+MM_API int64_t mm_report_integer(const mm_report *report, const char *path, int64_t otherwise);
+MM_API size_t mm_report_count(const mm_report *report, const char *path); /* items of an array or map */
+/* Text, cut to the buffer and always ended. Returns its whole length. */
+MM_API size_t mm_report_text(const mm_report *report, const char *path, char *buffer, size_t size);
+/* Anything as JSON, "" for all of it. Returns the length that it has, as snprintf does. */
+MM_API size_t mm_report_json(const mm_report *report, const char *path, char *buffer, size_t size);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
