@@ -10,7 +10,8 @@
 
 using namespace mesh_motion;
 
-namespace {
+namespace
+{
 
 const std::vector<double> square = {0, 0, 1, 0, 1, 1, 0, 1};
 const std::vector<std::int64_t> triangles = {0, 1, 2, 0, 2, 3}, left_nodes = {0, 3}, right_nodes = {1, 2};
@@ -26,7 +27,8 @@ std::string list(View<T> numbers)
     return text.str() + "]";
 }
 
-class Driver {
+class Driver
+{
 public:
     Driver(std::string endpoint, double seconds) : endpoint_(std::move(endpoint)), seconds_(seconds) {}
 
@@ -70,12 +72,13 @@ private:
         if (verb == "move" || verb == "move-reference") {
             const std::vector<double> rows = {moves_ / 8.0, moves_ / 16.0, moves_ / 8.0, moves_ / 16.0};
             session.move(rows, answer, verb == "move" ? MM_SINCE_COMMITTED : MM_SINCE_REFERENCE);
-            return ", \"iteration\": " + std::to_string(session.iteration()) + ", \"displacement\": "
-                   + list(View<const double>(answer));
+            return ", \"iteration\": " + std::to_string(session.iteration())
+                   + ", \"displacement\": " + list(View<const double>(answer));
         }
         if (verb == "commit") {
             session.commit();
-            return ", \"step\": " + std::to_string(session.step()) + ", \"digest\": " + session.committed().json("digest");
+            return ", \"step\": " + std::to_string(session.step())
+                   + ", \"digest\": " + session.committed().json("digest");
         }
         if (verb == "rollback") {
             session.rollback();

@@ -3,8 +3,8 @@
 //     block_cpp tcp://127.0.0.1:7440 [POINTS]
 //
 // The mesh is made here, of quadrilaterals around a hole, as a flow solver has it. Each time step has three coupling
-// iterations, of which the last one is committed. Prints the quality of each step; POINTS receives the final coordinates
-// (float64, x and y of each node).
+// iterations, of which the last one is committed. Prints the quality of each step; POINTS receives the final
+// coordinates (float64, x and y of each node).
 #include <mesh_motion.hpp>
 
 #include <algorithm>
@@ -12,7 +12,8 @@
 #include <fstream>
 #include <vector>
 
-namespace {
+namespace
+{
 
 constexpr int cells = 16, low = 6, high = 10, steps = 4, iterations = 3;
 

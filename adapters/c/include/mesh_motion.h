@@ -71,8 +71,9 @@ MM_API mm_context *mm_context_new(void);
 MM_API void mm_context_free(mm_context *context);
 /* Seconds for what takes no computing (60) and for what does: build, move, commit, rollback, resume (1800). */
 MM_API mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds);
-/* For a server that asks for keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's .public
- * (or that key itself, 40 characters). Without this call MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY name them. */
+/* For a server that asks for keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's
+ * .public (or that key itself, 40 characters). Without this call MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY name them.
+ */
 MM_API mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *server_key);
 /* tcp://HOST:PORT or ipc:///path. Waits until the server answers. */
 MM_API mm_result mm_connect(mm_context *context, const char *endpoint);
@@ -80,7 +81,7 @@ MM_API mm_result mm_ping(mm_context *context);
 /* WELCOME: version.0, server, limits.max_sessions, durability.0 … */
 MM_API const mm_report *mm_welcome(const mm_context *context);
 
-/* --- the error ---------------------------------------------------------------------------------------------------- */
+/* --- the error --------------------------------------------------------------------------------------------------- */
 
 MM_API mm_result mm_error(const mm_context *context);
 MM_API const char *mm_error_code(const mm_context *context);    /* "FAILED_PRECONDITION.QUALITY"; "" without an error */
@@ -92,7 +93,7 @@ MM_API const mm_report *mm_error_details(const mm_context *context);
 MM_API int mm_error_is(const mm_context *context, const char *code);
 MM_API void mm_clear_error(mm_context *context);
 
-/* --- a mesh and how it is moved ------------------------------------------------------------------------------------ */
+/* --- a mesh and how it is moved ---------------------------------------------------------------------------------- */
 
 MM_API mm_session *mm_session_new(mm_context *context);
 /* Ends the connection and no more: the session stays on the server until its lease ends (mm_close is better). */
@@ -100,11 +101,13 @@ MM_API void mm_session_free(mm_session *session);
 
 /* The arrays of these four are not copied: leave them in place until mm_build returns. Indices and types are checked.
  * Cell types: line; triangle, quad; tetra, pyramid, wedge, hexahedron, with their nodes in the order of VTK.
- * Roles: moving, fixed, slip, symmetry, periodic. mm_cells may be called once for each type, mm_patch for each patch. */
+ * Roles: moving, fixed, slip, symmetry, periodic. mm_cells may be called once for each type, mm_patch for each patch.
+ */
 MM_API mm_result mm_points(mm_session *session, int dimension, size_t nodes, const double *points);
 MM_API mm_result mm_cells(mm_session *session, const char *type, size_t cells, const int64_t *nodes);
 MM_API mm_result mm_cells32(mm_session *session, const char *type, size_t cells, const int32_t *nodes);
-MM_API mm_result mm_patch(mm_session *session, const char *name, const char *role, size_t nodes, const int64_t *indices);
+MM_API mm_result mm_patch(mm_session *session, const char *name, const char *role, size_t nodes,
+                          const int64_t *indices);
 /* With several partitions: the number of each node in the whole mesh. */
 MM_API mm_result mm_global_ids(mm_session *session, const int64_t *ids);
 
@@ -120,7 +123,7 @@ MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
 /* Which partition this is, of how many: 0, 1 unless set. One partition is one rank of a parallel driver. */
 MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);
 
-/* --- opening ------------------------------------------------------------------------------------------------------ */
+/* --- opening ----------------------------------------------------------------------------------------------------- */
 
 /* A new session, joined. With several partitions one of them opens; its id and token go to the others … */
 MM_API mm_result mm_open(mm_session *session);
@@ -141,7 +144,7 @@ MM_API mm_result mm_set_credentials(mm_session *session, const char *id, const u
 MM_API mm_result mm_save_credentials(mm_session *session, const char *path);
 MM_API mm_result mm_load_credentials(mm_session *session, const char *path);
 
-/* --- a time step ---------------------------------------------------------------------------------------------------- */
+/* --- a time step ------------------------------------------------------------------------------------------------- */
 
 typedef enum { MM_SINCE_COMMITTED, MM_SINCE_REFERENCE } mm_frame; /* what a displacement counts from */
 typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
@@ -166,15 +169,15 @@ MM_API int mm_dimension(const mm_session *session);
 MM_API size_t mm_node_count(const mm_session *session);
 /* The nodes whose displacement mm_move takes, ascending; valid while the session is. */
 MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
-MM_API int64_t mm_step(const mm_session *session);         /* last committed step; 0: as uploaded */
-MM_API int64_t mm_durable_step(const mm_session *session); /* what survives the end of the machine */
-MM_API int64_t mm_iteration(const mm_session *session);    /* moves of the step under way */
-MM_API const char *mm_state(const mm_session *session);    /* as last told: READY, TRIAL … */
+MM_API int64_t mm_step(const mm_session *session);          /* last committed step; 0: as uploaded */
+MM_API int64_t mm_durable_step(const mm_session *session);  /* what survives the end of the machine */
+MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the step under way */
+MM_API const char *mm_state(const mm_session *session);     /* as last told: READY, TRIAL … */
 MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256 of the committed state */
 /* Where the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
 MM_API const double *mm_enrichment_points(const mm_session *session, size_t *count);
 
-/* --- reports ------------------------------------------------------------------------------------------------------ */
+/* --- reports ----------------------------------------------------------------------------------------------------- */
 
 /* The last replies of each kind (SPEC.md, sections 12 and 15); valid until the next one of that kind. */
 MM_API const mm_report *mm_built(const mm_session *session);     /* settings, mesh, quality */

@@ -9,8 +9,8 @@
 //     session.commit();                          // once per time step
 //     session.close();
 //
-// Header only; links mesh_motion. A Server and its Sessions are used by one thread at a time. mesh_motion.h says what the
-// calls do; an error is thrown, and the sticky error of the C library is cleared with it.
+// Header only; links mesh_motion. A Server and its Sessions are used by one thread at a time. mesh_motion.h says what
+// the calls do; an error is thrown, and the sticky error of the C library is cleared with it.
 #ifndef MESH_MOTION_HPP
 #define MESH_MOTION_HPP
 
@@ -27,15 +27,17 @@
 #include <type_traits>
 #include <utility>
 
-namespace mesh_motion {
+namespace mesh_motion
+{
 
 /// Pointer and size: of a std::vector, std::array, std::span, or anything else with data() and size().
 template <class T>
-class View {
+class View
+{
 public:
     View(T *data, std::size_t size) : data_(data), size_(size) {}
-    template <class Container, class = std::enable_if_t<std::is_convertible_v<
-                                   decltype(std::declval<Container &>().data()), T *>>>
+    template <class Container,
+              class = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Container &>().data()), T *>>>
     View(Container &&container) : data_(container.data()), size_(container.size())
     {
     }
@@ -51,7 +53,8 @@ private:
 };
 
 /// What the server reported, by path: report.number("quality.corrected.metric.min").
-class Report {
+class Report
+{
 public:
     explicit Report(const mm_report *report) : report_(report) {}
     double number(const std::string &path) const { return mm_report_number(report_, path.c_str()); }
@@ -62,11 +65,13 @@ public:
     std::size_t count(const std::string &path) const { return mm_report_count(report_, path.c_str()); }
     std::string text(const std::string &path) const
     {
-        return whole([&](char *buffer, std::size_t size) { return mm_report_text(report_, path.c_str(), buffer, size); });
+        return whole(
+            [&](char *buffer, std::size_t size) { return mm_report_text(report_, path.c_str(), buffer, size); });
     }
     std::string json(const std::string &path = "") const
     {
-        return whole([&](char *buffer, std::size_t size) { return mm_report_json(report_, path.c_str(), buffer, size); });
+        return whole(
+            [&](char *buffer, std::size_t size) { return mm_report_json(report_, path.c_str(), buffer, size); });
     }
 
 private:
@@ -81,7 +86,8 @@ private:
 };
 
 /// Every error; the message says what was expected and what came, the hint the way out.
-class Error : public std::runtime_error {
+class Error : public std::runtime_error
+{
 public:
     Error(mm_result result, const mm_context *context)
         : std::runtime_error(mm_error_message(context)), result_(result), code_(mm_error_code(context)),
@@ -95,7 +101,10 @@ public:
     const std::string &code() const { return code_; } ///< "FAILED_PRECONDITION.QUALITY"
     const std::string &hint() const { return hint_; }
     const std::string &details() const { return details_; } ///< JSON
-    bool is(const std::string &code) const { return code_ == code || code_.compare(0, code.size() + 1, code + ".") == 0; }
+    bool is(const std::string &code) const
+    {
+        return code_ == code || code_.compare(0, code.size() + 1, code + ".") == 0;
+    }
     double best() const { return best_; }         ///< of a motion that was refused: the best minimum quality found
     double fraction() const { return fraction_; } ///< and the share of it that is known to be acceptable, or NaN
 
@@ -107,7 +116,8 @@ private:
 };
 
 /// A connection to a server.
-class Server {
+class Server
+{
 public:
     explicit Server(const std::string &endpoint, double seconds = 60.0, double compute_seconds = 1800.0)
         : Server(endpoint, "", "", seconds, compute_seconds)
@@ -151,7 +161,8 @@ struct Credentials {
 };
 
 /// One partition's part of one mesh on the server.
-class Session {
+class Session
+{
 public:
     explicit Session(Server &server) : server_(server)
     {
@@ -173,7 +184,8 @@ public:
     // The arrays stay the caller's, and in place, until build() returns. Nodes count from 0.
     Session &points(int dimension, View<const double> points)
     {
-        require(dimension > 0 && points.size() % static_cast<std::size_t>(dimension) == 0, "points: rows of that dimension");
+        require(dimension > 0 && points.size() % static_cast<std::size_t>(dimension) == 0,
+                "points: rows of that dimension");
         return check(mm_points(get(), dimension, points.size() / static_cast<std::size_t>(dimension), points.data()));
     }
     Session &cells(const std::string &type, View<const std::int64_t> nodes)

@@ -1,12 +1,10 @@
 /* The client: connections, requests that are done once whatever breaks, and the verbs. See mesh_motion.h.
  *
  *   errors        one place in the context
- *   connections   a DEALER socket and its monitor: ZeroMQ mends broken connections in silence, and what was under way is
- *                 lost without a word; so the end of a connection is watched for
- *   requests      numbered, sent, repeated by the same id (SPEC.md, section 10)
- *   control       HELLO, OPEN, RESUME, PROBE: asked until they are answered
- *   data          delivered over broken connections and died workers (SPEC.md, section 11)
- *   verbs         what the public header has
+ *   connections   a DEALER socket and its monitor: ZeroMQ mends broken connections in silence, and what was under way
+ * is lost without a word; so the end of a connection is watched for requests      numbered, sent, repeated by the same
+ * id (SPEC.md, section 10) control       HELLO, OPEN, RESUME, PROBE: asked until they are answered data delivered over
+ * broken connections and died workers (SPEC.md, section 11) verbs         what the public header has
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -37,10 +35,10 @@
 #define ATTEMPTS 5
 /* A worker that falls while the mesh is uploaded leaves nothing to resume: the session is opened again so often. */
 #define OPEN_ATTEMPTS 3
-#define WATCH_SECONDS 1.0  /* silence after which PROBE is asked */
-#define PROBE_SECONDS 2.0  /* for a PROBE meanwhile; silence of the control endpoint alone ends nothing */
-#define PAUSE_SECONDS 0.2  /* between two tries while nobody can answer */
-#define START_SECONDS 300.0 /* a server's first session may wait until its kernels are compiled */
+#define WATCH_SECONDS 1.0             /* silence after which PROBE is asked */
+#define PROBE_SECONDS 2.0             /* for a PROBE meanwhile; silence of the control endpoint alone ends nothing */
+#define PAUSE_SECONDS 0.2             /* between two tries while nobody can answer */
+#define START_SECONDS 300.0           /* a server's first session may wait until its kernels are compiled */
 #define PART_BYTES ((size_t)32 << 20) /* of one UPLOAD: the worker never holds much beside the mesh itself */
 /* Smaller arrays are copied: lending the caller's memory to libzmq costs more than that. */
 #define LENT_BYTES ((size_t)1 << 14)
@@ -141,7 +139,7 @@ struct mm_session {
     mm_report built, moved, committed, status;
 };
 
-/* --- errors ------------------------------------------------------------------------------------------------------- */
+/* --- errors ------------------------------------------------------------------------------------------------------ */
 
 static mm_result category(const char *code)
 {
@@ -149,11 +147,16 @@ static mm_result category(const char *code)
         const char *name;
         mm_result result;
     } NAMES[] = {
-        {"INVALID_ARGUMENT", MM_INVALID_ARGUMENT},   {"DEADLINE_EXCEEDED", MM_DEADLINE_EXCEEDED},
-        {"NOT_FOUND", MM_NOT_FOUND},                 {"PERMISSION_DENIED", MM_PERMISSION_DENIED},
-        {"RESOURCE_EXHAUSTED", MM_RESOURCE_EXHAUSTED}, {"FAILED_PRECONDITION", MM_FAILED_PRECONDITION},
-        {"ABORTED", MM_ABORTED},                     {"UNIMPLEMENTED", MM_UNIMPLEMENTED},
-        {"UNAVAILABLE", MM_UNAVAILABLE},             {"DATA_LOSS", MM_DATA_LOSS},
+        {"INVALID_ARGUMENT", MM_INVALID_ARGUMENT},
+        {"DEADLINE_EXCEEDED", MM_DEADLINE_EXCEEDED},
+        {"NOT_FOUND", MM_NOT_FOUND},
+        {"PERMISSION_DENIED", MM_PERMISSION_DENIED},
+        {"RESOURCE_EXHAUSTED", MM_RESOURCE_EXHAUSTED},
+        {"FAILED_PRECONDITION", MM_FAILED_PRECONDITION},
+        {"ABORTED", MM_ABORTED},
+        {"UNIMPLEMENTED", MM_UNIMPLEMENTED},
+        {"UNAVAILABLE", MM_UNAVAILABLE},
+        {"DATA_LOSS", MM_DATA_LOSS},
         {"UNAUTHENTICATED", MM_UNAUTHENTICATED},
     };
     size_t size = strcspn(code, ".");
@@ -233,7 +236,7 @@ void mm_clear_error(mm_context *context)
     }
 }
 
-/* --- time, chance ------------------------------------------------------------------------------------------------- */
+/* --- time, chance ------------------------------------------------------------------------------------------------ */
 
 static double now(void)
 {
@@ -288,10 +291,7 @@ static void disconnect(connection *connection)
     }
 }
 
-static void set_option(void *socket, int option, int value)
-{
-    zmq_setsockopt(socket, option, &value, sizeof value);
-}
+static void set_option(void *socket, int option, int value) { zmq_setsockopt(socket, option, &value, sizeof value); }
 
 static int set_keys(const mm_context *context, void *socket)
 {
@@ -334,7 +334,8 @@ static outcome connect_to(mm_context *context, connection *connection, const cha
     }
     if (zmq_connect(socket, endpoint) != 0) {
         disconnect(connection);
-        return fail(context, "INVALID_ARGUMENT", "", "endpoint must be tcp://HOST:PORT or ipc:///path, got '%s'", endpoint);
+        return fail(context, "INVALID_ARGUMENT", "", "endpoint must be tcp://HOST:PORT or ipc:///path, got '%s'",
+                    endpoint);
     }
     return DONE;
 }
@@ -412,10 +413,7 @@ static void add_bytes(request *request, const char *key, const uint8_t *value, s
     mmi_put_bytes(&request->fields, value, size);
 }
 
-static size_t array_bytes(const block *array)
-{
-    return array->item ? array->rows * array->columns * array->width : 0;
-}
+static size_t array_bytes(const block *array) { return array->item ? array->rows * array->columns * array->width : 0; }
 
 /* FNV-1a over what makes a request this request: the caller's array may have changed since. */
 static uint64_t content_of(const request *request)
@@ -562,7 +560,7 @@ static outcome send_request(mm_context *context, connection *connection, const r
     return DONE;
 }
 
-/* --- replies ------------------------------------------------------------------------------------------------------ */
+/* --- replies ----------------------------------------------------------------------------------------------------- */
 
 static void free_answer(answer *from)
 {
@@ -746,7 +744,7 @@ static void copy_integers(int64_t *to, const answer *from, const mmi_array *arra
     }
 }
 
-/* --- the control endpoint ------------------------------------------------------------------------------------------ */
+/* --- the control endpoint ---------------------------------------------------------------------------------------- */
 
 /* Until it is answered or the time is over; frees the request. */
 static outcome ask(mm_context *context, request *request, double seconds, answer *got)
@@ -799,7 +797,7 @@ static void data_endpoint(const mm_context *context, const answer *from, char *t
     }
 }
 
-/* --- the data endpoint ---------------------------------------------------------------------------------------------- */
+/* --- the data endpoint ------------------------------------------------------------------------------------------- */
 
 static request session_request(const mm_session *session, const char *type, const char *reply)
 {
@@ -886,10 +884,11 @@ static outcome recover(mm_session *session, double deadline)
     } else if (how == DONE && session->may_resume) {
         how = ask_about(session, "RESUME", "RESUMED", seconds_left(deadline), &got);
     } else if (how == DONE) {
-        how = fail(context, "UNAVAILABLE.WORKER",
-                   "resume the session from one partition and join it from the others; one that was never built is to be "
-                   "opened again",
-                   "the session's worker is %s", worker);
+        how =
+            fail(context, "UNAVAILABLE.WORKER",
+                 "resume the session from one partition and join it from the others; one that was never built is to be "
+                 "opened again",
+                 "the session's worker is %s", worker);
     }
     if (how == DONE) {
         data_endpoint(context, &got, endpoint, sizeof endpoint);
@@ -958,7 +957,8 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
         }
     }
     if (how == LOST) {
-        fail(context, "UNAVAILABLE", "", "%s broke %d connections to %s", request->type, ATTEMPTS, session->data.endpoint);
+        fail(context, "UNAVAILABLE", "", "%s broke %d connections to %s", request->type, ATTEMPTS,
+             session->data.endpoint);
     }
     if (how != DONE && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
         remember_unanswered(&session->line, request);
@@ -967,7 +967,7 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
     return how;
 }
 
-/* --- a server ------------------------------------------------------------------------------------------------------- */
+/* --- a server ---------------------------------------------------------------------------------------------------- */
 
 /* Every call begins with it: the first error stays. */
 #define BEGIN(context)                                                                                                 \
@@ -1058,8 +1058,8 @@ static outcome read_key(mm_context *context, const char *path, const char *kind,
     char found[KEY_CHARACTERS + 2];
     if (sscanf(text, "%31s %41s %79s", word, found, name) != 3 || strcmp(word, kind) != 0
         || strlen(found) != KEY_CHARACTERS) {
-        return fail(context, "INVALID_ARGUMENT", "", "%s: expected one line '%s KEY NAME', as `mesh-motion keys` writes it",
-                    path, kind);
+        return fail(context, "INVALID_ARGUMENT", "",
+                    "%s: expected one line '%s KEY NAME', as `mesh-motion keys` writes it", path, kind);
     }
     memcpy(key, found, KEY_CHARACTERS + 1);
     return DONE;
@@ -1069,7 +1069,8 @@ mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *
 {
     BEGIN(context);
     if (!secret_file || !server_key) {
-        fail(context, "INVALID_ARGUMENT", "", "both keys must be given: the client's secret one and the server's public one");
+        fail(context, "INVALID_ARGUMENT", "",
+             "both keys must be given: the client's secret one and the server's public one");
         return context->error;
     }
     char secret[KEY_CHARACTERS + 1], public[KEY_CHARACTERS + 1], server[KEY_CHARACTERS + 1];
@@ -1082,7 +1083,8 @@ mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *
         return context->error;
     }
     if (zmq_curve_public(public, secret) != 0) {
-        fail(context, "INVALID_ARGUMENT", "a libzmq with libsodium has CURVE", "%s: libzmq does not take the key", secret_file);
+        fail(context, "INVALID_ARGUMENT", "a libzmq with libsodium has CURVE", "%s: libzmq does not take the key",
+             secret_file);
         return context->error;
     }
     memcpy(context->secret_key, secret, sizeof secret);
@@ -1100,7 +1102,8 @@ static mm_result keys_of_environment(mm_context *context)
         return MM_OK;
     }
     if (!secret || !server) {
-        fail(context, "INVALID_ARGUMENT", "", "MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY must be set both, or neither");
+        fail(context, "INVALID_ARGUMENT", "",
+             "MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY must be set both, or neither");
         return context->error;
     }
     return mm_set_keys(context, secret, server);
@@ -1124,8 +1127,9 @@ mm_result mm_connect(mm_context *context, const char *endpoint)
     outcome how = ask(context, &hello, context->timeout, &welcome);
     if (how != DONE && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
         fail(context, "UNAVAILABLE",
-             context->secret_key[0] ? "is it running (`mesh-motion serve`), and does it have the key that it is taken for?"
-                                    : "is it running (`mesh-motion serve`), and without --keys?",
+             context->secret_key[0]
+                 ? "is it running (`mesh-motion serve`), and does it have the key that it is taken for?"
+                 : "is it running (`mesh-motion serve`), and without --keys?",
              "no server answers at %s within %g s", endpoint, context->timeout);
     }
     if (how == DONE && mm_report_integer(&welcome.reply.report, "version.0", 0) != 1) {
@@ -1160,7 +1164,8 @@ mm_result mm_ping(mm_context *context)
 
 const mm_report *mm_welcome(const mm_context *context) { return context ? &context->welcome : NULL; }
 
-/* --- a mesh and how it is moved --------------------------------------------------------------------------------------- */
+/* --- a mesh and how it is moved
+ * --------------------------------------------------------------------------------------- */
 
 mm_session *mm_session_new(mm_context *context)
 {
@@ -1226,7 +1231,8 @@ static void *one_more(mm_context *context, void *table, size_t count, size_t *ca
 
 static mm_result add_block(mm_session *session, const block *added)
 {
-    block *blocks = one_more(session->context, session->blocks, session->block_count, &session->block_capacity, sizeof *blocks);
+    block *blocks =
+        one_more(session->context, session->blocks, session->block_count, &session->block_capacity, sizeof *blocks);
     if (blocks) {
         session->blocks = blocks;
         blocks[session->block_count++] = *added;
@@ -1277,7 +1283,8 @@ static mm_result add_cells(mm_session *session, const char *type, size_t cells, 
     static const struct {
         const char *type;
         size_t nodes;
-    } TYPES[] = {{"line", 2}, {"triangle", 3}, {"quad", 4}, {"tetra", 4}, {"pyramid", 5}, {"wedge", 6}, {"hexahedron", 8}};
+    } TYPES[] = {{"line", 2},    {"triangle", 3}, {"quad", 4},      {"tetra", 4},
+                 {"pyramid", 5}, {"wedge", 6},    {"hexahedron", 8}};
     BEGIN_SESSION(session);
     for (size_t i = 0; type && i < sizeof TYPES / sizeof *TYPES; ++i) {
         if (strcmp(type, TYPES[i].type) == 0 && (nodes || cells == 0)) {
@@ -1306,7 +1313,8 @@ mm_result mm_patch(mm_session *session, const char *name, const char *role, size
     static const char *const ROLES[] = {"moving", "fixed", "slip", "symmetry", "periodic"};
     BEGIN_SESSION(session);
     if (!name || !*name || strlen(name) >= NAME_BYTES || (nodes && !indices)) {
-        return invalid(session->context, "a patch must have a name of at most 256 bytes, and nodes; got '%s'", name ? name : "");
+        return invalid(session->context, "a patch must have a name of at most 256 bytes, and nodes; got '%s'",
+                       name ? name : "");
     }
     for (size_t i = 0; role && i < sizeof ROLES / sizeof *ROLES; ++i) {
         if (strcmp(role, ROLES[i]) == 0) {
@@ -1339,7 +1347,8 @@ static setting *place_of(mm_session *session, const char *key)
             return &settings[i];
         }
     }
-    settings = one_more(session->context, settings, session->setting_count, &session->setting_capacity, sizeof *settings);
+    settings =
+        one_more(session->context, settings, session->setting_count, &session->setting_capacity, sizeof *settings);
     if (!settings) {
         return NULL;
     }
@@ -1419,8 +1428,8 @@ mm_result mm_set_partition(mm_session *session, int partition, int partitions)
 {
     BEGIN_SESSION(session);
     if (partitions < 1 || partitions > 256 || partition < 0 || partition >= partitions) {
-        fail(session->context, "INVALID_ARGUMENT.PARTITION", "", "partitions count from 0, at most 256; got %d of %d", partition,
-             partitions);
+        fail(session->context, "INVALID_ARGUMENT.PARTITION", "", "partitions count from 0, at most 256; got %d of %d",
+             partition, partitions);
         return session->context->error;
     }
     session->partition = partition;
@@ -1428,7 +1437,8 @@ mm_result mm_set_partition(mm_session *session, int partition, int partitions)
     return MM_OK;
 }
 
-/* --- opening ---------------------------------------------------------------------------------------------------------- */
+/* --- opening
+ * ---------------------------------------------------------------------------------------------------------- */
 
 static void add_settings(request *request, const mm_session *session)
 {
@@ -1500,7 +1510,8 @@ static outcome join_by(mm_session *session, const answer *from)
         if (nodes > 0) {
             session->nodes = (size_t)nodes;
         }
-        session->may_resume = mmi_find_array(&joined.reply, "moving_nodes") && integer_field(&joined, "partitions") == 1;
+        session->may_resume =
+            mmi_find_array(&joined.reply, "moving_nodes") && integer_field(&joined, "partitions") == 1;
         how = take_moving_nodes(session, &joined);
     }
     free_answer(&joined);
@@ -1531,7 +1542,8 @@ static outcome open_session(mm_session *session)
     session->may_resume = session->joined = session->has_trial = 0;
     session->part = session->part_row = 0;
     outcome how = ask(context, &ask_open, seconds > context->timeout ? seconds : context->timeout, &opened);
-    if (how == DONE && mm_report_text(&opened.reply.report, "session", session->id, sizeof session->id) != MM_ID_SIZE - 1) {
+    if (how == DONE
+        && mm_report_text(&opened.reply.report, "session", session->id, sizeof session->id) != MM_ID_SIZE - 1) {
         how = fail(context, "INTERNAL", "", "the server's session has an id that is not of 32 characters");
     }
     if (how == DONE) {
@@ -1636,7 +1648,8 @@ static outcome check_rows(mm_context *context, const block *rows, size_t nodes, 
         }
         if (index < 0 || (uint64_t)index >= nodes) {
             return fail(context, "INVALID_ARGUMENT", "node numbers count from 0",
-                        "%s must name nodes 0 ... %zu, got %" PRId64 " in row %zu", what, nodes - 1, index, i / rows->columns);
+                        "%s must name nodes 0 ... %zu, got %" PRId64 " in row %zu", what, nodes - 1, index,
+                        i / rows->columns);
         }
     }
     return DONE;
@@ -1827,9 +1840,11 @@ mm_result mm_load_credentials(mm_session *session, const char *path)
     return mm_set_credentials(session, id, token);
 }
 
-/* --- a time step ------------------------------------------------------------------------------------------------------- */
+/* --- a time step
+ * ------------------------------------------------------------------------------------------------------- */
 
-static outcome check_move(mm_session *session, size_t moving, const double *displacement, size_t nodes, const double *to)
+static outcome check_move(mm_session *session, size_t moving, const double *displacement, size_t nodes,
+                          const double *to)
 {
     mm_context *context = session->context;
     if (check_joined(session) != DONE) {
@@ -1856,8 +1871,8 @@ static outcome take_rows(mm_session *session, const answer *from, const char *na
 {
     const mmi_array *array = mmi_find_array(&from->reply, name);
     if (array->rows != nodes || array->columns != (size_t)session->dimension) {
-        return fail(session->context, "INTERNAL", "", "the server's %s must have shape (%zu, %d), got (%zu, %zu)", name, nodes,
-                    session->dimension, array->rows, array->columns);
+        return fail(session->context, "INTERNAL", "", "the server's %s must have shape (%zu, %d), got (%zu, %zu)", name,
+                    nodes, session->dimension, array->rows, array->columns);
     }
     copy_numbers(to, from, array);
     return DONE;
@@ -1924,7 +1939,8 @@ mm_result mm_commit(mm_session *session)
         const mm_report *report = &committed.reply.report;
         session->step = integer_field(&committed, "step");
         session->durable_step = integer_field(&committed, "durable_step");
-        memcpy(session->digest, report->bytes + report->nodes[field(&committed, "digest")].u.offset, sizeof session->digest);
+        memcpy(session->digest, report->bytes + report->nodes[field(&committed, "digest")].u.offset,
+               sizeof session->digest);
         end_step(session);
         keep_report(&session->committed, &committed);
     }
@@ -1955,8 +1971,8 @@ mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *po
         return session->context->error;
     }
     if (!points || (session->nodes && nodes != session->nodes)) {
-        fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_node_count tells it", "the points must have %zu rows, got %zu",
-             session->nodes, nodes);
+        fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_node_count tells it",
+             "the points must have %zu rows, got %zu", session->nodes, nodes);
         return session->context->error;
     }
     answer fetched = {0};
@@ -1996,8 +2012,9 @@ mm_result mm_close(mm_session *session, mm_outcome outcome_wanted)
     add_text(&close, "outcome", outcome_wanted == MM_DISCARD ? "discard" : "keep");
     outcome how = deliver(session, &close, session->context->timeout, &closed);
     /* another holder has it, or it is deleted already: nothing of it is ours to end */
-    if (how != DONE && (mm_error_is(session->context, "ABORTED.FENCED")
-                        || (outcome_wanted == MM_DISCARD && mm_error_is(session->context, "NOT_FOUND")))) {
+    if (how != DONE
+        && (mm_error_is(session->context, "ABORTED.FENCED")
+            || (outcome_wanted == MM_DISCARD && mm_error_is(session->context, "NOT_FOUND")))) {
         mm_clear_error(session->context);
         how = DONE;
     }

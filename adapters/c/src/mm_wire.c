@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* --- writing ---------------------------------------------------------------------------------------------------- */
+/* --- writing ----------------------------------------------------------------------------------------------------- */
 
 void mmi_writer_free(mmi_writer *writer)
 {
@@ -93,8 +93,14 @@ void mmi_put_integer(mmi_writer *writer, int64_t value)
     if (value >= -32 && value < 128) {
         put_head(writer, (uint8_t)value, 0, 0);
     } else if (value >= 0 && value <= UINT32_MAX) {
-        put_head(writer, value < 256 ? 0xccu : value < 65536 ? 0xcdu : 0xceu, (uint64_t)value,
-                 value < 256 ? 1 : value < 65536 ? 2 : 4);
+        put_head(writer,
+                 value < 256     ? 0xccu
+                 : value < 65536 ? 0xcdu
+                                 : 0xceu,
+                 (uint64_t)value,
+                 value < 256     ? 1
+                 : value < 65536 ? 2
+                                 : 4);
     } else {
         put_head(writer, 0xd3u, (uint64_t)value, 8);
     }
@@ -107,17 +113,11 @@ void mmi_put_number(mmi_writer *writer, double value)
     put_head(writer, 0xcbu, bits, 8);
 }
 
-void mmi_put_flag(mmi_writer *writer, int value)
-{
-    put_head(writer, value ? 0xc3u : 0xc2u, 0, 0);
-}
+void mmi_put_flag(mmi_writer *writer, int value) { put_head(writer, value ? 0xc3u : 0xc2u, 0, 0); }
 
-void mmi_put_nil(mmi_writer *writer)
-{
-    put_head(writer, 0xc0u, 0, 0);
-}
+void mmi_put_nil(mmi_writer *writer) { put_head(writer, 0xc0u, 0, 0); }
 
-/* --- parsing ---------------------------------------------------------------------------------------------------- */
+/* --- parsing ----------------------------------------------------------------------------------------------------- */
 
 void mmi_report_free(struct mm_report *report)
 {
@@ -256,19 +256,26 @@ static void take_value(cursor *in, mmi_node *node)
             node->kind = MMI_FLAG;
             node->u.integer = first == 0xc3;
             break;
-        case 0xc4: case 0xc5: case 0xc6:
-            take_string(in, node, MMI_BYTES, take(in, (size_t)1 << (first - 0xc4)));
-            break;
-        case 0xca: case 0xcb: take_float(in, node, first == 0xcb); break;
-        case 0xcc: case 0xcd: case 0xce: case 0xcf:
-            set_integer(in, node, take(in, (size_t)1 << (first - 0xcc)));
-            break;
-        case 0xd0: case 0xd1: case 0xd2: case 0xd3: take_signed(in, node, (size_t)1 << (first - 0xd0)); break;
-        case 0xd9: case 0xda: case 0xdb:
-            take_string(in, node, MMI_TEXT, take(in, (size_t)1 << (first - 0xd9)));
-            break;
-        case 0xdc: case 0xdd: take_container(in, node, MMI_ARRAY, take(in, first == 0xdc ? 2 : 4)); break;
-        case 0xde: case 0xdf: take_container(in, node, MMI_MAP, take(in, first == 0xde ? 2 : 4)); break;
+        case 0xc4:
+        case 0xc5:
+        case 0xc6: take_string(in, node, MMI_BYTES, take(in, (size_t)1 << (first - 0xc4))); break;
+        case 0xca:
+        case 0xcb: take_float(in, node, first == 0xcb); break;
+        case 0xcc:
+        case 0xcd:
+        case 0xce:
+        case 0xcf: set_integer(in, node, take(in, (size_t)1 << (first - 0xcc))); break;
+        case 0xd0:
+        case 0xd1:
+        case 0xd2:
+        case 0xd3: take_signed(in, node, (size_t)1 << (first - 0xd0)); break;
+        case 0xd9:
+        case 0xda:
+        case 0xdb: take_string(in, node, MMI_TEXT, take(in, (size_t)1 << (first - 0xd9))); break;
+        case 0xdc:
+        case 0xdd: take_container(in, node, MMI_ARRAY, take(in, first == 0xdc ? 2 : 4)); break;
+        case 0xde:
+        case 0xdf: take_container(in, node, MMI_MAP, take(in, first == 0xde ? 2 : 4)); break;
         default: in->wrong = "it has a type that is not admitted"; /* 0xc1 and extensions, SPEC 4.3 */
         }
     }
@@ -412,12 +419,12 @@ void mmi_copy_text(const struct mm_report *report, uint32_t node, char *buffer, 
     buffer[count] = '\0';
 }
 
-/* --- the table of the replies (SPEC.md, section 12) --------------------------------------------------------------- */
+/* --- the table of the replies (SPEC.md, section 12) -------------------------------------------------------------- */
 
 typedef struct {
     const char *name;
     mmi_kind kind;
-    int of;       /* kind of the items of an array or map; -1: any */
+    int of; /* kind of the items of an array or map; -1: any */
     int optional;
     uint32_t size; /* bytes that a field of bytes has */
 } field_rule;
@@ -444,8 +451,12 @@ typedef struct {
 
 static const reply_rule RULES[] = {
     {"WELCOME",
-     {LIST("version", MMI_INTEGER), LIST("features", MMI_TEXT), TEXT("server"), BYTES("boot", 16),
-      {"limits", MMI_MAP, MMI_INTEGER, 0, 0}, LIST("durability", MMI_TEXT)},
+     {LIST("version", MMI_INTEGER),
+      LIST("features", MMI_TEXT),
+      TEXT("server"),
+      BYTES("boot", 16),
+      {"limits", MMI_MAP, MMI_INTEGER, 0, 0},
+      LIST("durability", MMI_TEXT)},
      {{0}}},
     {"OPENED", {TEXT("session"), BYTES("token", 32), TEXT("endpoint"), INTEGER("epoch")}, {{0}}},
     {"RESUMED", {TEXT("session"), TEXT("endpoint"), INTEGER("epoch"), TEXT("state"), INTEGER("step")}, {{0}}},
@@ -459,8 +470,13 @@ static const reply_rule RULES[] = {
     {"UPLOADED", {INTEGER("rows_total")}, {{0}}},
     {"BUILT", {INTEGER("step"), MAP("settings"), MAP("mesh"), MAP("quality")}, {{"moving_nodes", 'i', 1, 0}}},
     {"MOVED",
-     {INTEGER("step"), INTEGER("iteration"), MAP("quality"), MAP("correction"), MAP("caches"),
-      {"seconds", MMI_MAP, MMI_NUMBER, 0, 0}, LIST("warnings", MMI_TEXT)},
+     {INTEGER("step"),
+      INTEGER("iteration"),
+      MAP("quality"),
+      MAP("correction"),
+      MAP("caches"),
+      {"seconds", MMI_MAP, MMI_NUMBER, 0, 0},
+      LIST("warnings", MMI_TEXT)},
      {{"displacement", 'f', 2, 0}, {"enrichment_points", 'f', 2, 0}}},
     {"COMMITTED", {INTEGER("step"), INTEGER("durable_step"), BYTES("digest", 32), MAP("quality")}, {{0}}},
     {"ROLLED_BACK", {INTEGER("step")}, {{0}}},
@@ -550,7 +566,8 @@ static const char *read_array(mmi_reply *reply, uint32_t declared, const reply_r
         || !read_axis(&nodes[shape + 1], &array->rows)) {
         return "an array has another shape";
     }
-    if (known->axes == 2 && (!read_axis(&nodes[shape + 2], &array->columns) || array->columns < 1 || array->columns > 3)) {
+    if (known->axes == 2
+        && (!read_axis(&nodes[shape + 2], &array->columns) || array->columns < 1 || array->columns > 3)) {
         return "an array has another shape";
     }
     array->name = known->name;
@@ -670,7 +687,7 @@ void mmi_copy_integers(int64_t *to, const uint8_t *from, size_t count, size_t wi
     }
 }
 
-/* --- reports, as the public header has them ----------------------------------------------------------------------- */
+/* --- reports, as the public header has them ---------------------------------------------------------------------- */
 
 /* The node at a path of keys and indices with dots between them, or 0. */
 static uint32_t at_path(const mm_report *report, const char *path)
@@ -721,7 +738,8 @@ int64_t mm_report_integer(const mm_report *report, const char *path, int64_t oth
 size_t mm_report_count(const mm_report *report, const char *path)
 {
     uint32_t at = at_path(report, path);
-    return at && (report->nodes[at].kind == MMI_ARRAY || report->nodes[at].kind == MMI_MAP) ? report->nodes[at].count : 0;
+    return at && (report->nodes[at].kind == MMI_ARRAY || report->nodes[at].kind == MMI_MAP) ? report->nodes[at].count
+                                                                                            : 0;
 }
 
 size_t mm_report_text(const mm_report *report, const char *path, char *buffer, size_t size)

@@ -21,7 +21,7 @@
 #define MMI_CLIENT_BYTES 16u
 #define MMI_MOST_ARRAYS 2 /* of one reply, MOVED */
 
-/* --- writing ---------------------------------------------------------------------------------------------------- */
+/* --- writing ----------------------------------------------------------------------------------------------------- */
 
 /* Grows up to MMI_HEADER_BYTES; `failed` stays set once it could not, so that only the end has to be looked at. */
 typedef struct {
@@ -41,7 +41,7 @@ void mmi_put_flag(mmi_writer *writer, int value);
 void mmi_put_nil(mmi_writer *writer);
 void mmi_put_raw(mmi_writer *writer, const uint8_t *bytes, size_t size); /* what is msgpack already */
 
-/* --- reading ---------------------------------------------------------------------------------------------------- */
+/* --- reading ----------------------------------------------------------------------------------------------------- */
 
 typedef enum { MMI_NIL, MMI_FLAG, MMI_INTEGER, MMI_NUMBER, MMI_TEXT, MMI_BYTES, MMI_ARRAY, MMI_MAP } mmi_kind;
 
@@ -75,7 +75,7 @@ int mmi_is_text(const struct mm_report *report, uint32_t node, const char *text)
 /* Copies text, cut to the buffer, always ended; control characters become blanks. */
 void mmi_copy_text(const struct mm_report *report, uint32_t node, char *buffer, size_t size);
 
-/* --- replies ---------------------------------------------------------------------------------------------------- */
+/* --- replies ----------------------------------------------------------------------------------------------------- */
 
 /* An array of a reply: what its declaration says, and which frames hold it. */
 typedef struct {

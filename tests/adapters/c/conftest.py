@@ -1,0 +1,208 @@
+"""The C client and what is built on it, compiled in temporary folders; a real server; the Python client's answer."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_motion_client import Mesh, Patch, connect
+
+ROOT = Path(__file__).resolve().parents[3]
+SOURCE = ROOT / "adapters" / "c"
+HERE = Path(__file__).parent
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+STANDARD = {".c": ["-std=c11"], ".cpp": ["-std=c++17"], ".f90": ["-std=f2008"]}
+COMPILERS = {".c": "gcc", ".cpp": "g++", ".f90": "gfortran"}
+LIFELINE = "MESH_MOTION_LIFELINE_FD"
+PATIENCE = 120.0
+
+
+def run(command, **options):
+    """A command that must succeed; its output."""
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, text=True, check=False, timeout=PATIENCE, **options
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+    return done.stdout
+
+
+def need(*tools):
+    """Skip where a program is not installed."""
+    for tool in tools:
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed")
+
+
+@pytest.fixture(scope="session")
+def zmq_flags():
+    """How the compiler finds libzmq."""
+    need("pkg-config")
+    found = subprocess.run(["pkg-config", "--cflags", "--libs", "libzmq"], capture_output=True, text=True, check=False)
+    if found.returncode:
+        pytest.skip("the headers of libzmq are not installed (Debian: libzmq3-dev)")
+    return found.stdout.split()
+
+
+class Compiler:
+    """Compiles programs against the sources of the client, with the sanitizers."""
+
+    def __init__(self, folder, zmq_flags):
+        self.folder, self.zmq_flags, self.objects = folder, zmq_flags, {}
+
+    def object(self, source, flags=()):
+        """An object file; each is made once."""
+        key = source, tuple(flags)
+        if key not in self.objects:
+            need(COMPILERS[source.suffix])
+            made = self.folder / f"{len(self.objects)}_{source.stem}.o"
+            includes = ["-I", SOURCE / "include", "-I", SOURCE / "src", f"-J{self.folder}"]
+            if source.suffix != ".f90":
+                includes.pop()
+            given = [*STANDARD[source.suffix], *WARNINGS, *SANITIZE, *flags, *includes]
+            run([COMPILERS[source.suffix], *given, "-c", source, "-o", made])
+            self.objects[key] = made
+        return self.objects[key]
+
+    def program(self, *sources, client=(SOURCE / "src" / "mesh_motion.c", SOURCE / "src" / "mm_wire.c")):
+        """A program of these sources, the last of which says in what language it is linked."""
+        objects = [self.object(Path(source)) for source in (*client, *sources)]
+        made = self.folder / f"{len(self.objects)}_{Path(sources[-1]).stem}"
+        if not made.exists():
+            compiler = COMPILERS[Path(sources[-1]).suffix]
+            run([compiler, *SANITIZE, *objects, *self.zmq_flags, "-lm", "-o", made])
+        return made
+
+
+@pytest.fixture(scope="session")
+def compiler(tmp_path_factory, zmq_flags):
+    need("gcc")
+    return Compiler(tmp_path_factory.mktemp("compiled"), zmq_flags)
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory, zmq_flags):
+    """The prefix that CMake has installed everything into, with the Fortran module where there is a compiler."""
+    need("cmake", "gcc")
+    folder = tmp_path_factory.mktemp("cmake")
+    fortran = "ON" if shutil.which("gfortran") and (SOURCE / "fortran" / "mesh_motion.f90").exists() else "OFF"
+    strict = "-DCMAKE_C_FLAGS=-Werror"
+    prefix = folder / "prefix"
+    run(["cmake", "-S", SOURCE, "-B", folder / "build", strict, f"-DMESH_MOTION_FORTRAN={fortran}",
+         f"-DCMAKE_INSTALL_PREFIX={prefix}", "-DCMAKE_INSTALL_LIBDIR=lib"])  # fmt: skip
+    run(["cmake", "--build", folder / "build"])
+    run(["cmake", "--install", folder / "build"])
+    return prefix
+
+
+def serve(folder, *options):
+    """A server as it is installed; its endpoint, and what ends it."""
+    ready = folder / "ready.json"
+    lifeline, ours = os.pipe()  # the server ends with the tests, even if they are killed
+    arguments = [
+        "--endpoint",
+        "tcp://127.0.0.1:0",
+        "--state",
+        folder / "state",
+        "--ready-file",
+        ready,
+        "--threads",
+        "1",
+    ]
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "mesh_motion_server",
+                "serve",
+                "--log-level",
+                "error",
+                *map(str, (*arguments, *options)),
+            ],
+            env=os.environ | {LIFELINE: str(lifeline)},
+            pass_fds=[lifeline],
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+        )
+    os.close(lifeline)
+    deadline = time.monotonic() + PATIENCE
+    while not ready.exists():
+        assert process.poll() is None, (folder / "log").read_text()
+        assert time.monotonic() < deadline, "the server is not ready"
+        time.sleep(0.02)
+
+    def stop():
+        process.terminate()
+        process.wait(PATIENCE)
+        os.close(ours)
+
+    return json.loads(ready.read_text())["endpoint"], stop
+
+
+@pytest.fixture(scope="session")
+def endpoint(tmp_path_factory):
+    """Of a real server."""
+    address, stop = serve(tmp_path_factory.mktemp("server"))
+    yield address
+    stop()
+
+
+CELLS, LOW, HIGH, STEPS, ITERATIONS = 16, 6, 10, 4, 3
+
+
+def block_mesh():
+    """The mesh of the example programs: a square of quadrilaterals around a block."""
+    j, i = np.divmod(np.arange((CELLS + 1) ** 2), CELLS + 1)
+    inside = (i > LOW) & (i < HIGH) & (j > LOW) & (j < HIGH)
+    number = np.where(inside, -1, np.cumsum(~inside) - 1).reshape(CELLS + 1, CELLS + 1)
+    i, j = i[~inside], j[~inside]
+    hole = np.zeros((CELLS, CELLS), dtype=bool)
+    hole[LOW:HIGH, LOW:HIGH] = True
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1)[~hole]
+    block = np.flatnonzero((i >= LOW) & (i <= HIGH) & (j >= LOW) & (j <= HIGH))
+    walls = np.flatnonzero((i == 0) | (i == CELLS) | (j == 0) | (j == CELLS))
+    sides = {"block": Patch("moving", block), "walls": Patch("fixed", walls)}
+    return Mesh(np.stack([i, j], axis=1) / CELLS, {"quad": quads}, sides)
+
+
+@pytest.fixture(scope="session")
+def python_answer(endpoint):
+    """What the example programs must print and write, by the Python client."""
+    mesh, qualities = block_mesh(), []
+    with connect(endpoint) as server, server.open(mesh, {"support_radius": 0.5}) as session:
+        x, y = (mesh.points[session.moving_nodes] - 0.5).T
+        for step in range(STEPS):
+            for iteration in range(1, ITERATIONS + 1):
+                share = (step + iteration / ITERATIONS) / STEPS
+                turned = np.stack([-0.04 * x - 0.28 * y + 0.1, 0.28 * x - 0.04 * y + 0.05], axis=1)
+                session.move(share * turned, frame="reference")
+            qualities.append(session.commit().quality["metric"]["min"])
+        points = session.points()
+        session.close("discard")
+    lines = [f"step {step}: quality at least {quality:.6f}" for step, quality in enumerate(qualities, start=1)]
+    return [*lines, f"minimum quality {min(qualities):.6f}"], points
+
+
+@pytest.fixture
+def check_example(endpoint, python_answer, tmp_path):
+    """Runs an example program and compares it with the Python client, bit for bit."""
+
+    def check(*command, **options):
+        lines, points = python_answer
+        printed = run([*command, endpoint, tmp_path / "points.bin"], **options)
+        assert [line.strip() for line in printed.splitlines()] == lines
+        np.testing.assert_array_equal(np.fromfile(tmp_path / "points.bin").reshape(-1, 2), points)
+
+    return check
+
+
+@pytest.fixture(scope="session")
+def tools():
+    """``run``, ``need``, ``serve``: what tests need beside fixtures."""
+    return {"run": run, "need": need, "serve": serve, "source": SOURCE, "here": HERE, "root": ROOT}

@@ -1,0 +1,193 @@
+"""The C client and the C++ header against a scripted server, and against the real one."""
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from mesh_motion_client import Credentials, Mesh, Patch, connect
+from mesh_motion_conformance.command import Subject, conform
+
+from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
+
+
+def failed(driver, *only):
+    """The scenarios that a driver program fails."""
+    lines = []
+    outcomes = conform(Subject(client=shlex.quote(str(driver))), lines.append, only=list(only), quiet=True)
+    assert outcomes
+    return [outcome.case.id for outcome in outcomes if outcome.verdict != "PASS"], "\n".join(lines)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_every_scenario_in_every_language(compiler, tools):
+    names = ["driver.c"]
+    names += ["driver.cpp"] * (shutil.which("g++") is not None)
+    drivers = [compiler.program(tools["source"] / "conformance" / name) for name in names]
+    with ThreadPoolExecutor(len(drivers)) as pool:  # they wait most of the time
+        for name, (cases, lines) in zip(names, pool.map(failed, drivers), strict=True):
+            assert cases == [], f"{name}\n{lines}"
+
+
+@pytest.mark.parametrize(
+    ("sound", "faulty", "case"),
+    [
+        ("line->unanswered && line->content == content_of(request)", "0", "10.1-MOVE-repeated-by-the-caller"),
+        ("how == FAILED && session->has_trial &&", "0 &&", "11.4-worker-died-before-COMMIT-was-executed"),
+        ("got->reply.sequence == request->sequence\n", "got->reply.sequence\n", "4-replies-to-others-come-first"),
+        ("integer_field(probed, \"epoch\") <= session->epoch", "1", "11.3-fenced-while-the-connection-was-broken"),
+    ],
+)  # fmt: skip
+def test_the_suite_finds_a_seeded_fault(compiler, tools, tmp_path, sound, faulty, case):
+    source = tools["source"] / "src"
+    text = (source / "mesh_motion.c").read_text()
+    assert text.count(sound) == 1
+    seeded = tmp_path / "mesh_motion.c"
+    seeded.write_text(text.replace(sound, faulty))
+    driver = compiler.program(tools["source"] / "conformance" / "driver.c", client=(seeded, source / "mm_wire.c"))
+    assert failed(driver, case)[0] == [case]
+
+
+def test_the_c_example_answers_as_the_python_client(compiler, check_example, tools):
+    check_example(compiler.program(tools["source"] / "examples" / "block.c"))
+
+
+def test_the_cpp_example_answers_as_the_python_client(compiler, check_example, tools):
+    tools["need"]("g++")
+    check_example(compiler.program(tools["source"] / "examples" / "block.cpp"))
+
+
+def test_valgrind_finds_nothing(installed, check_example, tools, tmp_path):
+    tools["need"]("valgrind")
+    source, program = tools["source"] / "examples" / "block.c", tmp_path / "block"
+    tools["run"](["gcc", "-g", source, f"-I{installed}/include", f"-L{installed}/lib", "-lmesh_motion", "-o", program])
+    options = ["--error-exitcode=9", "--leak-check=full", "--show-leak-kinds=all", "--errors-for-leak-kinds=all", "-q"]
+    check_example("valgrind", *options, program, env=os.environ | {"LD_LIBRARY_PATH": f"{installed}/lib"})
+
+
+def test_errors(compiler, endpoint, tools):
+    done = subprocess.run(
+        [compiler.program(tools["here"] / "errors.c"), endpoint],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_two_partitions_give_what_one_gives(compiler, endpoint, tools, tmp_path):
+    program, credentials = compiler.program(tools["here"] / "two_ranks.c"), tmp_path / "credentials.json"
+    ranks = [
+        subprocess.Popen([program, endpoint, credentials, str(rank), tmp_path / f"{rank}.bin"], stderr=subprocess.PIPE)
+        for rank in (0, 1)
+    ]
+    for rank in ranks:
+        assert rank.communicate(timeout=120)[1] == b""
+        assert rank.returncode == 0
+    n = 8
+    j, i = np.divmod(np.arange((n + 1) ** 2), n + 1)
+    number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    sides = {"left": Patch("moving", number[:, 0]), "right": Patch("fixed", number[:, -1])}
+    mesh = Mesh(np.stack([i, j], axis=1) / n, {"quad": quads}, sides)
+    with connect(endpoint) as server, server.open(mesh) as session:
+        for step in (1, 2, 3):
+            y = mesh.points[session.moving_nodes][:, 1]
+            session.move(np.stack([0.01 * step * y, np.full_like(y, 0.01 * step)], axis=1))
+            session.commit()
+        whole = session.points().reshape(n + 1, n + 1, 2)
+        session.close("discard")
+    for rank in (0, 1):
+        part = np.fromfile(tmp_path / f"{rank}.bin").reshape(n // 2 + 1, n + 1, 2)
+        np.testing.assert_array_equal(part, whole[rank * n // 2 : rank * n // 2 + n // 2 + 1])
+    assert Credentials.load(credentials).token  # the Python client reads what the C client wrote
+    assert credentials.stat().st_mode & 0o777 == 0o600
+
+
+def test_keys(compiler, tools, tmp_path, check_example):
+    folder = tmp_path / "keys"
+    make_server_keys(folder)
+    for name in ("alice", "mallory"):
+        make_client_keys(name, tmp_path / name)
+    admit(str(tmp_path / "alice" / "alice.public"), folder)
+    program = compiler.program(tools["source"] / "examples" / "block.c")
+    (tmp_path / "served").mkdir()
+    endpoint, stop = tools["serve"](tmp_path / "served", "--keys", folder)
+    try:
+
+        def refused(**environment):
+            done = subprocess.run(
+                [program, endpoint],
+                env=os.environ | environment,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=90,
+            )
+            assert done.returncode == 1
+            return done.stderr
+
+        def keys(name):
+            secret = tmp_path / name / f"{name}.secret"
+            return {"MESH_MOTION_KEY": str(secret), "MESH_MOTION_SERVER_KEY": str(folder / "server.public")}
+
+        printed = tools["run"]([program, endpoint], env=os.environ | keys("alice"))
+        assert "minimum quality" in printed
+        assert refused(**keys("mallory")).startswith("UNAUTHENTICATED")
+        assert refused().startswith("UNAUTHENTICATED")
+        assert "both" in refused(MESH_MOTION_KEY="x")
+        (tmp_path / "alice" / "alice.secret").chmod(0o644)
+        assert "0644" in refused(**keys("alice"))
+    finally:
+        stop()
+
+
+@contextlib.contextmanager
+def stopped_server(here):
+    """A server that reads nothing behind JOIN."""
+    process = subprocess.Popen(
+        [sys.executable, here / "stopped_server.py"],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process, process.stdout.readline().strip()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def lent_arrays(program, here):
+    """What a program prints that frees its arrays after a time-out, and its exit status; then the server reads on."""
+    with stopped_server(here) as (server, endpoint):
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        with subprocess.Popen([program, endpoint], text=True, **pipes) as process:
+            code = process.stdout.readline().strip()
+            os.kill(server.pid, signal.SIGCONT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(1.0)  # for a fault to show
+            process.communicate("\n", timeout=60)
+            return code, process.returncode
+
+
+def test_arrays_are_the_callers_again_after_a_time_out(compiler, tools):
+    program = compiler.program(tools["here"] / "lent_arrays.c")
+    assert lent_arrays(program, tools["here"]) == ("DEADLINE_EXCEEDED", 0)
+
+
+def test_an_array_that_is_kept_too_long_is_seen(compiler, tools, tmp_path):
+    source = tools["source"] / "src"
+    text = (source / "mesh_motion.c").read_text()
+    seeded = tmp_path / "mesh_motion.c"
+    seeded.write_text(text.replace("    take_back_arrays(connection);\n", "    (void)take_back_arrays;\n"))
+    program = compiler.program(tools["here"] / "lent_arrays.c", client=(seeded, source / "mm_wire.c"))
+    assert lent_arrays(program, tools["here"])[1] != 0

@@ -1,0 +1,80 @@
+"""The C client as it is installed: a CMake package, a pkg-config file, a plain Makefile; it exports ``mm_`` alone."""
+
+import os
+import re
+
+import pytest
+
+CONSUMER = """
+#include <mesh_motion.h>
+#include <stdio.h>
+int main(void)
+{
+    mm_context *server = mm_context_new();
+    mm_connect(server, "nowhere");
+    printf("%d %s\\n", (int)mm_error(server), mm_error_code(server));
+    mm_context_free(server);
+    return 0;
+}
+"""
+ANSWER = "3 INVALID_ARGUMENT\n"
+PROJECT = """
+cmake_minimum_required(VERSION 3.16)
+project(consumer LANGUAGES C)
+find_package(mesh_motion 1.0 REQUIRED)
+add_executable(consumer consumer.c)
+target_link_libraries(consumer PRIVATE mesh_motion::mesh_motion)
+"""
+
+
+@pytest.fixture
+def consumer(tmp_path):
+    """The folder of a program that uses the library, with a blank in its name."""
+    folder = tmp_path / "my code"
+    folder.mkdir()
+    (folder / "consumer.c").write_text(CONSUMER)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, tools, zmq_flags):
+    """The prefix that the Makefile has installed into."""
+    tools["need"]("make", "gcc")
+    folder = tmp_path_factory.mktemp("make")
+    paths = [f"OUT={folder}/out", f"PREFIX={folder}/prefix"]
+    tools["run"](["make", "-C", tools["source"], "install", *paths, "CFLAGS=-O1 -Werror"])
+    return folder / "prefix"
+
+
+def test_find_package(installed, consumer, tools):
+    (consumer / "CMakeLists.txt").write_text(PROJECT)
+    tools["run"](["cmake", "-S", consumer, "-B", consumer / "build", f"-DCMAKE_PREFIX_PATH={installed}"])
+    tools["run"](["cmake", "--build", consumer / "build"])
+    assert tools["run"]([consumer / "build" / "consumer"]) == ANSWER
+
+
+@pytest.mark.parametrize("prefix", ["installed", "made"])
+def test_pkg_config(prefix, consumer, tools, request):
+    prefix = request.getfixturevalue(prefix)
+    environment = os.environ | {"PKG_CONFIG_PATH": str(prefix / "lib" / "pkgconfig")}
+    flags = tools["run"](["pkg-config", "--cflags", "--libs", "mesh_motion"], env=environment).split()
+    tools["run"](["gcc", consumer / "consumer.c", *flags, "-o", consumer / "consumer"])
+    assert tools["run"]([consumer / "consumer"], env=os.environ | {"LD_LIBRARY_PATH": str(prefix / "lib")}) == ANSWER
+
+
+def test_a_static_library(made, consumer, tools, zmq_flags):
+    archive = made / "lib" / "libmesh_motion.a"
+    include = f"-I{made}/include"
+    tools["run"](["gcc", consumer / "consumer.c", include, archive, *zmq_flags, "-lm", "-o", consumer / "consumer"])
+    assert tools["run"]([consumer / "consumer"]) == ANSWER
+
+
+@pytest.mark.parametrize("prefix", ["installed", "made"])
+def test_what_is_exported(prefix, tools, request):
+    library = request.getfixturevalue(prefix) / "lib" / "libmesh_motion.so"
+    names = set(re.findall(r" T (\w+)", tools["run"](["nm", "-D", "--defined-only", library])))
+    declared = set(
+        re.findall(r"MM_API [^;]*?\b(mm_\w+)\(", (tools["source"] / "include" / "mesh_motion.h").read_text())
+    )
+    assert names == declared
+    assert re.search(r"SONAME\s+libmesh_motion\.so\.1\n", tools["run"](["objdump", "-p", library]))
