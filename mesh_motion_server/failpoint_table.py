@@ -72,7 +72,7 @@ _TABLE = (
     ("request.stored", "the replies are remembered and not sent", _COMPUTING),
     ("request.replies.known", "the replies of journaled commits are known again", _COMPUTING),
     ("request.close.left", "the last partition has left, the session not closed", _COMPUTING),
-    ("request.discard", "the session is closed and about to be discarded", _COMPUTING),
+    ("request.discard", "the session is about to be discarded, and then closed", _COMPUTING),
     # the worker
     ("worker.start", "a worker's process begins", _PASSING),
     ("worker.ready", "a worker is warm and waits for its order", _PASSING),

@@ -12,6 +12,7 @@ from mesh_motion_server.prove import (
     kill_nine,
     numerical_input,
     power_loss,
+    state_machine,
 )
 from mesh_motion_server.prove.check import Check
 
@@ -24,6 +25,7 @@ CHECKS: tuple[Check, ...] = (
     io_faults.CHECK,
     journal_damage.CHECK,
     kill_nine.CHECK,
+    state_machine.CHECK,
     # what comes in
     conformance.CHECK,
     decoder_fuzz.CHECK,

@@ -11,13 +11,14 @@ already; then its command checks state and content. A collective request waits u
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable
 
 from mesh_motion_protocol.messages import Close, Join, Message, Ping, Pong, SessionMessage, Status
 
-from mesh_motion_server.errors import SessionError
+from mesh_motion_server.errors import ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import close, join, status
 from mesh_motion_server.service.envelope import Envelope
@@ -212,7 +213,10 @@ class SessionHost:
         """Give files and lock back; the session stays resumable if it was built. Idempotent."""
         if self._session.state is State.CLOSED:
             return
-        self._end(discard=False)
+        self._execution.forget_waiting()
+        self._session.close()
+        with contextlib.suppress(ResourceError):  # what is left of it is swept at the next start
+            self._delete_unless_kept(discard=False)
 
     # --- inside ----------------------------------------------------------------------------------------------------
 
@@ -234,8 +238,7 @@ class SessionHost:
             return [Envelope(peer, status.without_places(reply))]
         if isinstance(request, Close):
             self._holders.check_address(request)
-            self._holders.clear()
-            return self._close_partition(peer, request)
+            return self._close_partition(peer, request, others=0)
         raise SessionError(f"{request.type} needs a JOIN", code="PERMISSION_DENIED")
 
     def _handle(self, envelope: Envelope) -> list[Envelope]:
@@ -255,28 +258,29 @@ class SessionHost:
             waiting_for, counts = self._execution.missing, dict(self._counts)
             return [Envelope(peer, status.answer(self._session, request, waiting_for, counts))]
         if isinstance(request, Close):
-            return self._close_partition(peer, request)
+            return self._close_partition(peer, request, others=self._holders.beside(request.partition))
         return self._execution.execute(peer, request)
 
-    def _close_partition(self, peer: bytes, request: Close) -> list[Envelope]:
-        """One partition leaves; the last one to leave closes the session."""
+    def _close_partition(self, peer: bytes, request: Close, *, others: int) -> list[Envelope]:
+        """One partition leaves; the last one to leave, with no ``others``, closes the session."""
         reply = close.answer(self._session, request)
-        self._discard = self._discard or request.outcome == "discard"
+        discard = self._discard or request.outcome == "discard"
+        if not others:
+            self._delete_unless_kept(discard=discard)  # first: a disk that refuses it leaves all as it was
+        self._discard = discard
         replies = self._execution.abandon(
             SessionError(f"partition {request.partition} closed the session", code="ABORTED", hint="ask STATUS")
         )
         self._holders.leave(request.partition)
-        if not len(self._holders):
+        if not others:
             failpoint("request.close.left")
-            self._end(discard=self._discard)
+            self._holders.clear()
+            self._session.close()
             self.closed = True
         return [*replies, Envelope(peer, reply)]
 
-    def _end(self, *, discard: bool) -> None:
-        """Close the session; one that was never built is not worth keeping."""
-        discard = discard or not self._session.is_built
-        self._execution.forget_waiting()
-        self._session.close()
-        if discard:
+    def _delete_unless_kept(self, *, discard: bool) -> None:
+        """One that was never built is not worth keeping."""
+        if discard or not self._session.is_built:
             failpoint("request.discard")
             self._store.discard(self.session)

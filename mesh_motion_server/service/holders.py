@@ -23,8 +23,9 @@ class Holders:
         self._session = session
         self._peers: dict[int, bytes] = {}
 
-    def __len__(self) -> int:
-        return len(self._peers)
+    def beside(self, partition: int) -> int:
+        """How many other partitions somebody speaks for."""
+        return len(self._peers.keys() - {partition})
 
     def check_address(self, request: SessionMessage) -> None:
         """Session id, partition and epoch of a request.

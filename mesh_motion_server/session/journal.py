@@ -72,7 +72,9 @@ class Journal:
         self._handles: list[int] = []
 
     @classmethod
-    def create(cls, folder: Path, files: FileSystem, foundation: Foundation, *, capacity: int | None = None) -> Journal:
+    def create(
+        cls, folder: Path, files: FileSystem, foundation: Foundation, *, capacity: int | None = None, epoch: int = 1
+    ) -> Journal:
         """Start the journal of a session that was just built; durable on return.
 
         Parameters
@@ -82,6 +84,8 @@ class Journal:
         foundation : Foundation
         capacity : int, optional
             Bytes of each manifest, whole pages for a checkpoint and two records at least; by default some 250 commits.
+        epoch : int
+            The session's, which is no longer 1 if it was resumed before it was built.
 
         Raises
         ------
@@ -92,7 +96,7 @@ class Journal:
             _write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
         failpoint("journal.create.slots")
         capacity = capacity or _capacity(foundation)
-        body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": 1}
+        body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": epoch}
         record = _install_manifest(folder, files, pack_record(0, bytes(32), body), capacity)
         journal = cls(folder, files, Ledger.start(record), record.length)
         journal._open_files()

@@ -248,7 +248,7 @@ class Session:
         mesh = merge(partitions)
         model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
         failpoint("session.build.checked")
-        journal = self._folder.build(partitions, len(mesh.points))
+        journal = self._folder.build(partitions, len(mesh.points), epoch=self._epoch)
         failpoint("session.build.stored")
         self._built = _Built(mesh, model, journal)
         self._now = _Standing(state, CommittedState(0, mesh.points))

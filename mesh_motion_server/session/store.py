@@ -79,7 +79,7 @@ class SessionFolder:
         self._files = files
         self._lock: int | None = lock
 
-    def build(self, partitions: Sequence[PartitionMesh], nodes: int) -> Journal:
+    def build(self, partitions: Sequence[PartitionMesh], nodes: int, *, epoch: int = 1) -> Journal:
         """Make the mesh durable and start the journal.
 
         Raises
@@ -97,7 +97,7 @@ class SessionFolder:
                 record_area=record_area(len(partitions)),
             )
             failpoint("store.mesh.written")
-            return Journal.create(self.path, self._files, foundation)
+            return Journal.create(self.path, self._files, foundation, epoch=epoch)
         except OSError as error:
             raise _disk_error("the session cannot be stored", error) from error
 
@@ -230,7 +230,7 @@ class SessionStore:
         Raises
         ------
         ResourceError
-            RESOURCE_EXHAUSTED.DISK if the disk fails.
+            RESOURCE_EXHAUSTED.DISK if the disk does not let it; the session is then as before.
         """
         if not _SESSION_ID.fullmatch(session):
             raise _not_found(session)
@@ -240,10 +240,12 @@ class SessionStore:
         try:
             if self._files.exists(path):
                 self._files.rename(path, away)
-                failpoint("store.discard.renamed")
-                self._files.sync_folder(self._sessions)
         except OSError as error:
             raise _disk_error("the session cannot be discarded", error) from error
+        # it is gone for everybody; where this fails, a loss of power may at worst bring it back
+        with contextlib.suppress(OSError):
+            failpoint("store.discard.renamed")
+            self._files.sync_folder(self._sessions)
         shutil.rmtree(away, ignore_errors=True)
 
     def sweep(self) -> list[str]:

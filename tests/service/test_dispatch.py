@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from mesh_motion_protocol.messages import (
 from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.service.dispatch import Envelope, SessionHost
 from mesh_motion_server.session.state import State
+from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 
 
@@ -243,6 +245,28 @@ def test_closing(kit: Any, ready: Any, store: Any) -> None:
     assert store.sessions() == []
     ready.host.close()
     assert ready.ask(Join, token=kit.TOKEN).code == "FAILED_PRECONDITION.STATE"
+
+
+def test_a_close_that_the_disk_refuses_changes_nothing(kit: Any) -> None:
+    """Found by the state machine: the session was closed all the same, and its worker stayed."""
+    failing = kit.files.FailingFiles(kit.files.ModelFiles(), for_ever=False)
+    driver = kit.make_driver(SessionStore(Path("/model"), files=failing), [kit.grid_mesh()])
+    driver.open()
+    driver.move(1)
+    failing.fail_at = failing.count + 1
+    refused = driver.ask(Close, outcome="discard")
+    assert (refused.code, refused.state, driver.host.closed) == ("RESOURCE_EXHAUSTED.DISK", "TRIAL", False)
+    assert driver.all(Commit, step=1)[0].type == "COMMITTED"
+    assert driver.ask(Close, outcome="discard").type == "CLOSED"
+    assert driver.host.closed
+
+
+def test_a_session_resumed_before_it_is_built_keeps_its_epoch(kit: Any, driver: Any, store: Any) -> None:
+    """Found by the state machine: the journal began at epoch 1 again, and later fenced nobody who had epoch 2."""
+    assert driver.host.reclaim(kit.TOKEN) == 2
+    driver.open()
+    driver.host.close()
+    assert kit.resume(store).epoch == 3
 
 
 def test_something_unforeseen_is_internal_and_changes_nothing(

@@ -1,0 +1,60 @@
+"""What a driver, its rivals, time and accidents do to a session, as words that can be written down and done again.
+
+``MOVE/1/step/3``: partition 1 sends a MOVE with a twist, here a wrong step, of which 3 says the particulars; ``*``
+stands for all partitions, one after the other. A request has the fields that fit the session, but for the twist.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+__all__ = ["ALL", "EVENTS", "REQUESTS", "TWISTS", "Action", "read_story", "story"]
+
+ALL = -1
+_ROLES = ("stranger", "monitor", "admin", "unlisted")
+_DATA = ("", "epoch", "session", "partition", "unjoined", *_ROLES)
+_ONCE = (*_DATA, "again", "other")
+#: Request → what may be special about it.
+TWISTS: dict[str, tuple[str, ...]] = {
+    "OPEN": ("", "disk", "monitor", "admin", "unlisted"),
+    "RESUME": ("", "again", "other", "token", "host", "disk", *_ROLES),
+    "PROBE": ("", "token", *_ROLES),
+    "LIST": ("", *_ROLES),
+    "JOIN": ("", "token", "epoch", "session", "partition", *_ROLES),
+    "UPLOAD": (*_ONCE, "rows"),
+    "BUILD": (*_ONCE, "disk", "crash", "power"),
+    "MOVE": (*_ONCE, "step", "rows", "far", "reference"),
+    "COMMIT": (*_ONCE, "step", "disk", "crash", "power", "defect", "inside"),
+    "ROLLBACK": (*_ONCE, "step"),
+    "FETCH": (*_DATA, "reference"),
+    "STATUS": _DATA,
+    "CLOSE": (*_DATA, "discard"),
+}
+REQUESTS = tuple(TWISTS)
+#: What nobody asks for: the lease's end, a killed worker, a power cut, a planned restart, a disk that takes nothing
+#: until it is healed, time, and a partition's connection made anew.
+EVENTS = ("LEASE_END", "CRASH", "POWER", "STOP", "BREAK", "HEAL", "WAIT", "RECONNECT")
+
+
+class Action(NamedTuple):
+    """One thing that happens: what, to which partition, with what twist, and a number for the particulars."""
+
+    operation: str
+    partition: int = 0
+    twist: str = ""
+    value: int = 0
+
+    def __str__(self) -> str:
+        partition = "*" if self.partition == ALL else str(self.partition)
+        return "/".join((self.operation, partition, self.twist, str(self.value)))
+
+
+def story(actions: list[Action]) -> str:
+    """Actions as text."""
+    return " ".join(map(str, actions))
+
+
+def read_story(text: str) -> list[Action]:
+    """Text as actions."""
+    parts = [word.split("/") for word in text.split()]
+    return [Action(what, ALL if p == "*" else int(p), twist, int(value)) for what, p, twist, value in parts]

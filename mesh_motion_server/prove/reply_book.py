@@ -1,0 +1,88 @@
+"""Section 10 of SPEC.md as a list: a client's requests in the order in which they were last answered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["Book", "Entry"]
+
+
+@dataclass
+class Entry:
+    """A request that was answered.
+
+    Attributes
+    ----------
+    executed : bool
+        Else it was refused, and a repeat is tried again.
+    known : bool
+        Else the server has been restarted since and does not know of it: only of COMMITs.
+    type, fields, reply : str, dict, Message or None
+        Of the reply; its fields are known beforehand, the whole once it has come.
+    """
+
+    sequence: int
+    content: Any
+    executed: bool
+    kind: str
+    type: str = ""
+    fields: dict[str, Any] = field(default_factory=dict)
+    reply: Any = None
+    known: bool = True
+    asked: Any = None
+
+    def keep(self, reply: Any) -> None:
+        """The reply has come."""
+        self.reply = reply
+
+
+class Book:
+    """One client's requests.
+
+    Parameters
+    ----------
+    kept : int
+        How many replies the server keeps.
+    """
+
+    def __init__(self, kept: int) -> None:
+        self._kept = kept
+        self.entries: list[Entry] = []
+
+    def enter(self, entry: Entry, asked: Any) -> None:
+        """It is answered now."""
+        entry.asked = asked
+        self.entries = [other for other in self.entries if other.sequence != entry.sequence]
+        self.entries.append(entry)
+
+    def restart(self) -> None:
+        """Of what is not durable nothing is known any more."""
+        for entry in self.entries:
+            entry.known = entry.known and entry.executed and entry.kind == "COMMIT"
+
+    def verdict(self, sequence: int, content: Any) -> Entry | str:
+        """The entry whose reply is due, the code of a refusal, or ``""``: execute it."""
+        entry = next((entry for entry in self.entries if entry.sequence == sequence), None)
+        if entry is None:
+            return ""
+        later = self._later(entry)
+        if entry.known and len(later) < self._kept:
+            if entry.content != content:
+                return "ABORTED.CONFLICT"
+            return entry if entry.executed else ""
+        return "ABORTED.STALE" if self._surely_dropped(entry) else ""
+
+    def _later(self, entry: Entry) -> list[Entry]:
+        """What the server has answered since, and knows of."""
+        return [other for other in self.entries[self.entries.index(entry) + 1 :] if other.known]
+
+    def _surely_dropped(self, entry: Entry) -> bool:
+        later = [other for other in self._later(entry) if other.executed and other.sequence > entry.sequence]
+        return len(later) >= self._kept + (not entry.known)
+
+    def is_clear(self, entry: Entry) -> bool:
+        """Whether SPEC.md leaves no choice in what a repeat is answered: refused requests may count as kept or not."""
+        if entry.known:
+            return len(self._later(entry)) < self._kept or self._surely_dropped(entry)
+        return sum(other.known for other in self.entries) <= self._kept or self._surely_dropped(entry)

@@ -1,0 +1,393 @@
+"""What a session has to do, told once more from SPEC.md: a few values and rules, no journal, no numerics.
+
+The model is asked the same requests as a server, in the same order, and says which replies are due. Coordinates it has
+from the replies themselves, by the rule that a displacement and the coordinates of its frame add up to the server's
+bits (section 7); the digest of a committed state it takes from them (section 16).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.prove.check import require
+from mesh_motion_server.prove.expected import Answer, Asked, Codes, Share
+from mesh_motion_server.prove.reply_book import Book, Entry
+
+__all__ = ["ADMITTED", "DISK", "OPERATIONS", "OTHERS", "SessionModel", "Snapshot"]
+
+Points = list[NDArray[np.float64]]
+
+#: The columns of section 8's table.
+OPERATIONS = (
+    "JOIN",
+    "UPLOAD",
+    "BUILD",
+    "MOVE",
+    "COMMIT",
+    "ROLLBACK",
+    "FETCH",
+    "STATUS",
+    "CLOSE",
+    "RESUME",
+    "LEASE_END",
+)
+#: Its rows: what is not refused.
+ADMITTED = {
+    "NEW": "JOIN UPLOAD STATUS CLOSE RESUME LEASE_END",
+    "OPENING": "JOIN UPLOAD BUILD STATUS CLOSE RESUME LEASE_END",
+    "READY": "JOIN MOVE ROLLBACK FETCH STATUS CLOSE RESUME LEASE_END",
+    "TRIAL": "JOIN MOVE COMMIT ROLLBACK FETCH STATUS CLOSE RESUME LEASE_END",
+    "COMMITTING": "STATUS LEASE_END",
+    "SUSPENDED": "JOIN STATUS CLOSE RESUME LEASE_END",
+    "FROZEN": "JOIN FETCH STATUS CLOSE LEASE_END",
+    "FAILED": "JOIN STATUS CLOSE LEASE_END",
+    "CLOSED": "LEASE_END",
+}
+_COLLECTIVE = ("BUILD", "MOVE", "COMMIT", "ROLLBACK")
+#: Section 20: what those may ask of a session who do not own it, and what they are answered otherwise.
+OTHERS = {
+    "stranger": ("", "NOT_FOUND"),
+    "unlisted": ("", "UNAUTHENTICATED"),
+    "monitor": ("STATUS PROBE", "PERMISSION_DENIED"),
+    "admin": ("STATUS CLOSE PROBE", "PERMISSION_DENIED"),
+}
+DISK = "RESOURCE_EXHAUSTED.DISK"
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What may be found after a crash: a step, its coordinates, and the COMMITs that made it, with its digest."""
+
+    step: int
+    committed: Points
+    commits: Sequence[Asked] = ()
+    digest: bytes = b""
+
+
+class SessionModel:
+    """One session.
+
+    Parameters
+    ----------
+    opened : Opened
+    shares : list of Share
+        By partition.
+    kept : int
+        ``stored_replies``.
+    """
+
+    def __init__(self, opened: Any, shares: Sequence[Share], kept: int) -> None:
+        self.session, self.token, self.epoch = opened.session, opened.token, int(opened.epoch)
+        self.shares, self.kept = shares, kept
+        self.state, self.worker, self.step, self.iteration = "NEW", "alive", 0, 0
+        self.lost = "no"
+        self.joined: dict[int, bytes] = {}
+        self.uploaded = [0] * len(shares)
+        self.waiting: dict[int, Asked] = {}
+        self.books: dict[bytes, Book] = {}
+        self.committed: Points = []
+        self.trial: Points = []
+        self.may_be_found: list[Snapshot | None] = [None]
+        self.disk_broken = False
+        self.visited: set[tuple[str, str]] = set()
+        self._discard = False
+        self._moved: dict[Any, bytes] = {}
+
+    # --- what it knows -----------------------------------------------------------------------------------------------
+
+    @property
+    def built(self) -> bool:
+        """Whether BUILT was answered, or a RESUME has found that it should have been."""
+        return bool(self.committed)
+
+    @property
+    def gone(self) -> bool:
+        """Whether nobody will find it again."""
+        return self.worker == "none" and self.may_be_found == [None]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all of the mesh is uploaded, and nothing twice."""
+        return self.uploaded == [share.parts for share in self.shares]
+
+    @property
+    def spoilt(self) -> bool:
+        """Whether something is uploaded twice."""
+        return any(n > share.parts for n, share in zip(self.uploaded, self.shares, strict=True))
+
+    @property
+    def missing(self) -> list[int]:
+        """Partitions that a collective request waits for."""
+        return [p for p in range(len(self.shares)) if p not in self.waiting] if self.waiting else []
+
+    def admits(self, operation: str) -> bool:
+        """The cell of section 8's table; it is now visited."""
+        self.visited.add((self.state, operation))
+        return operation in ADMITTED[self.state].split()
+
+    def book(self, client: bytes) -> Book:
+        """The requests of a client."""
+        return self.books.setdefault(client, Book(self.kept))
+
+    def digest(self, step: int, points: Points) -> bytes:
+        """Section 16."""
+        ids, first = np.unique(np.concatenate([share.ids for share in self.shares]), return_index=True)
+        rows = np.concatenate(points)[first]
+        head = np.array([step, len(ids), rows.shape[1]], dtype="<i8").tobytes()
+        return hashlib.sha256(b"mesh-motion state 1\n" + head + rows.astype("<f8").tobytes()).digest()
+
+    # --- requests to the data endpoint -------------------------------------------------------------------------------
+
+    def ask(self, asked: Asked, fault: str = "") -> list[Answer]:
+        """The replies that are due because of a request, while a fault happens: disk, defect, crash."""
+        refusal = self._gate(asked)
+        if refusal is not None:
+            return [refusal]
+        if asked.kind in ("UPLOAD", *_COLLECTIVE):
+            return self._once(asked, fault)
+        answer: list[Answer] = {"JOIN": self._join, "FETCH": self._fetch, "STATUS": self._status, "CLOSE": self._close}[
+            asked.kind
+        ](asked)
+        return answer
+
+    def refuse(self, asked: Asked, *codes: str, state: str | None = None) -> Answer:
+        return Answer(asked, "ERROR", codes, {"state": self.state if state is None else state})
+
+    def _gate(self, asked: Asked) -> Answer | None:
+        """Who asks, of what, under which epoch, on which connection."""
+        message, state = asked.message, None
+        may, code = OTHERS.get(asked.user, (asked.kind, ""))
+        if asked.kind not in may.split():
+            state = ""
+        elif message.session != self.session:
+            code = "NOT_FOUND"
+        elif message.partition >= len(self.shares):
+            code = "INVALID_ARGUMENT.VALUE"
+        elif message.epoch != self.epoch:
+            code = "ABORTED.FENCED"
+        elif asked.kind == "JOIN":
+            code = "" if message.token == self.token else "NOT_FOUND"
+        elif asked.user == "owner" and self.joined.get(message.partition) != asked.peer:
+            code = "UNAUTHENTICATED"
+        else:
+            code = ""
+        return self.refuse(asked, code, state=state) if code else None
+
+    def _unless_admitted(self, asked: Asked) -> Answer | None:
+        if self.admits(asked.kind):
+            return None
+        return self.refuse(asked, *self._state_codes(asked.kind))
+
+    def _state_codes(self, kind: str) -> Codes:
+        if self.state == "FROZEN":
+            return (DISK,)
+        if kind == "COMMIT" and self.state == "READY" and self.lost != "no":
+            return ("ABORTED.TRIAL_LOST", *(["FAILED_PRECONDITION.STATE"] if self.lost == "perhaps" else []))
+        return ("FAILED_PRECONDITION.STATE",)
+
+    def _join(self, asked: Asked) -> list[Answer]:
+        refusal = self._unless_admitted(asked)
+        if refusal:
+            return [refusal]
+        self.joined[asked.message.partition] = asked.peer
+        self.state = "READY" if self.state == "SUSPENDED" else self.state
+        nodes = len(self.shares[asked.message.partition].ids) if self.built else 0
+        about = {"state": self.state, "step": self.step, "iteration": self.iteration, "nodes": nodes}
+        return [Answer(asked, "JOINED", fields=about | {"partitions": len(self.shares)})]
+
+    def _fetch(self, asked: Asked) -> list[Answer]:
+        refusal = self._unless_admitted(asked)
+        if refusal:
+            return [refusal]
+        p, what = asked.message.partition, asked.message.what
+        points = self.committed[p] if what == "committed" else self.shares[p].points
+        return [Answer(asked, "FETCHED", fields={"step": self.step, "points": points})]
+
+    def _status(self, asked: Asked) -> list[Answer]:
+        about = {"state": self.state, "step": self.step, "iteration": self.iteration, "waiting_for": self.missing}
+        return [self._unless_admitted(asked) or Answer(asked, "STATUS_REPORT", fields=about)]
+
+    def _close(self, asked: Asked) -> list[Answer]:
+        refusal = self._unless_admitted(asked)
+        if refusal:
+            return [refusal]
+        partition, discard = asked.message.partition, self._discard or asked.message.outcome == "discard"
+        left = {} if asked.user == "admin" else {p: peer for p, peer in self.joined.items() if p != partition}
+        if not left and self.disk_broken and (discard or not self.built):
+            return [self.refuse(asked, DISK)]
+        answers = self.abandon("ABORTED")
+        self.joined, self._discard = left, discard
+        if not left:
+            self.end(discard=discard)
+            answers = [replace(answer, fields={}) for answer in answers]  # before or after the end, both is true
+        return [*answers, Answer(asked, "CLOSED", fields={"step": self.step})]
+
+    def end(self, *, discard: bool) -> None:
+        """The worker has ended as it should; what is built stays."""
+        if discard or not self.built:
+            self.may_be_found = [None]
+        self.forget()
+        self.state, self.worker, self.trial, self.iteration = "CLOSED", "none", [], 0
+        self.waiting = {}
+
+    def forget(self) -> None:
+        """What no worker knows any more; a trial may have been lost, for all that the next one knows."""
+        self.lost = "surely" if self.trial or self.lost == "surely" else "perhaps"
+        for book in self.books.values():
+            book.restart()
+
+    def lose_trial(self, state: str) -> None:
+        self.lost = "surely" if self.trial else self.lost
+        self.state, self.trial, self.iteration = state, [], 0
+
+    def abandon(self, *codes: str) -> list[Answer]:
+        """Everyone who waits is refused."""
+        waiting, self.waiting = self.waiting, {}
+        return [self.refuse(waiting[p], *codes) for p in sorted(waiting)]
+
+    # --- requests that are executed once -----------------------------------------------------------------------------
+
+    def _once(self, asked: Asked, fault: str) -> list[Answer]:
+        """Section 10, then the request itself."""
+        message, book = asked.message, self.book(asked.message.client)
+        verdict = book.verdict(message.sequence, asked.content)
+        if verdict in ("ABORTED.CONFLICT", "ABORTED.STALE"):
+            return [self.refuse(asked, verdict)]
+        if isinstance(verdict, Entry):
+            return [Answer(asked, verdict.type, fields=verdict.fields, same=verdict.reply, effect=verdict.keep)]
+        if asked.kind == "UPLOAD":
+            return self._upload(asked)
+        waiting = self.waiting.get(message.partition)
+        if waiting and (waiting.message.client, waiting.message.sequence) == (message.client, message.sequence):
+            if waiting.content != asked.content:
+                return [self.refuse(asked, "ABORTED.CONFLICT")]
+            self.waiting[message.partition] = replace(waiting, peer=asked.peer)
+            return []
+        return self._collective(asked, fault)
+
+    def _upload(self, asked: Asked) -> list[Answer]:
+        p = asked.message.partition
+        if p in self.waiting:
+            return [self.refuse(asked, "FAILED_PRECONDITION")]
+        if asked.wrong or not self.admits("UPLOAD"):
+            codes = asked.wrong if self.admits("UPLOAD") else (*asked.wrong, *self._state_codes("UPLOAD"))
+            return self.refuse_all([asked], *codes)
+        self.uploaded[p] += 1
+        self.state = "OPENING"
+        return [self.executed(asked, "UPLOADED")]
+
+    def _collective(self, asked: Asked, fault: str) -> list[Answer]:
+        """Section 9: own faults, those who wait, and when all have come."""
+        p, others = asked.message.partition, {q: a for q, a in self.waiting.items() if q != asked.message.partition}
+        codes = (*asked.wrong, *self._wrong_step(asked))
+        if not self.admits(asked.kind):
+            codes = (*codes, *self._state_codes(asked.kind))
+        if codes:
+            return self.refuse_all([asked], *codes)
+        answers = [self.refuse(self.waiting[p], "ABORTED.STALE")] if p in self.waiting else []
+        self.waiting = others | {p: asked}
+        if any(_common(other) != _common(asked) for other in others.values()):
+            return [*answers, *self.abandon("INVALID_ARGUMENT.PARTITION")]
+        if len(self.waiting) < len(self.shares):
+            return answers
+        all_asked = [self.waiting[q] for q in sorted(self.waiting)]
+        self.waiting = {}
+        run = {"BUILD": self._build, "MOVE": self._move, "COMMIT": self._commit, "ROLLBACK": self._rollback}[asked.kind]
+        return [*answers, *run(all_asked, fault)]
+
+    def _wrong_step(self, asked: Asked) -> Codes:
+        step = getattr(asked.message, "step", None)
+        return () if step in (None, self.step + 1) else ("FAILED_PRECONDITION.STEP",)
+
+    def executed(
+        self, asked: Asked, kind: str, effect: Callable[[Any], None] = lambda _: None, **fields: Any
+    ) -> Answer:
+        entry = Entry(asked.message.sequence, asked.content, executed=True, type=kind, fields=fields, kind=asked.kind)
+        self.book(asked.message.client).enter(entry, asked)
+
+        def keep(reply: Any) -> None:
+            entry.keep(reply)
+            effect(reply)
+
+        return Answer(asked, kind, fields=fields, effect=keep)
+
+    def refuse_all(self, all_asked: Sequence[Asked], *codes: str) -> list[Answer]:
+        """They are refused alike, and tried again when they are repeated."""
+        for asked in all_asked:
+            entry = Entry(asked.message.sequence, asked.content, executed=False, kind=asked.kind)
+            self.book(asked.message.client).enter(entry, asked)
+        return [self.refuse(asked, *codes) for asked in all_asked]
+
+    def _build(self, all_asked: Sequence[Asked], fault: str) -> list[Answer]:
+        if not self.complete:
+            return self.refuse_all(all_asked, "INVALID_ARGUMENT")
+        reference = [share.points for share in self.shares]
+        if fault:
+            self.may_be_found = [None, Snapshot(0, reference)]
+            return self.refuse_all(all_asked, DISK)
+        self.state, self.committed, self.may_be_found = "READY", reference, [Snapshot(0, reference)]
+        return [
+            self.executed(asked, "BUILT", step=0, moving_nodes=share.moving)
+            for asked, share in zip(all_asked, self.shares, strict=True)
+        ]
+
+    def _move(self, all_asked: Sequence[Asked], _fault: str) -> list[Answer]:
+        if not self._agree([asked.message.displacement for asked in all_asked]):
+            return self.refuse_all(all_asked, "INVALID_ARGUMENT.PARTITION")
+        if any(asked.far for asked in all_asked):
+            return self.refuse_all(all_asked, "FAILED_PRECONDITION.QUALITY")
+        self.state, self.lost, self.iteration = "TRIAL", "no", self.iteration + 1
+        self.trial = list(self.committed)
+        about: dict[str, Any] = {"step": self.step + 1, "iteration": self.iteration}
+        frame = all_asked[0].message.frame
+        told = (self.digest(self.step, self.committed), frame, *(a.message.displacement.tobytes() for a in all_asked))
+        return [self.executed(a, "MOVED", partial(self._take_motion, a, told), **about) for a in all_asked]
+
+    def _agree(self, rows: Sequence[NDArray[np.float64]]) -> bool:
+        """Whether shared nodes are moved alike."""
+        ids = np.concatenate([share.ids[share.moving] for share in self.shares])
+        given = np.concatenate(rows)
+        _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
+        return bool(np.array_equal(given, given[first][inverse]))
+
+    def _take_motion(self, asked: Asked, told: Any, reply: Any) -> None:
+        """Section 7: a pure function, told displacements as told, and a sum that is the server's coordinates."""
+        p, share = asked.message.partition, self.shares[asked.message.partition]
+        base = share.points if asked.message.frame == "reference" else self.committed[p]
+        require(
+            np.array_equal(reply.displacement[share.moving], asked.message.displacement), "moving nodes are elsewhere"
+        )
+        again = self._moved.setdefault((told, p), reply.displacement.tobytes())
+        require(again == reply.displacement.tobytes(), "the same MOVE is answered with another displacement")
+        self.trial[p] = base + reply.displacement
+
+    def _commit(self, all_asked: Sequence[Asked], fault: str) -> list[Answer]:
+        digest = self.digest(self.step + 1, self.trial)
+        after = Snapshot(self.step + 1, self.trial, all_asked, digest)
+        if fault:
+            self.may_be_found = [*self.may_be_found, after]
+            self.state = "FAILED" if fault == "defect" else "FROZEN"
+            if fault == "defect":
+                self.trial, self.iteration = [], 0
+            return self.refuse_all(all_asked, "INTERNAL" if fault == "defect" else DISK)
+        self.state, self.iteration = "READY", 0
+        self.step, self.committed, self.trial = after.step, after.committed, []
+        self.may_be_found = [Snapshot(self.step, self.committed)]
+        about: dict[str, Any] = {"step": self.step, "durable_step": self.step, "digest": digest}
+        return [self.executed(asked, "COMMITTED", **about) for asked in all_asked]
+
+    def _rollback(self, all_asked: Sequence[Asked], _fault: str) -> list[Answer]:
+        self.state, self.trial, self.iteration, self.lost = "READY", [], 0, "no"
+        return [self.executed(asked, "ROLLED_BACK", step=self.step) for asked in all_asked]
+
+
+def _common(asked: Asked) -> Any:
+    """What all partitions have to ask for alike."""
+    return asked.kind, getattr(asked.message, "step", None), getattr(asked.message, "frame", None)
