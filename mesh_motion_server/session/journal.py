@@ -5,7 +5,8 @@ Files of a session's folder that belong to it:
 ``manifest``
     Append-only hash-chained records (:mod:`~mesh_motion_server.session.records`,
     :mod:`~mesh_motion_server.session.ledger`), preallocated with zeros. When it is full, ``manifest.new`` is written
-    with a "checkpoint" of all that still matters and renamed over it.
+    with a "checkpoint" of all that still matters and renamed over it. Until then ``manifest.new`` lies there empty: the
+    space of the next manifest, so that a session, once built, needs no more of the disk.
 ``slot-0``, ``slot-1``
     Preallocated. The state of an even step is in slot 0, that of an odd one in slot 1, so that a commit overwrites the
     older state and the newer one stays whole. At offset 0 the copy of the commit's record, at ``record_area`` the
@@ -31,7 +32,14 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.filesystem import FileSystem, write_all
-from mesh_motion_server.session.journal_files import KEPT_COMMITS, MANIFEST, SLOTS, read_journal, verified_state
+from mesh_motion_server.session.journal_files import (
+    KEPT_COMMITS,
+    MANIFEST,
+    NEXT_MANIFEST,
+    SLOTS,
+    read_journal,
+    verified_state,
+)
 from mesh_motion_server.session.ledger import Commit, Foundation, Ledger
 from mesh_motion_server.session.records import PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.recovery import Findings
@@ -40,7 +48,6 @@ __all__ = ["Journal", "record_area"]
 
 Floats = NDArray[np.float64]
 
-_NEXT_MANIFEST = "manifest.new"
 #: Smallest manifest: some 250 commits of one partition.
 _LEAST_CAPACITY = 1 << 20
 #: A manifest holds at least this many records of the largest size beside its checkpoint.
@@ -99,6 +106,7 @@ class Journal:
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": epoch}
         record = _install_manifest(folder, files, pack_record(0, bytes(32), body), capacity)
         journal = cls(folder, files, Ledger.start(record), record.length)
+        _reserve(folder, files, capacity)
         journal._open_files()
         return journal
 
@@ -223,6 +231,7 @@ class Journal:
         self._handles[0] = self._files.open(self._folder / MANIFEST)
         self.ledger = Ledger.start(record)
         self._end = record.length
+        _reserve(self._folder, self._files, capacity)
 
     def _settle(self, found: Findings) -> None:
         """Make durable what was read, and clean up after a crash; a crash in between is settled again.
@@ -250,7 +259,14 @@ class Journal:
             # the torn record may have been an epoch that somebody was told
             self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
         failpoint("journal.settle.done")
-        self._files.remove(self._folder / _NEXT_MANIFEST)
+        self._renew_reserve()
+
+    def _renew_reserve(self) -> None:
+        """Empty what a crash has left; where there is no room for it, the session goes on as long as it can."""
+        try:
+            _reserve(self._folder, self._files, self.ledger.capacity)
+        except OSError:
+            self._files.remove(self._folder / NEXT_MANIFEST)
 
     def _require_usable(self) -> None:
         if self.frozen:
@@ -293,12 +309,17 @@ def _own(packed: bytes) -> Record:
 
 def _install_manifest(folder: Path, files: FileSystem, packed: bytes, capacity: int) -> Record:
     """A manifest that starts with this record, durable under its name."""
-    _write_new(files, folder / _NEXT_MANIFEST, packed, capacity)
+    _write_new(files, folder / NEXT_MANIFEST, packed, capacity)
     failpoint("journal.create.unnamed")
-    files.rename(folder / _NEXT_MANIFEST, folder / MANIFEST)
+    files.rename(folder / NEXT_MANIFEST, folder / MANIFEST)
     failpoint("journal.create.renamed")
     files.sync_folder(folder)
     return _own(packed)
+
+
+def _reserve(folder: Path, files: FileSystem, capacity: int) -> None:
+    """Hold the space of the next manifest. Nothing is lost with it, so it is not synced."""
+    files.close(files.create(folder / NEXT_MANIFEST, capacity))
 
 
 def _write_new(files: FileSystem, path: Path, data: bytes, size: int) -> None:

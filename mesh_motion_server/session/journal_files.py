@@ -14,11 +14,21 @@ from mesh_motion_server.session.ledger import Foundation, Ledger
 from mesh_motion_server.session.records import unpack_record
 from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
 
-__all__ = ["KEPT_COMMITS", "MANIFEST", "SLOTS", "read_journal", "read_ledger", "verified_state", "verify_state"]
+__all__ = [
+    "KEPT_COMMITS",
+    "MANIFEST",
+    "NEXT_MANIFEST",
+    "SLOTS",
+    "read_journal",
+    "read_ledger",
+    "verified_state",
+    "verify_state",
+]
 
 Floats = NDArray[np.float64]
 
 MANIFEST = "manifest"
+NEXT_MANIFEST = "manifest.new"
 SLOTS = ("slot-0", "slot-1")
 
 #: Commits whose replies are kept, hence found again after a crash.

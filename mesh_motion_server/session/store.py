@@ -26,7 +26,7 @@ from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceErr
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, write_all
 from mesh_motion_server.session.journal import Journal, record_area
-from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
+from mesh_motion_server.session.journal_files import MANIFEST, NEXT_MANIFEST, SLOTS, read_ledger
 from mesh_motion_server.session.ledger import Foundation
 from mesh_motion_server.session.mesh_store import read_mesh, write_mesh
 from mesh_motion_server.session.partitions import PartitionMesh
@@ -99,7 +99,15 @@ class SessionFolder:
             failpoint("store.mesh.written")
             return Journal.create(self.path, self._files, foundation, epoch=epoch)
         except OSError as error:
+            self._remove_half_made()
             raise _disk_error("the session cannot be stored", error) from error
+
+    def _remove_half_made(self) -> None:
+        """What a BUILD without room has left takes room from others; with a manifest it may be whole, and stays."""
+        with contextlib.suppress(OSError):
+            if not self._files.exists(self.path / MANIFEST):
+                for name in (_MESH, *SLOTS, NEXT_MANIFEST):
+                    self._files.remove(self.path / name)
 
     def load(self) -> tuple[Journal, list[PartitionMesh]]:
         """Open the journal and read the mesh.

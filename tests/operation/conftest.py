@@ -1,0 +1,45 @@
+"""Makes the helper modules of this folder importable under pytest's importlib mode."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import pytest
+from served import Served
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Starts servers as `mesh-motion serve` does."""
+    servers = []
+
+    def start(**settings):
+        folder = tmp_path / f"server{len(servers)}"
+        folder.mkdir()
+        servers.append(Served(folder, settings))
+        return servers[-1].start()
+
+    yield start
+    for server in servers:
+        server.stop()
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """Mounts a file system of so many bytes; skipped where that is not allowed."""
+    with contextlib.ExitStack() as mounted:
+
+        def mount(size):
+            folder = tmp_path / "disk"
+            folder.mkdir()
+            command = ["mount", "-t", "tmpfs", "-o", f"size={size},mode=0700", "none", str(folder)]
+            if os.geteuid() != 0 or subprocess.run(command, check=False, capture_output=True).returncode != 0:
+                pytest.skip("a file system of its own needs root")
+            mounted.callback(subprocess.run, ["umount", "-l", str(folder)], check=True)
+            return folder
+
+        yield mount
