@@ -26,7 +26,7 @@ from mesh_motion_client.connection import ConnectionLost, seconds_left
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.embedded import EmbeddedServer
-from mesh_motion_client.errors import InvalidInput, MeshMotionError, Timeout, Unavailable
+from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError, Timeout, Unavailable
 from mesh_motion_client.keys import Keys
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.session import Session
@@ -109,8 +109,10 @@ class Server:
             attempts -= 1
             try:
                 return self._open(mesh, settings, partitions, partition, label, announce)
-            except Unavailable:
-                if attempts <= 0:
+            except (Unavailable, SessionError) as error:
+                # NOT_FOUND of what was just opened: the server was started again before it was built
+                gone = isinstance(error, Unavailable) or error.code == "NOT_FOUND"
+                if attempts <= 0 or not gone:
                     raise
 
     def _open(

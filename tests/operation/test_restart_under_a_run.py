@@ -1,0 +1,127 @@
+"""A server that is stopped and started again under its clients: nothing is lost, and the numbers stay the same."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_client import connect
+from mesh_motion_client.session import Session
+from mesh_motion_protocol.messages import Uploaded
+from served import PATIENCE, Served, small_mesh, wait_until
+
+FSI = Path(__file__).parents[2] / "examples" / "mock_fsi"
+STEPS = 7
+
+
+def start_fluid(server: Served, solid: str, out: Path) -> Any:
+    options = {"--server": server.endpoint, "--solid": solid, "--steps": STEPS, "--dt": 0.05, "--out": out}
+    command = [sys.executable, str(FSI / "fluid.py"), *(str(word) for pair in options.items() for word in pair)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def couple(server: Served, out: Path, restarts: tuple[int, ...]) -> str:
+    """Run fluid and solid; restart the server while the fluid is in the step after each of these; fsi.csv."""
+    solid_command = [sys.executable, str(FSI / "solid.py"), "--bind", "tcp://127.0.0.1:*", "--dt", "0.05"]
+    with subprocess.Popen(solid_command, stdout=subprocess.PIPE, text=True) as solid:
+        assert solid.stdout is not None
+        with start_fluid(server, solid.stdout.readline().rsplit(maxsplit=1)[-1], out) as fluid:
+            lines = []
+            for line in fluid.stdout:
+                lines.append(line)
+                if any(line.startswith(f"step {step:3d}") for step in restarts):
+                    assert server.stop() == 0
+                    server.start()
+            assert fluid.wait(PATIENCE) == 0, "".join(lines)
+        solid.terminate()
+    return (out / "fsi.csv").read_text()
+
+
+@pytest.mark.slow
+def test_a_coupled_run_is_bitwise_the_same_across_two_restarts(serve: Any, tmp_path: Path) -> None:
+    server = serve()
+    undisturbed = couple(server, tmp_path / "undisturbed", ())
+    disturbed = couple(server, tmp_path / "disturbed", (2, 4))
+    assert len(list(csv.DictReader(undisturbed.splitlines()))) == STEPS
+    assert disturbed == undisturbed
+    assert len(server.logs("stopped")) == 2
+    assert not server.logs("killed")
+
+
+@pytest.fixture
+def background() -> Iterator[Any]:
+    """Runs a call in a thread; returns a function that waits for what it gave."""
+    threads = []
+
+    def run(call: Any) -> Any:
+        results: list[Any] = []
+        thread = threading.Thread(target=lambda: results.append(call()))
+        thread.start()
+        threads.append(thread)
+
+        def result() -> Any:
+            thread.join(PATIENCE)
+            assert results, "the call did not return"
+            return results[0]
+
+        return result
+
+    yield run
+    for thread in threads:
+        thread.join(PATIENCE)
+
+
+@pytest.mark.slow
+def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: Any) -> None:
+    server = serve()
+    mesh = small_mesh()
+    settings = {"support_radius": 1.0}
+    with connect(server.endpoint, timeout=90) as client:
+        idle, trial = client.open(mesh, settings), client.open(mesh, settings)
+        rows = 0.02 * np.sin(1 + mesh.points[idle.moving_nodes])
+        idle.move(rows)
+        digest = idle.commit().digest
+        trial.move(rows)
+
+        assert server.stop() == 0  # idle is at a step, trial has one that is not committed
+        wait_until(lambda: server.logs("stopped"), "stopped")
+        committed = background(trial.commit)  # asks while nobody is there
+        server.start()
+        assert committed().digest == digest
+        np.testing.assert_array_equal(idle.points(), trial.points())
+        for session in (idle, trial):
+            session.move(rows, frame="reference")
+        assert idle.commit().digest == trial.commit().digest
+
+        for session in (idle, trial):
+            session.close()
+    assert [line["event"] for line in server.logs() if line["level"] == "error"] == []
+
+
+@pytest.mark.slow
+def test_an_upload_is_begun_anew_at_the_next_server(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    server, honest, opened = serve(), Session.upload, []
+
+    def interrupted(session: Session, mesh: Any, partitions: int) -> Any:
+        opened.append(session.credentials.session)
+        if len(opened) == 1:
+            parts = iter(mesh.parts(**session._courier.address))
+            session._courier.deliver(next(parts), Uploaded, PATIENCE)  # some of the mesh has arrived
+            assert server.stop() == 0
+            server.start()
+        return honest(session, mesh, partitions)
+
+    monkeypatch.setattr(Session, "upload", interrupted)
+    mesh = small_mesh()
+    with connect(server.endpoint, timeout=90) as client, client.open(mesh, {"support_radius": 1.0}) as session:
+        session.move(0.01 * mesh.points[session.moving_nodes])
+        assert session.commit().step == 1
+    assert len(set(opened)) == 2
+    assert [path.name for path in (server.state / "sessions").iterdir()] == opened[1:]
