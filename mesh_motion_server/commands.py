@@ -20,9 +20,11 @@ from rich.console import Console
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cli import ExitStatus, complain, status_of
+from mesh_motion_server.command_options import DistributedOption, EndpointOption, KeyOption, ServerKeyOption
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.key_commands import keys as keys_app
 from mesh_motion_server.prove_command import prove
+from mesh_motion_server.serve_command import serve
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.check import CheckReport
@@ -48,6 +50,7 @@ app = typer.Typer(
 )
 app.add_typer(keys_app, name="keys")
 app.command(short_help="Show that the server keeps its promises.")(prove)
+app.command(short_help="Serve sessions until SIGTERM.")(serve)
 
 _out = Console(highlight=False, soft_wrap=True)
 _err = Console(stderr=True, highlight=False)
@@ -69,24 +72,6 @@ def _expected_errors() -> Iterator[None]:
 # --- play ------------------------------------------------------------------------------------------------------------
 
 CaseArgument = Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
-EndpointOption = Annotated[
-    str | None,
-    typer.Option(metavar="ENDPOINT", help="A running server: tcp://HOST:PORT or ipc:///PATH.", show_default=False),
-]
-DistributedOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SCHEDULER", help="Dask workers compute: tcp://HOST:PORT of their scheduler.", show_default=False
-    ),
-]
-KeyOption = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Your .secret file, for a server with keys; or MESH_MOTION_KEY names it."),
-]
-ServerKeyOption = Annotated[
-    str | None,
-    typer.Option(metavar="FILE", help="The server's .public file; or MESH_MOTION_SERVER_KEY names it."),
-]
 
 
 @app.command(short_help="Drive a session through a case.")
@@ -243,68 +228,6 @@ def _print_check(report: CheckReport) -> None:
     )
     _out.print(table)
     _out.print(f"usable{' as a case' if report.roles else ' as a mesh'}")
-
-
-# --- serve -----------------------------------------------------------------------------------------------------------
-
-
-@app.command(short_help="Serve sessions until SIGTERM.")
-def serve(
-    endpoint: Annotated[
-        str | None, typer.Option(metavar="ENDPOINT", help="tcp://HOST:PORT (0: any free port) or ipc:///PATH.")
-    ] = None,
-    state: Annotated[Path | None, typer.Option(metavar="DIR", help="Where sessions are stored.")] = None,
-    keys: Annotated[Path | None, typer.Option(metavar="DIR", help="Admit the keys on DIR/allow.toml only.")] = None,
-    insecure: Annotated[bool, typer.Option(help="Listen where other machines reach it, unprotected.")] = False,
-    ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
-    threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
-    distributed: DistributedOption = None,
-    settings_file: Annotated[
-        Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
-    ] = None,
-    log_level: Annotated[str, typer.Option(metavar="LEVEL", help="debug, info, warning or error.")] = "info",
-) -> None:
-    """Serve sessions until SIGTERM; then drain, and leave every session resumable.
-
-    It listens on this machine only, unless there are --keys (`mesh-motion keys` makes them) or --insecure. Logs go to
-    standard error as JSON, one line "ready ENDPOINT" to standard output.
-
-    \b
-    mesh-motion serve
-    mesh-motion serve --endpoint ipc:///run/user/1000/mesh-motion --state ~/sessions
-    mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
-    """
-    from mesh_motion_server.transport.serve import serve as serve_sessions
-
-    levels = ("debug", "info", "warning", "error")
-    if log_level not in levels:
-        raise typer.BadParameter(f"one of {', '.join(levels)}", param_hint="--log-level")
-    given = {
-        "endpoint": endpoint,
-        "state_folder": str(state) if state else None,
-        "threads": threads,
-        "distributed": distributed,
-        "keys_folder": str(keys) if keys else None,
-    }
-    settings = _server_settings(settings_file, {key: value for key, value in given.items() if value is not None})
-    status = serve_sessions(settings, insecure=insecure, ready_file=ready_file, level=log_level)
-    raise typer.Exit(status)
-
-
-def _server_settings(file: Path | None, given: dict[str, Any]) -> Any:
-    """The settings of a file, overruled by the options; wrong ones end with status 78."""
-    import tomllib
-
-    from mesh_motion_server.settings import ServerSettings
-
-    try:
-        values = tomllib.loads(file.read_text(encoding="utf-8")) if file is not None else {}
-        return ServerSettings.from_mapping(values | given)
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        complain(f"{file}: not readable as TOML: {error}")
-    except MeshMotionError as error:
-        complain(f"{file}: {error}" if file is not None else str(error))
-    raise typer.Exit(ExitStatus.CONFIGURATION)
 
 
 # --- inspect ---------------------------------------------------------------------------------------------------------

@@ -93,6 +93,10 @@ class MethodSettings(_Strict):
 class ServerSettings(_Strict):
     """How the server runs: where it listens, where it keeps sessions, where it computes, and every limit.
 
+    ``metrics`` is HOST:PORT of the pages for Prometheus and probes. A loop that is silent for ``stuck_seconds`` counts
+    as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or ``reserve_memory_bytes`` would be left
+    to the running ones.
+
     ``distributed`` is the Dask scheduler of the cluster that holds the meshes' partitions (as many as
     ``distributed_partitions``, 0: one a worker). Whoever reaches that scheduler can run code on the cluster: only the
     operator names it, and ``tls://`` with the three files protects it.
@@ -117,6 +121,10 @@ class ServerSettings(_Strict):
     handshake_seconds: _Length = 5.0
     idle_seconds: _Length = 3600.0
     drain_seconds: _Length = 30.0
+    metrics: Annotated[str, Field(pattern=r"^.+:[0-9]+$")] | None = None
+    stuck_seconds: _Length = 30.0
+    reserve_disk_bytes: Annotated[int, Field(ge=0)] = 256 << 20
+    reserve_memory_bytes: Annotated[int, Field(ge=0)] = 256 << 20
     distributed: Annotated[str, Field(pattern=r"^(tcp|tls)://.+:[0-9]+$")] | None = None
     distributed_partitions: Annotated[int, Field(ge=0)] = 0
     distributed_fallback: Literal["refuse", "local"] = "refuse"
@@ -141,6 +149,7 @@ class ServerSettings(_Strict):
         return limits | {
             "collective_timeout_ms": round(1000 * self.collective_timeout_seconds),
             "lease_ms": round(1000 * self.lease_seconds),
+            "drain_ms": round(1000 * self.drain_seconds),
         }
 
 

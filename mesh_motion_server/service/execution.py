@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from mesh_motion_server.errors import MeshMotionError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import build, commit, fetch, move, rollback, upload
 from mesh_motion_server.service.commands import Collective, Single
+from mesh_motion_server.service.counting import count_executed
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.failures import error_reply, known_error
 from mesh_motion_server.service.gathering import Arrival, Gathering
@@ -137,6 +139,7 @@ class Execution:
 
     def _answer(self, arrivals: Sequence[Arrival], run: Callable[[], Sequence[Message]]) -> list[Envelope]:
         """Run, remember and address the replies; a failure is everybody's reply."""
+        started = time.perf_counter()
         try:
             replies = run()
             failpoint("request.unstored")
@@ -145,6 +148,7 @@ class Execution:
             for arrival in arrivals:
                 self._stored.store(arrival.request_id, None)
             return [self._refusal(a.peer, a.request, known) for a in arrivals]
+        count_executed(replies[0], time.perf_counter() - started)
         for arrival, reply in zip(arrivals, replies, strict=True):
             _seal(reply)
             self._stored.store(arrival.request_id, reply, _nbytes(reply))

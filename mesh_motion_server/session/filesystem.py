@@ -12,6 +12,8 @@ import os
 from pathlib import Path
 from typing import Protocol
 
+from mesh_motion_server.operation.tally import TALLY
+
 __all__ = ["FileSystem", "PosixFileSystem", "write_all"]
 
 Buffer = bytes | memoryview
@@ -120,11 +122,14 @@ class PosixFileSystem:
 
     def write(self, handle: int, offset: int, data: Buffer) -> int:
         """See :class:`FileSystem`."""
-        return os.pwrite(handle, memoryview(data)[: self._LARGEST_CALL], offset)
+        written = os.pwrite(handle, memoryview(data)[: self._LARGEST_CALL], offset)
+        TALLY.count("journal_written_bytes", written)
+        return written
 
     def sync(self, handle: int) -> None:
         """See :class:`FileSystem`."""
-        os.fdatasync(handle)
+        with TALLY.timed("fsync_seconds"):
+            os.fdatasync(handle)
 
     def close(self, handle: int) -> None:
         """See :class:`FileSystem`."""

@@ -14,6 +14,7 @@ import zmq
 from zmq.utils import z85
 
 from mesh_motion_server.errors import SessionError
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.allow_list import AllowList
 from mesh_motion_server.transport.protection import HANDLER
 from mesh_motion_server.transport.telemetry import log
@@ -94,6 +95,8 @@ class Authenticator:
 
     def _count(self, status: bytes) -> None:
         self._counts[status.decode()] += 1
+        if status != _ALLOWED:
+            TALLY.count("denied_connections")
         refused = self._counts.total() - self._counts[_ALLOWED.decode()]
         when, told = self._told
         if refused > told and time.monotonic() - when > _TOLD_SECONDS:

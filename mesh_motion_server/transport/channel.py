@@ -52,6 +52,14 @@ class Channel:
             return False
         return True
 
+    def offer(self, message: dict[str, Any]) -> bool:
+        """Send unless the other end is behind with reading; False if it was not sent."""
+        try:
+            self._line.send(msgpack.packb(message), socket.MSG_DONTWAIT)
+        except OSError:
+            return False
+        return True
+
     def pending(self) -> bool:
         """Whether :meth:`receive` would return at once."""
         return bool(select.select([self._line], [], [], 0)[0])

@@ -18,10 +18,11 @@ from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, P
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.allow_list import Access
 from mesh_motion_server.security.authorisation import Verdict, decide, not_found, refusal
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.opening import check_open
+from mesh_motion_server.transport.opening import check_open, check_room
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook
 from mesh_motion_server.transport.replies import error_reply
@@ -117,6 +118,7 @@ class Control:
     def _open(self, asked: Asked, request: Open) -> None:
         self._check_room()
         durability = check_open(request, self._settings)
+        check_room(request, self._settings)
         session, token = secrets.token_hex(16), secrets.token_bytes(32)
         child = self._start(
             {
@@ -325,6 +327,7 @@ class Control:
 
     def _reply_error(self, peer: bytes, request: Message, error: MeshMotionError) -> None:
         """An error; NOT_FOUND in the same words and after the same time, whatever there was to look up."""
+        TALLY.count("refused", label=error.code)
         if error.code == "NOT_FOUND":
             reply = error_reply(request, not_found(getattr(request, "session", "")))
             self._later.append((self._asked_at + _NOT_FOUND_SECONDS, peer, bytes(encode(reply)[0])))

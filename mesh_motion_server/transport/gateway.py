@@ -19,10 +19,11 @@ from mesh_motion_protocol import PROTOCOL_VERSION
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import HEADER_BYTES
-from mesh_motion_protocol.messages import CONTROL, Hello, Message, Ping, Pong, Welcome
+from mesh_motion_protocol.messages import CONTROL, ErrorReply, Hello, Message, Ping, Pong, Welcome
 
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.failpoints import activate, failpoint
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.allow_list import AllowList
 from mesh_motion_server.security.authorisation import Verdict, refusal
 from mesh_motion_server.transport.authenticator import Authenticator
@@ -32,7 +33,7 @@ from mesh_motion_server.transport.processes import die_with_parent, limit_addres
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
 from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
-from mesh_motion_server.transport.telemetry import configure, log
+from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
 
 __all__ = ["Gateway", "main"]
 
@@ -89,15 +90,24 @@ class Gateway:
                 order = self._channel.receive()
                 if order is None:
                     return
-                self._send(order["peer"], [order["frame"]])
+                self._obey(order)
             if authenticator is not None and authenticator.socket in ready:
                 authenticator.answer()
             if self._socket in ready:
                 self._receive()
 
+    def _obey(self, order: dict[str, Any]) -> None:
+        """A reply to pass on, or the question whether this loop still turns."""
+        if "frame" in order:
+            self._send(order["peer"], [order["frame"]])
+        else:
+            tell_suppressed()
+            self._channel.send({"event": "pong", "tally": TALLY.take()})
+
     def _receive(self) -> None:
         peer, *parts = self._socket.recv_multipart(copy=False)
         failpoint("gateway.received")
+        TALLY.count("received_bytes", sum(map(len, parts)))
         self._take(peer.bytes, user_of(parts[-1] if parts else peer, self._protection), [p.bytes for p in parts])
 
     def _take(self, peer: bytes, user: str, frames: list[bytes]) -> None:
@@ -148,11 +158,14 @@ class Gateway:
         return Welcome(client=hello.client, sequence=hello.sequence, version=version, features=[], **self._welcome)
 
     def _reply(self, peer: bytes, reply: Message) -> None:
+        if isinstance(reply, ErrorReply):
+            TALLY.count("refused", label=reply.code)
         self._send(peer, [bytes(frame) for frame in encode(reply)])
 
     def _send(self, peer: bytes, frames: list[bytes]) -> None:
         """Send, or drop for a peer that is gone or does not read."""
         failpoint("gateway.reply")
+        TALLY.count("sent_bytes", sum(map(len, frames)))
         with contextlib.suppress(zmq.Again, zmq.ZMQError):
             self._socket.send_multipart([peer, *frames], flags=zmq.NOBLOCK)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from mesh_motion_protocol.messages import Open
 
 from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_server.operation.room import available_memory, disk_room
 from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability
 
-__all__ = ["check_open"]
+__all__ = ["check_open", "check_room"]
 
 
 def check_open(request: Open, limits: ServerSettings) -> str:
@@ -45,3 +46,29 @@ def check_open(request: Open, limits: ServerSettings) -> str:
         )
     MethodSettings.from_mapping(request.settings)
     return check_durability(request.durability)
+
+
+def check_room(request: Open, limits: ServerSettings) -> None:
+    """Refuse a new session where it would take what the running ones need: the disk's and the memory's reserve.
+
+    Raises
+    ------
+    ResourceError
+        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with what is left; both may be otherwise later.
+    """
+    free, wanted = disk_room(limits.state_folder).free, limits.reserve_disk_bytes + request.bytes_reserved
+    if free < wanted:
+        raise ResourceError(
+            f"the disk of the state folder has {free} bytes left, a new session needs {wanted}",
+            code="RESOURCE_EXHAUSTED.DISK",
+            hint="make room on the server's disk, discard old sessions, or lower reserve_disk_bytes",
+            details={"free": free, "expected": wanted},
+        )
+    memory, wanted = available_memory(), limits.reserve_memory_bytes + request.bytes_reserved
+    if memory is not None and memory < wanted:
+        raise ResourceError(
+            f"the server has {memory} bytes of memory left, a new session needs {wanted}",
+            code="RESOURCE_EXHAUSTED.SESSIONS",
+            hint="close a session, or give the machine or its container more memory",
+            details={"free": memory, "expected": wanted},
+        )

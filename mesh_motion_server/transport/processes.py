@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import resource
@@ -10,13 +11,24 @@ import socket
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.transport.channel import Channel
 
-__all__ = ["Child", "die_with_parent", "limit_address_space", "limit_descriptors", "spawn", "wake_on_signals"]
+__all__ = [
+    "Child",
+    "die_with_parent",
+    "limit_address_space",
+    "limit_descriptors",
+    "offer_to_the_oom_killer",
+    "spawn",
+    "wake_on_signals",
+]
 
 _PR_SET_PDEATHSIG = 1
+#: Of -1000 … 1000; 0 is usual.
+_OOM_SCORE = 500
 
 
 @dataclass(eq=False)
@@ -92,6 +104,13 @@ def limit_address_space(allowance: int) -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         limit = mapped + allowance
         resource.setrlimit(resource.RLIMIT_AS, (limit if hard < 0 else min(limit, hard), hard))
+
+
+def offer_to_the_oom_killer() -> None:
+    """When the machine's memory is full, this process goes first: it can be replaced, its parent cannot."""
+    with contextlib.suppress(OSError, ValueError):
+        score = Path("/proc/self/oom_score_adj")
+        score.write_text(str(max(_OOM_SCORE, int(score.read_text()))), encoding="ascii")
 
 
 def limit_descriptors(count: int) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from mesh_motion_server import __version__
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.failpoints import activate
+from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock_folder
 from mesh_motion_server.transport.hosting import Hosting
@@ -47,8 +48,8 @@ def serve(
     insecure : bool
         Listen on an address that other machines reach, without encryption and authentication.
     ready_file : Path, optional
-        Written, whole at once, when clients may connect: JSON with ``endpoint``, ``pid``, ``boot``, ``version``. The
-        same endpoint goes to standard output in one line, ``ready ENDPOINT``.
+        Written, whole at once, when clients may connect: JSON with ``endpoint``, ``metrics`` (empty without),
+        ``pid``, ``boot``, ``version``. The same endpoint goes to standard output in one line, ``ready ENDPOINT``.
     level : {"debug", "info", "warning", "error"}
         Of the logs on standard error.
     hosting : Hosting, optional
@@ -67,6 +68,7 @@ def serve(
     try:
         protection = Protection.of_folder(settings.keys_folder.expanduser()) if settings.keys_folder else None
         endpoint = _allowed(settings.endpoint, insecure=insecure, protected=protection is not None)
+        _check_metrics(settings.metrics, insecure=insecure)
         lock = lock_folder(endpoint)
         failpoints = activate()
     except (EndpointError, InvalidInput) as error:
@@ -75,13 +77,15 @@ def serve(
     if failpoints is not None:
         log().warning("failpoints", folder=str(failpoints), consequence="this server fails on purpose: a test's")
     settings = settings.model_copy(update={"state_folder": settings.state_folder.expanduser()})
-    supervisor = Supervisor(settings, hosting or Hosting(), level, protection)
+    manager = ServiceManager.of_environment()
+    supervisor = Supervisor(settings, hosting or Hosting(), level, protection, manager)
     try:
-        where = supervisor.start()
+        where, metrics = supervisor.start()
     except EndpointError as error:
         log().error("refused", reason=error.message, hint=error.hint)
         return EXIT_CONFIGURATION if isinstance(error, ProtectionError) else EXIT_UNAVAILABLE
-    _announce(where, supervisor.boot, ready_file)
+    _announce(where, metrics, supervisor.boot, ready_file)
+    manager.tell("READY=1", f"MAINPID={os.getpid()}")
     try:
         return supervisor.run(int(lifeline) if lifeline else None)
     finally:
@@ -106,12 +110,26 @@ def _allowed(text: str, *, insecure: bool, protected: bool) -> Endpoint:
     return endpoint
 
 
-def _announce(endpoint: str, boot: str, ready_file: Path | None) -> None:
-    log().info("ready", endpoint=endpoint, pid=os.getpid(), version=__version__)
+def _check_metrics(address: str | None, *, insecure: bool) -> None:
+    """Raise if other machines would reach the metrics, which no key protects, unless the caller insists."""
+    if address is None or Endpoint.parse(f"tcp://{address}").is_local:
+        return
+    if not insecure:
+        raise EndpointError(
+            f"metrics on {address} would be read by other machines, and keys do not protect them",
+            hint="listen on 127.0.0.1 and let something on this machine fetch them; --insecure listens there all the "
+            "same",
+        )
+    log().warning("insecure", metrics=address, consequence="whoever reaches this address may read the metrics")
+
+
+def _announce(endpoint: str, metrics: str, boot: str, ready_file: Path | None) -> None:
+    log().info("ready", endpoint=endpoint, metrics=metrics, pid=os.getpid(), version=__version__)
     sys.stdout.write(f"ready {endpoint}\n")
     sys.stdout.flush()
     if ready_file is not None:
-        text = json.dumps({"endpoint": endpoint, "pid": os.getpid(), "boot": boot, "version": __version__})
+        values = {"endpoint": endpoint, "metrics": metrics, "pid": os.getpid(), "boot": boot}
+        text = json.dumps(values | {"version": __version__})
         partial = ready_file.with_name(ready_file.name + ".part")
         partial.write_text(text, encoding="utf-8")
         partial.replace(ready_file)

@@ -20,6 +20,8 @@ from mesh_motion_protocol.limits import default_limits
 
 from mesh_motion_server import __version__
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.operation.service_manager import ServiceManager
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
@@ -29,6 +31,7 @@ from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.self_test import ProtectionError
 from mesh_motion_server.transport.telemetry import log
+from mesh_motion_server.transport.watch import Watch
 
 __all__ = ["Supervisor"]
 
@@ -51,10 +54,17 @@ class Supervisor:
         Log level, handed to the children.
     protection : Protection, optional
         The server's keys; without them whoever reaches an endpoint may use it.
+    manager : ServiceManager, optional
+        Who started the server and wants to know how it does.
     """
 
     def __init__(
-        self, settings: ServerSettings, hosting: Hosting, level: str, protection: Protection | None = None
+        self,
+        settings: ServerSettings,
+        hosting: Hosting,
+        level: str,
+        protection: Protection | None = None,
+        manager: ServiceManager | None = None,
     ) -> None:
         self._settings = settings
         self._hosting = hosting
@@ -68,6 +78,7 @@ class Supervisor:
         self._silent_ends = 0
         self._killed_at: float | None = None
         self._signals = 0
+        self._watch = Watch(settings, level, manager or ServiceManager(""))
         self.boot = self._boot.hex()
         self._private = tempfile.TemporaryDirectory(prefix="mesh-motion-") if protection is not None else None
         self._protection = protection
@@ -82,17 +93,22 @@ class Supervisor:
 
     # --- the server's life -------------------------------------------------------------------------------------------
 
-    def start(self) -> str:
-        """Start gateway and spare worker; returns the endpoint that clients connect to.
+    def start(self) -> tuple[str, str]:
+        """Start gateway, monitor and spare worker; returns the endpoints of clients and of the monitor, or "".
 
         Raises
         ------
         EndpointError
-            If the endpoint cannot be bound; ProtectionError if it admits or refuses the wrong ones.
+            If an endpoint cannot be bound; ProtectionError if it admits or refuses the wrong ones.
         """
         self._start_gateway()
+        try:
+            self._start_monitor()
+        except EndpointError:
+            self._stop()
+            raise
         self._spare = self._start_worker()
-        return self._endpoint
+        return self._endpoint, self._watch.address
 
     def run(self, lifeline: int | None = None) -> int:
         """Serve until SIGTERM, SIGINT or the end of ``lifeline``, then drain; returns the exit status."""
@@ -104,6 +120,8 @@ class Supervisor:
                 key.data(key.fileobj)
             now = time.monotonic()
             self._control.keep_time(now)
+            if now >= self._watch.next_beat:
+                self._watch.beat(self._control.registry, self._gateway, self._spare, draining=self._control.draining)
             if self._killed_at is not None and now >= self._killed_at:
                 self._kill_workers()
         return self._stop()
@@ -112,9 +130,9 @@ class Supervisor:
         working = any(live.status != "dead" for live in self._control.registry.live.values())
         return self._gateway is None or (self._control.draining and not working)
 
-    def _patience(self) -> float | None:
-        deadlines = [d for d in (self._control.next_deadline(), self._killed_at) if d is not None]
-        return max(0.0, min(deadlines) - time.monotonic()) if deadlines else None
+    def _patience(self) -> float:
+        deadlines = (self._control.next_deadline(), self._killed_at, self._watch.next_beat)
+        return max(0.0, min(d for d in deadlines if d is not None) - time.monotonic())
 
     def _signalled(self, source: socket.socket) -> None:
         for _ in source.recv(64):
@@ -134,7 +152,9 @@ class Supervisor:
             return
         log().info("draining", reason=reason)
         failpoint("supervisor.drain")
+        self._watch.manager.tell("STOPPING=1")
         self._control.draining = True
+        self._watch.next_beat = time.monotonic()
         self._killed_at = time.monotonic() + self._settings.drain_seconds
         if self._spare is not None:
             self._spare.kill()  # it holds nothing, and may still be importing
@@ -158,6 +178,8 @@ class Supervisor:
             return _DEFECT
         self._selector.unregister(gateway.channel)
         gateway.reap()
+        if self._watch.monitor is not None:
+            self._end(self._watch.monitor)
         if self._private is not None:
             self._private.cleanup()
         log().info("stopped")
@@ -190,6 +212,7 @@ class Supervisor:
             )
         self._endpoint = answer["endpoint"]
         self._gateway = gateway
+        self._watch.gateway_started()
         self._listen(gateway.channel, self._gateway_spoke)
 
     def _order(self) -> dict[str, Any]:
@@ -202,9 +225,13 @@ class Supervisor:
         if gateway is None:
             return
         message = gateway.channel.receive()
-        if message is not None:
+        if message is not None and "frame" in message:
             failpoint("supervisor.request")
             self._control.request(message["peer"], message["user"], message["frame"])
+            return
+        if message is not None:
+            self._watch.gateway_answered()
+            TALLY.add(message["tally"])
             return
         self._selector.unregister(gateway.channel)
         failpoint("supervisor.gateway-ended")
@@ -217,6 +244,23 @@ class Supervisor:
         if self._gateway is not None:
             self._gateway.channel.send({"peer": peer, "frame": frame})
 
+    # --- the monitor -------------------------------------------------------------------------------------------------
+
+    def _start_monitor(self) -> None:
+        if self._watch.start_monitor() and self._watch.monitor is not None:
+            self._listen(self._watch.monitor.channel, self._monitor_ended)
+
+    def _monitor_ended(self, _source: Any) -> None:
+        """It says nothing after its first word: it has fallen."""
+        monitor, self._watch.monitor = self._watch.monitor, None
+        if monitor is None:
+            return
+        log().error("monitor_ended", code=self._end(monitor))
+        try:
+            self._start_monitor()
+        except EndpointError as error:
+            log().error("no_monitor", reason=error.message)
+
     # --- the workers -------------------------------------------------------------------------------------------------
 
     def _start_worker(self) -> Child:
@@ -228,6 +272,7 @@ class Supervisor:
             self._hosting.numerics,
             threads=self._settings.threads,
         )
+        self._watch.worker_started()
         self._listen(child.channel, lambda _: self._worker_spoke(child))
         return child
 
@@ -244,12 +289,15 @@ class Supervisor:
         message = child.channel.receive()
         if message is not None:
             self._silent_ends, child.spoke = 0, True
+            self._watch.worker_warm()
+            TALLY.add(message.pop("tally", None))
             if live is not None:
                 failpoint("supervisor.heard")
                 self._control.heard(live, message)
             return
         code = self._end(child)
         failpoint("supervisor.worker-ended")
+        self._watch.worker_ended(code)
         self._silent_ends += not child.spoke
         if live is not None:
             self._control.gone(live, code)

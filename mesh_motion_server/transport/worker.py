@@ -23,10 +23,11 @@ from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import FRAME_BYTES
-from mesh_motion_protocol.messages import CONTROL, REPLIES, Message, Ping, Pong
+from mesh_motion_protocol.messages import CONTROL, REPLIES, ErrorReply, Message, Ping, Pong
 
 from mesh_motion_server.errors import MeshMotionError, ResourceError
 from mesh_motion_server.failpoints import activate, failpoint
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.authorisation import Verdict
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.session.spec import SessionSpec
@@ -38,13 +39,14 @@ from mesh_motion_server.transport.processes import (
     die_with_parent,
     limit_address_space,
     limit_descriptors,
+    offer_to_the_oom_killer,
     wake_on_signals,
 )
 from mesh_motion_server.transport.protection import Protection, forward_handshakes, keep_secrets_out_of_core_files
 from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
 from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.self_test import check_refuses
-from mesh_motion_server.transport.telemetry import configure, log
+from mesh_motion_server.transport.telemetry import configure, log, name_session, tell_suppressed
 from mesh_motion_server.transport.warmup import warm_up
 
 __all__ = ["Lease", "Worker", "main"]
@@ -54,6 +56,9 @@ _QUEUED = 2
 #: Open files and connections: the journal's few, libraries', and one connection a partition and client.
 _DESCRIPTORS = 2048
 _DATA = REPLIES.keys() - CONTROL
+#: What was counted is told after each of these, and otherwise so often, seconds: a killed worker loses no more.
+_STEPS = frozenset({"BUILD", "MOVE", "COMMIT"})
+_TALLY_SECONDS = 1.0
 
 
 class Lease:
@@ -112,6 +117,7 @@ class Worker:
         self._settings = settings
         self._lease = Lease(socket, time.monotonic())
         self._reported: tuple[str, int, int] | None = None
+        self._tally_due = 0.0
         self._suspended = False
         self._over = False
 
@@ -139,6 +145,8 @@ class Worker:
     def _patience(self) -> int:
         """Milliseconds until there may be something to do unasked."""
         waits = [self._settings.lease_seconds / 4, 15.0]
+        if TALLY:
+            waits.append(_TALLY_SECONDS)
         if self._host.next_deadline is not None:
             waits.append(max(0.0, self._host.next_deadline - time.monotonic()))
         return math.ceil(1000 * min(waits))
@@ -166,6 +174,7 @@ class Worker:
         peer, *parts = self._socket.recv_multipart(copy=False)
         failpoint("worker.received")
         started = time.perf_counter()
+        TALLY.count("received_bytes", sum(map(len, parts)))
         user = self._rights.user(parts[-1] if parts else peer)
         state = str(self._host.state) if self._rights.is_owner(user) else ""
         try:
@@ -179,6 +188,8 @@ class Worker:
             self._send([Envelope(peer.bytes, undecodable(shortage, state=state))])
             return
         self._send(self._answer(Envelope(peer.bytes, request), user, state))
+        if request.type in _STEPS:
+            self._tally_due = 0.0
         milliseconds = round(1000 * (time.perf_counter() - started), 3)
         log().debug("served", request=request.type, sequence=request.sequence, ms=milliseconds, state=str(state))
 
@@ -202,6 +213,7 @@ class Worker:
         for envelope in envelopes:
             frames = self._frames(envelope.message)
             failpoint("worker.sending")
+            _count(envelope.message, frames)
             try:
                 self._socket.send_multipart([envelope.peer, *frames], flags=zmq.NOBLOCK, copy=False)
                 failpoint("worker.sent")
@@ -220,6 +232,7 @@ class Worker:
     def _keep_time(self) -> None:
         """Collective requests that waited too long, the lease, the end of an idle process."""
         now = time.monotonic()
+        tell_suppressed()
         if self._host.next_deadline is not None and self._host.next_deadline <= now:
             self._send(self._host.expire(now))
         self._lease.update(now)
@@ -232,16 +245,25 @@ class Worker:
         self._over = self._over or alone >= self._settings.idle_seconds
 
     def _report(self) -> None:
-        """Tell the supervisor where the session stands, when that has changed."""
+        """Tell the supervisor where the session stands, when that has changed, and what was counted meanwhile."""
         now = (str(self._host.state), self._host.step, self._host.epoch)
-        if now != self._reported:
-            self._reported = now
-            self._channel.send({"event": "status", "state": now[0], "step": now[1], "epoch": now[2]})
+        if now == self._reported and not (TALLY and time.monotonic() >= self._tally_due):
+            return
+        self._reported, self._tally_due = now, time.monotonic() + _TALLY_SECONDS
+        news = {"event": "status", "state": now[0], "step": now[1], "epoch": now[2], "tally": TALLY.take()}
+        self._channel.send(news)
+
+
+def _count(reply: Message, frames: Sequence[Buffer]) -> None:
+    TALLY.count("sent_bytes", sum(map(len, frames)))
+    if isinstance(reply, ErrorReply):
+        TALLY.count("refused", label=reply.code)
 
 
 def main(arguments: list[str]) -> int:
     """Import everything, wait for the order, serve."""
     die_with_parent()
+    offer_to_the_oom_killer()
     signals = wake_on_signals(signal.SIGTERM)
     descriptor, level, *modules = arguments
     channel = Channel.inherited(int(descriptor))
@@ -252,9 +274,12 @@ def main(arguments: list[str]) -> int:
     hosts, stores = hosting.load_host(), hosting.load_store()
     warm_up(hosting.numerics, interrupted=channel.pending)
     failpoint("worker.ready")
+    if not channel.pending():
+        channel.send({"event": "warm"})
     order = channel.receive()
     if order is None or order["order"] == "drain":
         return 0
+    name_session(order["session"])
     return _serve(channel, order, hosts, stores, signals)
 
 
@@ -271,7 +296,7 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
     try:
         host = _host(order, hosts, stores(settings.state_folder), settings)
     except Exception as error:
-        channel.send({"event": "failed"} | _failure(error))
+        channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
         return 1
     try:
         failpoint("worker.hosting")
@@ -286,6 +311,7 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         channel.send({"event": "over", "closed": host.closed})
     finally:
         host.close()
+        channel.send({"event": "farewell", "tally": TALLY.take()})
         socket.close(linger=5_000)
         context.term()
     return 0

@@ -1,0 +1,80 @@
+"""Every metric by name: what it counts, in which unit, by which label. Nothing else is shown.
+
+No metric says anything about one session: no ids, labels, users, paths or coordinates, and no label has values that a
+client chooses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["METRICS", "PREFIX", "Metric"]
+
+#: Before each name.
+PREFIX = "mesh_motion_"
+
+_SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+_SHORT_SECONDS = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+_QUALITIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One line of the table.
+
+    Attributes
+    ----------
+    name : str
+        Behind the prefix; a counter's without ``_total``.
+    kind : {"counter", "gauge", "histogram"}
+    text : str
+        What it says, with its unit.
+    label : str
+        Name of the label; empty without one.
+    bounds : tuple of float
+        Of a histogram: the upper ends of its buckets, ascending.
+    """
+
+    name: str
+    kind: Literal["counter", "gauge", "histogram"]
+    text: str
+    label: str = ""
+    bounds: tuple[float, ...] = ()
+
+
+METRICS = {
+    metric.name: metric
+    for metric in (
+        Metric("sessions", "gauge", "Sessions with a worker, by state.", "state"),
+        Metric("moves", "counter", "Moves computed; repeats of an answered request are not."),
+        Metric("commits", "counter", "Commits made durable."),
+        Metric("builds", "counter", "Meshes built."),
+        Metric("move_seconds", "histogram", "Time to compute a move, in seconds.", bounds=_SECONDS),
+        Metric("commit_seconds", "histogram", "Time to commit, in seconds.", bounds=_SECONDS),
+        Metric("build_seconds", "histogram", "Time to check a mesh and make it durable, in seconds.", bounds=_SECONDS),
+        Metric(
+            "move_min_quality",
+            "histogram",
+            "Predicted minimum quality of each move, after its correction, in the session's metric (a ratio).",
+            bounds=_QUALITIES,
+        ),
+        Metric("corrections", "counter", "Moves whose prediction was corrected, by method.", "method"),
+        Metric("predicted_inverted_cells", "counter", "Cells that moves would have inverted without correction."),
+        Metric("refused", "counter", "Requests answered by an error, by its code.", "code"),
+        Metric("received_bytes", "counter", "Bytes of requests received."),
+        Metric("sent_bytes", "counter", "Bytes of replies sent."),
+        Metric("denied_connections", "counter", "Handshakes refused for want of a key on the allow-list."),
+        Metric("fsync_seconds", "histogram", "Time of one fsync of the journals, in seconds.", bounds=_SHORT_SECONDS),
+        Metric("journal_written_bytes", "counter", "Bytes written to sessions' folders."),
+        Metric("worker_starts", "counter", "Worker processes started, spares included."),
+        Metric("worker_ends", "counter", "Worker processes ended: orderly, or by a failure or a signal.", "how"),
+        Metric("gateway_starts", "counter", "Starts of the gateway process; more than one means that it fell."),
+        Metric("worker_resident_bytes", "gauge", "Resident memory of all workers together, in bytes."),
+        Metric("largest_worker_resident_bytes", "gauge", "Resident memory of the largest worker, in bytes."),
+        Metric("disk_free_bytes", "gauge", "Free space of the disk with the state folder, in bytes."),
+        Metric("disk_size_bytes", "gauge", "Size of the disk with the state folder, in bytes."),
+        Metric("memory_available_bytes", "gauge", "Memory available to this server (machine or cgroup), in bytes."),
+        Metric("ready", "gauge", "1 if /readyz answers 200, else 0."),
+    )
+}

@@ -1,0 +1,48 @@
+"""What a server lacks to take new sessions: one line, empty when it lacks nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mesh_motion_server.operation.room import DiskRoom
+
+__all__ = ["Standing"]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What readiness depends on.
+
+    Attributes
+    ----------
+    draining : bool
+    gateway_silent : bool
+        The gateway has not answered for ``stuck_seconds``.
+    warm : bool
+        A worker has loaded and warmed up the kernels since the server started.
+    spare_silent : bool
+        There is no spare worker, or it has not become ready for too long.
+    disk : DiskRoom
+    reserve : int
+        Bytes of the disk that are left to the running sessions.
+    """
+
+    draining: bool
+    gateway_silent: bool
+    warm: bool
+    spare_silent: bool
+    disk: DiskRoom
+    reserve: int
+
+    def missing(self) -> str:
+        """The first thing that is missing, in one line."""
+        room = f"disk: {self.disk.free} bytes are free, {self.reserve} are kept for running sessions"
+        lacks = (
+            (self.draining, "draining: the server is stopping"),
+            (self.gateway_silent, "gateway: it does not answer"),
+            (not self.warm, "kernels: no worker is warm yet"),
+            (self.spare_silent, "worker: no spare worker has become ready"),
+            (not self.disk.writable, "disk: the state folder cannot be written"),
+            (self.disk.free < self.reserve, room),
+        )
+        return next((text for lacking, text in lacks if lacking), "")

@@ -1,0 +1,83 @@
+"""Counts of one process, small enough to travel to the supervisor with what a worker reports anyway.
+
+Each process has one :data:`TALLY`. Workers and the gateway hand theirs over as differences (:meth:`Tally.take`), which
+the supervisor adds to its own: a total therefore never goes down, and the end of a worker loses at most what it had not
+handed over yet. Counting is a dictionary's update; nothing is locked, for each process counts from one thread.
+"""
+
+from __future__ import annotations
+
+import time
+from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from mesh_motion_server.operation.metrics import METRICS
+
+__all__ = ["TALLY", "Tally"]
+
+
+class Tally:
+    """Counters by name and label, and histograms by name.
+
+    Attributes
+    ----------
+    counts : dict
+        (name, label) → sum.
+    spreads : dict
+        Name → numbers of observations by bucket, the last one beyond all bounds, and behind them their sum.
+    """
+
+    def __init__(self) -> None:
+        self.counts: dict[tuple[str, str], float] = {}
+        self.spreads: dict[str, list[float]] = {}
+
+    def __bool__(self) -> bool:
+        """Whether anything was counted."""
+        return bool(self.counts or self.spreads)
+
+    def count(self, name: str, amount: float = 1, *, label: str = "") -> None:
+        """Add to a counter."""
+        key = (name, label)
+        self.counts[key] = self.counts.get(key, 0) + amount
+
+    def observe(self, name: str, value: float) -> None:
+        """Add an observation to a histogram."""
+        bounds = METRICS[name].bounds
+        spread = self.spreads.setdefault(name, [0.0] * (len(bounds) + 2))
+        spread[bisect_left(bounds, value)] += 1
+        spread[-1] += value
+
+    @contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        """Observe how long the block takes, in seconds, however it ends."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.observe(name, time.perf_counter() - started)
+
+    def values(self) -> dict[str, Any]:
+        """Everything counted, as plain values."""
+        return {"counts": [[*key, value] for key, value in self.counts.items()], "spreads": self.spreads}
+
+    def take(self) -> dict[str, Any]:
+        """Everything counted since the last time, as plain values; begins anew."""
+        taken = self.values()
+        self.counts, self.spreads = {}, {}
+        return taken
+
+    def add(self, taken: dict[str, Any] | None) -> None:
+        """Add what another process has taken."""
+        if taken is None:
+            return
+        for name, label, value in taken["counts"]:
+            self.count(name, value, label=label)
+        for name, spread in taken["spreads"].items():
+            mine = self.spreads.get(name, [0.0] * len(spread))
+            self.spreads[name] = [a + b for a, b in zip(mine, spread, strict=True)]
+
+
+#: Of this process.
+TALLY = Tally()

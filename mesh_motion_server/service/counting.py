@@ -1,0 +1,44 @@
+"""What of an executed request is counted for the operator: how many, how long, how good; never whose."""
+
+from __future__ import annotations
+
+import math
+
+from mesh_motion_protocol.messages import Built, Committed, Message, Moved
+
+from mesh_motion_server.operation.tally import TALLY
+
+__all__ = ["count_executed"]
+
+#: The operation's name by its reply: what the metrics are called.
+_NAMES = {Built.type: "build", Moved.type: "move", Committed.type: "commit"}
+
+
+def count_executed(reply: Message, seconds: float) -> None:
+    """Count an operation by the reply to one of its partitions.
+
+    Parameters
+    ----------
+    reply : Message
+    seconds : float
+        How long it took.
+    """
+    name = _NAMES.get(reply.type)
+    if name is None:
+        return
+    TALLY.count(f"{name}s")
+    TALLY.observe(f"{name}_seconds", seconds)
+    if isinstance(reply, Moved):
+        _count_motion(reply)
+
+
+def _count_motion(moved: Moved) -> None:
+    """Predicted quality, and what the correction did."""
+    inverted = moved.quality["standard"]["inverted"]
+    if inverted:
+        TALLY.count("predicted_inverted_cells", inverted)
+    lowest = moved.quality["corrected"].get("metric", {}).get("min")
+    if lowest is not None and math.isfinite(lowest):
+        TALLY.observe("move_min_quality", lowest)
+    if moved.correction["iterations"]:
+        TALLY.count("corrections", label=moved.correction["method"])

@@ -1,0 +1,185 @@
+"""``/metrics``, ``/healthz`` and ``/readyz`` over HTTP, in a process of its own.
+
+``python -m mesh_motion_server.transport.monitor CHANNEL LEVEL``. It knows nothing but what the supervisor sends it
+every second: totals, and what is missing. So whoever keeps it busy, slow scrapers, port scans, a flood of connections,
+keeps nobody else busy, and there is nothing in it to find. When the supervisor's messages stay away, ``/healthz`` says
+so: this process does not depend on the loop that it watches.
+
+Each connection has one request and five seconds for all of it; when there are too many, the oldest one is closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import sys
+import time
+from typing import Any
+
+from mesh_motion_server.operation.exposition import CONTENT_TYPE, exposition
+from mesh_motion_server.transport.channel import Channel
+from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, limit_descriptors
+from mesh_motion_server.transport.telemetry import configure, log
+
+__all__ = ["Pages", "main"]
+
+#: Beyond what Python maps.
+_MEMORY = 256 << 20
+_DESCRIPTORS = 256
+#: Connections at a time; a new one closes the oldest.
+_CONNECTIONS = 64
+_SECONDS = 5.0
+#: Longest request with its headers.
+_REQUEST_BYTES = 8192
+_TEXT = "text/plain; charset=utf-8"
+_REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed", 503: "Service Unavailable"}
+
+_Answer = tuple[int, str, bytes]
+
+
+class Pages:
+    """What is answered, from the supervisor's last message.
+
+    Parameters
+    ----------
+    build : dict
+        Versions.
+    stuck_seconds : float
+        Silence of a loop after which it counts as stuck.
+    """
+
+    def __init__(self, build: dict[str, str], stuck_seconds: float) -> None:
+        self._build = build
+        self._stuck_seconds = stuck_seconds
+        self._news: dict[str, Any] = {"at": time.monotonic(), "gateway_at": time.monotonic(), "missing": "starting"}
+        self._metrics: bytes | None = None
+
+    def hear(self, news: dict[str, Any]) -> None:
+        """The supervisor's message of this second."""
+        self._news, self._metrics = news, None
+
+    def answer(self, path: str) -> _Answer:
+        """Status, content type and body of a page."""
+        if path == "/metrics":
+            return 200, CONTENT_TYPE, self._page()
+        if path not in ("/healthz", "/readyz"):
+            return 404, _TEXT, b"there are /metrics, /healthz and /readyz\n"
+        wrong = self._stuck() or (self._news["missing"] if path == "/readyz" else "")
+        return (503 if wrong else 200), _TEXT, f"{wrong or 'ok'}\n".encode()
+
+    def _stuck(self) -> str:
+        told_at = self._news["at"]
+        silences = {"supervisor": time.monotonic() - told_at, "gateway": told_at - self._news["gateway_at"]}
+        for name, silence in silences.items():
+            if silence > self._stuck_seconds:
+                return f"{name}: silent for {silence:.0f} s"
+        return ""
+
+    def _page(self) -> bytes:
+        """Made once for each message, however often it is asked for."""
+        if self._metrics is None:
+            totals = self._news.get("totals", {"counts": [], "spreads": {}})
+            self._metrics = exposition(totals, self._news.get("gauges", ()), self._build)
+        return self._metrics
+
+
+class _Listener:
+    """The connections."""
+
+    def __init__(self, pages: Pages) -> None:
+        self._pages = pages
+        self._open: dict[asyncio.Task[Any], None] = {}
+
+    async def connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One connection: one request, one answer."""
+        task = asyncio.current_task()
+        if task is None:
+            return
+        self._open[task] = None
+        if len(self._open) > _CONNECTIONS:
+            oldest = next(iter(self._open))
+            del self._open[oldest]
+            oldest.cancel()
+        try:
+            with contextlib.suppress(OSError, asyncio.IncompleteReadError, asyncio.CancelledError, TimeoutError):
+                async with asyncio.timeout(_SECONDS):
+                    await self._converse(reader, writer)
+        finally:
+            self._open.pop(task, None)
+            writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
+
+    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            request = await reader.readuntil(b"\r\n\r\n")
+        except asyncio.LimitOverrunError:
+            request = b""
+        writer.write(_response(self._pages, request))
+        await writer.drain()
+        if writer.can_write_eof():
+            writer.write_eof()
+        await reader.read(1)  # until the other side has it all and closes
+
+
+def _response(pages: Pages, request: bytes) -> bytes:
+    """The bytes that answer a request."""
+    words = request.partition(b"\r\n")[0].decode("latin-1").split(" ")
+    if len(words) != 3 or not words[2].startswith("HTTP/1."):
+        status, kind, body = 400, _TEXT, b"expected an HTTP/1 request\n"
+    elif words[0] not in ("GET", "HEAD"):
+        status, kind, body = 405, _TEXT, b"expected GET\n"
+    else:
+        status, kind, body = pages.answer(words[1].partition("?")[0])
+    head = (
+        f"HTTP/1.1 {status} {_REASONS[status]}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
+        "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n"
+    )
+    return head.encode() + (b"" if words[0] == "HEAD" else body)
+
+
+async def _serve(channel: Channel, order: dict[str, Any]) -> int:
+    """Listen until the supervisor closes the channel."""
+    pages = Pages(order["build"], order["stuck_seconds"])
+    listener = _Listener(pages)
+    try:
+        server = await asyncio.start_server(
+            listener.connected, order["host"], order["port"], limit=_REQUEST_BYTES, backlog=_CONNECTIONS
+        )
+    except OSError as error:
+        channel.send({"event": "unbound", "reason": error.strerror or str(error)})
+        return 1
+    host, port = server.sockets[0].getsockname()[:2]
+    channel.send({"event": "bound", "address": f"[{host}]:{port}" if ":" in host else f"{host}:{port}"})
+    over = asyncio.Event()
+
+    def heard() -> None:
+        news = channel.receive()
+        if news is None:
+            over.set()
+        else:
+            pages.hear(news)
+
+    loop = asyncio.get_running_loop()
+    loop.add_reader(channel.fileno(), heard)
+    await over.wait()
+    loop.remove_reader(channel.fileno())
+    server.close()
+    return 0
+
+
+def main(arguments: list[str]) -> int:
+    """Wait for the order, then serve."""
+    die_with_parent()
+    channel = Channel.inherited(int(arguments[0]))
+    configure("monitor", arguments[1])
+    order = channel.receive()
+    if order is None:
+        return 0
+    limit_descriptors(_DESCRIPTORS)
+    limit_address_space(_MEMORY)
+    status = asyncio.run(_serve(channel, order))
+    log().debug("monitor_ended", status=status)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,165 @@
+"""The pages for Prometheus and probes: what they say when something stands still, and who cannot hurt them."""
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import urllib.error
+import urllib.request
+
+import pytest
+from mesh_motion_protocol.messages import Move, Open, Ping
+
+from mesh_motion_server.transport import monitor
+from mesh_motion_server.transport.monitor import Pages
+
+
+def start_watched(start, **settings):
+    server = start(metrics="127.0.0.1:0", **settings)
+    server.pages = json.loads(server.ready_file.read_text())["metrics"].replace("tcp://", "http://")
+    return server
+
+
+def get(server, page, method="GET"):
+    request = urllib.request.Request(server.pages + page, method=method)
+    try:
+        with urllib.request.urlopen(request, timeout=30) as reply:
+            return reply.status, reply.read().decode()
+    except urllib.error.HTTPError as refusal:
+        with refusal:
+            return refusal.code, refusal.read().decode()
+
+
+def raw_connection(server):
+    host, _, port = server.pages.removeprefix("http://").rpartition(":")
+    return socket.create_connection((host, int(port)))
+
+
+@contextlib.contextmanager
+def stopped(pid):
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
+def test_ready_comes_and_goes_with_the_drain(start, open_session):
+    server = start_watched(start)
+    server.wait_until(lambda: get(server, "/readyz") == (200, "ok\n"), "ready")
+    assert get(server, "/healthz") == (200, "ok\n")
+    opened, data, at = open_session(server, label="slow")
+    data.send(Move, **at, step=1, displacement=[[1.0, 1.0]] * 2)
+    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    server.process.send_signal(signal.SIGTERM)
+    server.wait_until(lambda: get(server, "/readyz") == (503, "draining: the server is stopping\n"), "not ready")
+    assert get(server, "/healthz")[0] == 200
+    (server.state / "go").touch()
+    assert server.process.wait(20) == 0
+
+
+def test_a_supervisor_that_stands_still_is_unhealthy(start):
+    server = start_watched(start, stuck_seconds=2.0)
+    with stopped(server.process.pid):
+        found = server.wait_until(lambda: (found := get(server, "/healthz"))[0] == 503 and found, "the page says so")
+        assert found[1].startswith("supervisor: silent for ")
+        assert get(server, "/readyz")[0] == 503
+    server.wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
+
+
+def test_a_gateway_that_stands_still_is_unhealthy(start, connect):
+    server = start_watched(start, stuck_seconds=2.0)
+    with stopped(server.children()[0]):
+        found = server.wait_until(lambda: (found := get(server, "/healthz"))[0] == 503 and found, "the page says so")
+        assert found[1].startswith("gateway: silent for ")
+    server.wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
+    assert connect(server.endpoint).ask(Ping).type == "PONG"
+
+
+def test_a_monitor_that_falls_comes_back_and_nobody_else_notices(start, connect, open_session):
+    server = start_watched(start)
+    _, data, _ = open_session(server)
+    fallen = server.children()[1]
+    os.kill(fallen, signal.SIGKILL)
+    server.wait_until(lambda: server.logs("monitor_ended"), "the log tells")
+
+    def answers():
+        with contextlib.suppress(OSError):
+            return get(server, "/healthz")[0] == 200
+
+    server.wait_until(answers, "the pages are back at the same address")
+    assert data.ask(Ping).type == "PONG"
+
+
+def test_other_pages_methods_and_noise(start):
+    server = start_watched(start)
+    assert get(server, "/")[0] == 404
+    assert get(server, "/metrics/../../etc/passwd")[0] == 404
+    assert get(server, "/metrics?name=x")[0] == 200
+    assert get(server, "/metrics", "POST")[0] == 405
+    assert get(server, "/healthz", "HEAD") == (200, "")
+    for noise in (b"\r\n\r\n", b"GET /healthz\r\n\r\n", b"\x00" * 100 + b"\r\n\r\n", b"A" * 20_000):
+        with raw_connection(server) as line:
+            line.sendall(noise)
+            assert line.recv(100).startswith(b"HTTP/1.1 400 ")
+
+
+def test_slow_and_silent_connections_close_nobody_out(start, connect):
+    server = start_watched(start)
+    with contextlib.ExitStack() as lines:
+        slow = [lines.enter_context(raw_connection(server)) for _ in range(3 * monitor._CONNECTIONS)]
+        for line in slow:
+            with contextlib.suppress(OSError):
+                line.sendall(b"GET /metr")
+        assert get(server, "/healthz")[0] == 200
+        assert connect(server.endpoint).ask(Ping).type == "PONG"
+        slow[0].settimeout(30)
+        with contextlib.suppress(ConnectionResetError):
+            assert slow[0].recv(1) == b""  # the oldest have been closed
+    pid = server.children()[1]
+    server.wait_until(lambda: len(os.listdir(f"/proc/{pid}/fd")) < monitor._CONNECTIONS, "no descriptor is left behind")
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0:0", "192.0.2.1:9464"])
+def test_an_address_that_others_reach_exits_78(start, address):
+    server = start(metrics=address, ready=False)
+    assert server.process.wait(30) == 78
+    assert "metrics" in server.logs("refused")[0]["reason"]
+
+
+def test_insecure_listens_there_and_says_so(start):
+    server = start("insecure", metrics="0.0.0.0:0")
+    assert server.logs("insecure")[0]["metrics"] == "0.0.0.0:0"
+
+
+def test_an_occupied_port_exits_69_and_leaves_nothing(start):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        server = start(metrics=f"127.0.0.1:{taken.getsockname()[1]}", ready=False)
+        assert server.process.wait(30) == 69
+    assert "metrics" in server.logs("refused")[0]["reason"]
+
+
+def test_no_room_on_the_disk_or_in_memory_refuses_new_sessions_only(start, connect, open_session):
+    server = start_watched(start, reserve_disk_bytes=1 << 60)
+    server.wait_until(lambda: get(server, "/readyz")[1].startswith("disk: "), "not ready")
+    assert get(server, "/healthz")[0] == 200
+    refused = connect(server.endpoint).ask(Open, dimension=2)
+    assert (refused.code, refused.retryable) == ("RESOURCE_EXHAUSTED.DISK", True)
+    assert server.logs("disk_low")
+    other = start(reserve_memory_bytes=1 << 60)
+    refused = connect(other.endpoint).ask(Open, dimension=2)
+    assert (refused.code, refused.retryable) == ("RESOURCE_EXHAUSTED.SESSIONS", True)
+    assert refused.details["expected"] == 1 << 60
+
+
+def test_before_the_first_news_nothing_is_ready_and_then_silence_is_told(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(monitor.time, "monotonic", lambda: now[0])
+    pages = Pages({"version": "1"}, stuck_seconds=5.0)
+    assert pages.answer("/readyz")[::2] == (503, b"starting\n")
+    assert pages.answer("/healthz")[0] == 200
+    pages.hear({"at": 100.0, "gateway_at": 90.0, "missing": "", "totals": {"counts": [], "spreads": {}}})
+    assert pages.answer("/healthz")[::2] == (503, b"gateway: silent for 10 s\n")
+    now[0] = 106.0
+    assert pages.answer("/healthz")[::2] == (503, b"supervisor: silent for 6 s\n")
