@@ -7,6 +7,7 @@
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
 # make studies recomputes every table and figure of docs/thesis.md and docs/beyond.md (STUDY="name …" for some)
+# make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
 # make docker builds the images and runs server + mock fluid + mock solid (needs a Docker engine)
 #
 # Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer).
@@ -19,10 +20,10 @@ BIN := $(VENV)/bin
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format prove prove-full peers bench bench-quick studies docker clean
+.PHONY: help demo test test-fast lint format prove prove-full peers bench bench-quick studies adapters docker clean
 
 help:
-	@sed -n '1,12s/^# \{0,1\}//p' Makefile
+	@sed -n '1,13s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -74,6 +75,9 @@ bench-quick: $(VENV)/.development
 
 studies: $(VENV)/.development
 	$(BIN)/python -m docs.studies $(STUDY)
+
+adapters: $(VENV)/.development
+	$(BIN)/python adapters/check.py
 
 docker:
 	docker-compose up --build --abort-on-container-exit --exit-code-from fluid

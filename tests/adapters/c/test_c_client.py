@@ -25,12 +25,18 @@ def failed(driver, *only):
     return [outcome.case.id for outcome in outcomes if outcome.verdict != "PASS"], "\n".join(lines)
 
 
+def sources_of(tools, folder, name):
+    """A program, behind the module that it uses."""
+    module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")
+    return [*module, tools["source"] / folder / name]
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_every_scenario_in_every_language(compiler, tools):
-    names = ["driver.c"]
-    names += ["driver.cpp"] * (shutil.which("g++") is not None)
-    drivers = [compiler.program(tools["source"] / "conformance" / name) for name in names]
+    written = {"driver.c": "gcc", "driver.cpp": "g++", "driver.f90": "gfortran"}
+    names = [name for name, needed in written.items() if shutil.which(needed)]
+    drivers = [compiler.program(*sources_of(tools, "conformance", name)) for name in names]
     with ThreadPoolExecutor(len(drivers)) as pool:  # they wait most of the time
         for name, (cases, lines) in zip(names, pool.map(failed, drivers), strict=True):
             assert cases == [], f"{name}\n{lines}"
@@ -55,13 +61,12 @@ def test_the_suite_finds_a_seeded_fault(compiler, tools, tmp_path, sound, faulty
     assert failed(driver, case)[0] == [case]
 
 
-def test_the_c_example_answers_as_the_python_client(compiler, check_example, tools):
-    check_example(compiler.program(tools["source"] / "examples" / "block.c"))
-
-
-def test_the_cpp_example_answers_as_the_python_client(compiler, check_example, tools):
-    tools["need"]("g++")
-    check_example(compiler.program(tools["source"] / "examples" / "block.cpp"))
+@pytest.mark.parametrize(("name", "needed"), [("block.c", "gcc"), ("block.cpp", "g++"), ("block.f90", "gfortran")])
+def test_the_example_answers_as_the_python_client(compiler, check_example, tools, name, needed):
+    tools["need"](needed)
+    # what a Fortran main program has allocated lives until its end, which the leak check comes before
+    options = os.environ | {"ASAN_OPTIONS": f"detect_leaks={int(name != 'block.f90')}"}
+    check_example(compiler.program(*sources_of(tools, "examples", name)), env=options)
 
 
 def test_valgrind_finds_nothing(installed, check_example, tools, tmp_path):

@@ -17,13 +17,34 @@ int main(void)
     return 0;
 }
 """
+CPP_CONSUMER = """
+#include <mesh_motion.hpp>
+#include <cstdio>
+int main()
+{
+    try {
+        mesh_motion::Server("nowhere");
+    } catch (const mesh_motion::Error &error) {
+        std::printf("%d %s\\n", error.result(), error.code().c_str());
+    }
+}
+"""
+FORTRAN_CONSUMER = """
+program consumer
+   use mesh_motion
+   type(mm_server) :: server
+   call server%connect("nowhere")
+   if (server%failed()) print "(a)", "3 "//server%error_code()
+   call server%free()
+end program
+"""
 ANSWER = "3 INVALID_ARGUMENT\n"
 PROJECT = """
 cmake_minimum_required(VERSION 3.16)
-project(consumer LANGUAGES C)
+project(consumer LANGUAGES {language})
 find_package(mesh_motion 1.0 REQUIRED)
-add_executable(consumer consumer.c)
-target_link_libraries(consumer PRIVATE mesh_motion::mesh_motion)
+add_executable(consumer {source})
+target_link_libraries(consumer PRIVATE mesh_motion::{target})
 """
 
 
@@ -46,8 +67,18 @@ def made(tmp_path_factory, tools, zmq_flags):
     return folder / "prefix"
 
 
-def test_find_package(installed, consumer, tools):
-    (consumer / "CMakeLists.txt").write_text(PROJECT)
+@pytest.mark.parametrize(
+    ("language", "needed", "source", "text", "target"),
+    [
+        ("C", "gcc", "consumer.c", CONSUMER, "mesh_motion"),
+        ("CXX", "g++", "consumer.cpp", CPP_CONSUMER, "mesh_motion"),
+        ("Fortran", "gfortran", "consumer.f90", FORTRAN_CONSUMER, "mesh_motion_fortran"),
+    ],
+)
+def test_find_package(installed, consumer, tools, language, needed, source, text, target):
+    tools["need"](needed)
+    (consumer / source).write_text(text)
+    (consumer / "CMakeLists.txt").write_text(PROJECT.format(language=language, source=source, target=target))
     tools["run"](["cmake", "-S", consumer, "-B", consumer / "build", f"-DCMAKE_PREFIX_PATH={installed}"])
     tools["run"](["cmake", "--build", consumer / "build"])
     assert tools["run"]([consumer / "build" / "consumer"]) == ANSWER

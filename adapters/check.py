@@ -1,0 +1,49 @@
+"""Builds and tests every client whose tools are installed, and says which are not: ``make adapters``."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+_C = ("gcc", "cmake", "pkg-config", "libzmq")
+_CHOSEN_C = "not cpp and not f90 and not every_scenario"
+#: What each client's tests need, and which of the tests they are (pytest's -k, "" for all).
+ADAPTERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
+    "Python": ((), ("tests/client", "tests/conformance/test_our_client.py"), ""),
+    "C": (_C, ("tests/adapters/c",), _CHOSEN_C),
+    "C++": (("g++", *_C), ("tests/adapters/c",), "cpp"),
+    "Fortran": (("gfortran", *_C), ("tests/adapters/c",), "f90"),
+    "conformance of those built": (_C, ("tests/adapters/c",), "every_scenario"),
+}
+
+
+def is_missing(tool: str) -> bool:
+    """Whether a program, or the library of that name for the compiler, is not installed."""
+    if tool == "libzmq":
+        return subprocess.run(["pkg-config", "--exists", "libzmq"], check=False).returncode != 0
+    return shutil.which(tool) is None
+
+
+def main() -> int:
+    """One line a client; 1 if the tests of one failed."""
+    results = {}
+    for name, (tools, tests, chosen) in ADAPTERS.items():
+        missing = []
+        for tool in tools:  # in their order: pkg-config before what it is asked for
+            if "pkg-config" not in missing and is_missing(tool):
+                missing.append(tool)
+        if missing:
+            results[name] = f"not built: {', '.join(missing)} not installed"
+            continue
+        command = [sys.executable, "-m", "pytest", "-q", *tests, *(["-k", chosen] if chosen else [])]
+        done = subprocess.run(command, cwd=ROOT, check=False)
+        results[name] = "FAILED" if done.returncode else "passed"
+    sys.stdout.write("\n".join(f"{name:26} {result}" for name, result in results.items()) + "\n")
+    return int("FAILED" in results.values())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
