@@ -17,8 +17,8 @@ _FILE = ("kill", "raise:EIO", "raise:ENOSPC", _LATE)
 _COMPUTING = ("kill", "raise:MemoryError", "raise:RuntimeError", _LATE)
 #: Where a process only passes on.
 _PASSING = ("kill", "raise:RuntimeError", _LATE)
-#: In the supervisor, whose own errors end the server.
-_SUPERVISING = ("kill", _LATE)
+#: Where nothing is left that could fail; and in the supervisor, whose own errors would end the server.
+_CERTAIN = ("kill", _LATE)
 #: Where the supervisor asks the kernel for a process, or reads the store.
 _STARTING = ("kill", "raise:EAGAIN", "raise:ENOMEM", _LATE)
 _READING = ("kill", "raise:EIO", "raise:EMFILE", _LATE)
@@ -33,7 +33,7 @@ _TABLE = (
     ("store.mesh.read", "mesh.bin is about to be read", _FILE),
     ("store.discard.renamed", "a discarded session is renamed, not deleted", _FILE),
     ("store.list", "the stored sessions are about to be listed", _READING),
-    ("store.sweep", "a starting server looks for what was half made or half deleted", _SUPERVISING),
+    ("store.sweep", "a starting server looks for what was half made or half deleted", _CERTAIN),
     # the journal
     ("journal.create.slots", "the slots are written, there is no manifest", _FILE),
     ("journal.create.unnamed", "a new manifest is written under its provisional name", _FILE),
@@ -55,7 +55,7 @@ _TABLE = (
     ("session.move.start", "a Move is about to be computed", _COMPUTING),
     ("session.move.computed", "a Move is computed, its trial not taken", _COMPUTING),
     ("session.commit.start", "a commit is admitted, nothing is written", _COMPUTING),
-    ("session.commit.durable", "a commit is durable, the session does not know it", _COMPUTING),
+    ("session.commit.durable", "a commit is durable, the session does not know it", _CERTAIN),
     ("session.rollback.start", "the trial is about to be dropped", _COMPUTING),
     ("session.reopen.start", "the journal is open, the model not built", _COMPUTING),
     ("session.reopen.restored", "a stored session is read, its epoch not raised", _COMPUTING),
@@ -65,7 +65,7 @@ _TABLE = (
     # the requests
     ("request.join", "a token was right, its peer does not speak for the partition yet", _COMPUTING),
     ("request.gather.first", "a collective request waits for the other partitions", _COMPUTING),
-    ("request.gather.complete", "all partitions have asked", _COMPUTING),
+    ("request.execute", "all have asked whom a request needs", _COMPUTING),
     ("request.moved", "a Move's trial is taken, its replies not made", _COMPUTING),
     ("request.committed", "a commit is durable, its replies not made", _COMPUTING),
     ("request.unstored", "the replies are made and not remembered", _COMPUTING),
@@ -88,15 +88,15 @@ _TABLE = (
     ("worker.over", "the session's use has ended, the supervisor not told", _PASSING),
     # the supervisor
     ("supervisor.spawn", "a process is about to be started", _STARTING),
-    ("supervisor.ordered", "a worker has its order, the next spare is not started", _SUPERVISING),
-    ("supervisor.opened", "a worker has its order, the session is not in the registry", _SUPERVISING),
-    ("supervisor.request", "a control request has come from the gateway", _SUPERVISING),
-    ("supervisor.heard", "a worker's news is not taken in", _SUPERVISING),
-    ("supervisor.answer", "an OPEN or RESUME is done and not answered", _SUPERVISING),
-    ("supervisor.worker-ended", "a worker's end is known and not dealt with", _SUPERVISING),
-    ("supervisor.restart", "a session is about to get another worker", _SUPERVISING),
-    ("supervisor.gateway-ended", "the gateway's end is known and not dealt with", _SUPERVISING),
-    ("supervisor.drain", "the server is told to stop", _SUPERVISING),
+    ("supervisor.ordered", "a worker has its order, the next spare is not started", _CERTAIN),
+    ("supervisor.opened", "a worker has its order, the session is not in the registry", _CERTAIN),
+    ("supervisor.request", "a control request has come from the gateway", _CERTAIN),
+    ("supervisor.heard", "a worker's news is not taken in", _CERTAIN),
+    ("supervisor.answer", "an OPEN or RESUME is done and not answered", _CERTAIN),
+    ("supervisor.worker-ended", "a worker's end is known and not dealt with", _CERTAIN),
+    ("supervisor.restart", "a session is about to get another worker", _CERTAIN),
+    ("supervisor.gateway-ended", "the gateway's end is known and not dealt with", _CERTAIN),
+    ("supervisor.drain", "the server is told to stop", _CERTAIN),
     # the gateway
     ("gateway.start", "the gateway's process begins", _PASSING),
     ("gateway.received", "a request's frames are there, not decoded", _COMPUTING),

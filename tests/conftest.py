@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 import structlog
+
+from mesh_motion_server import failpoints
 
 
 @pytest.fixture(autouse=True)
@@ -27,3 +30,18 @@ def logs_of_their_own() -> Iterator[None]:
     root = logging.getLogger()
     for handler in [handler for handler in root.handlers if handler not in before]:
         root.removeHandler(handler)
+
+
+@pytest.fixture
+def plan_fault(tmp_path: Path) -> Iterator[Callable[[str], None]]:
+    """Lets a fault happen in this process, as a plan of failpoints names it: ``store.list=raise:EIO@1``."""
+    folder = tmp_path / "failpoints"
+    folder.mkdir(mode=0o700)
+    failpoints.activate({failpoints.VARIABLE: str(folder)})
+
+    def plan(text: str) -> None:
+        (folder / "next").write_text(text)
+        (folder / "next").replace(folder / failpoints.PLAN)
+
+    yield plan
+    failpoints.deactivate()

@@ -14,7 +14,7 @@ from mesh_motion_server.service.dispatch import Envelope, SessionHost
 from mesh_motion_server.session.partitions import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec
 
-__all__ = ["SESSION", "TOKEN", "Driver", "make_driver", "make_spec", "resume", "resume_driver"]
+__all__ = ["SESSION", "TOKEN", "Driver", "make_driver", "make_spec", "parts_of", "resume", "resume_driver"]
 
 TOKEN = bytes(range(32))
 SESSION = "0123456789abcdef" * 2
@@ -76,11 +76,7 @@ class Driver:
     def upload(self) -> None:
         """Every partition's mesh."""
         for p, mesh in enumerate(self.meshes):
-            parts: list[tuple[str, str, str, Any]] = [("nodes", "", "", mesh.points)]
-            parts += [("global_ids", "", "", mesh.global_ids[:, None])]
-            parts += [("cells", name, "", nodes) for name, nodes in mesh.cells.items()]
-            parts += [("patch", name, patch.role, patch.nodes[:, None]) for name, patch in mesh.patches.items()]
-            for item, name, role, rows in parts:
+            for item, name, role, rows in parts_of(mesh):
                 reply = self.ask(Upload, p, item=item, name=name, role=role, rows=rows)
                 require(reply.type == "UPLOADED", f"UPLOAD was answered {reply}")
 
@@ -107,6 +103,14 @@ class Driver:
         moved = self.move(step)
         require(moved[-1].type == "MOVED", f"MOVE was answered {moved[-1]}")
         return self.all(Commit, step=step)
+
+
+def parts_of(mesh: PartitionMesh) -> list[tuple[str, str, str, Any]]:
+    """What is uploaded of a partition: item, name, role and rows."""
+    parts: list[tuple[str, str, str, Any]] = [("nodes", "", "", mesh.points)]
+    parts += [("global_ids", "", "", mesh.global_ids[:, None])]
+    parts += [("cells", name, "", nodes) for name, nodes in mesh.cells.items()]
+    return parts + [("patch", name, patch.role, patch.nodes[:, None]) for name, patch in mesh.patches.items()]
 
 
 def make_driver(store: Any, meshes: list[PartitionMesh], **options: Any) -> Driver:

@@ -11,8 +11,9 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self
 
 from mesh_motion_server.prove.check import BrokenPromise
@@ -36,6 +37,8 @@ class Served:
     folder : Path
         For the endpoint's files, the log and, unless ``state_folder`` is given, the sessions.
     numerics : {"stand-in", "real"}
+    environment : dict
+        What its processes find in theirs beside what is in ours.
     settings : dict
         Of :class:`ServerSettings`; by default TCP on this machine, one thread.
 
@@ -47,7 +50,14 @@ class Served:
     log : Path
     """
 
-    def __init__(self, folder: Path, numerics: Literal["stand-in", "real"] = "stand-in", **settings: Any) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        numerics: Literal["stand-in", "real"] = "stand-in",
+        *,
+        environment: Mapping[str, str] = MappingProxyType({}),
+        **settings: Any,
+    ) -> None:
         self.log, ready = folder / "log", folder / "ready.json"
         ready.unlink(missing_ok=True)
         known = {"endpoint": "tcp://127.0.0.1:0", "state_folder": str(folder / "state"), "threads": 1}
@@ -55,7 +65,7 @@ class Served:
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", __name__, json.dumps(known | settings), str(ready), numerics],
-                env=os.environ | {LIFELINE: str(lifeline)},
+                env=os.environ | {LIFELINE: str(lifeline)} | dict(environment),
                 pass_fds=[lifeline],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

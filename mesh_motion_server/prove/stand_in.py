@@ -16,7 +16,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.session.partitions import PartitionMesh
 
-__all__ = ["StandIn", "grid_mesh"]
+__all__ = ["StandIn", "grid_mesh", "split_mesh"]
 
 
 @dataclass(frozen=True)
@@ -117,3 +117,29 @@ def grid_mesh(count: int = 5) -> PartitionMesh:
         cells={"triangle": np.concatenate([lower, upper])},
         patches={"left": Patch("moving", column), "right": Patch("fixed", column + count - 1)},
     )
+
+
+def split_mesh(whole: PartitionMesh, parts: int, seed: int = 0) -> list[PartitionMesh]:
+    """Cells dealt out at random; every partition numbers its nodes in an order of its own."""
+    random = np.random.default_rng(seed)
+    cells = np.asarray(whole.cells["triangle"])
+    owner = random.integers(0, parts, len(cells))
+    owner[:parts] = np.arange(parts)
+    meshes = []
+    for part in range(parts):
+        own = random.permutation(np.flatnonzero(owner == part))
+        nodes = random.permutation(np.unique(cells[own]))
+        local = np.full(len(whole.points), -1)
+        local[nodes] = np.arange(len(nodes))
+        patches = {
+            name: Patch(patch.role, local[np.intersect1d(patch.nodes, nodes)]) for name, patch in whole.patches.items()
+        }
+        meshes.append(
+            PartitionMesh(
+                points=whole.points[nodes],
+                global_ids=whole.global_ids[nodes],
+                cells={"triangle": local[cells[own]]},
+                patches={name: patch for name, patch in patches.items() if len(patch.nodes)},
+            )
+        )
+    return meshes

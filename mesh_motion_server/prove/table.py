@@ -10,6 +10,7 @@ from mesh_motion_server.prove import (
     io_faults,
     journal_damage,
     kill_nine,
+    named_failpoints,
     numerical_input,
     power_loss,
     state_machine,
@@ -25,6 +26,7 @@ CHECKS: tuple[Check, ...] = (
     io_faults.CHECK,
     journal_damage.CHECK,
     kill_nine.CHECK,
+    named_failpoints.CHECK,
     state_machine.CHECK,
     # what comes in
     conformance.CHECK,

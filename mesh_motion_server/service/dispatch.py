@@ -273,10 +273,10 @@ class SessionHost:
         )
         self._holders.leave(request.partition)
         if not others:
+            self.closed = True  # also if the rest fails: nobody can join a closed session, so the process has to end
             failpoint("request.close.left")
             self._holders.clear()
             self._session.close()
-            self.closed = True
         return [*replies, Envelope(peer, reply)]
 
     def _delete_unless_kept(self, *, discard: bool) -> None:

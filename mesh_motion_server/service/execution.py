@@ -109,7 +109,6 @@ class Execution:
         if not gathering.complete:
             failpoint("request.gather.first")
             return replies
-        failpoint("request.gather.complete")
         self._gathering = None
         arrivals = gathering.in_order()
         requests, ids = [a.request for a in arrivals], [a.request_id for a in arrivals]
@@ -141,18 +140,26 @@ class Execution:
         """Run, remember and address the replies; a failure is everybody's reply."""
         started = time.perf_counter()
         try:
+            failpoint("request.execute")
             replies = run()
             failpoint("request.unstored")
         except Exception as error:
-            known = known_error(error)
-            for arrival in arrivals:
-                self._stored.store(arrival.request_id, None)
-            return [self._refusal(a.peer, a.request, known) for a in arrivals]
+            return self._failed(arrivals, known_error(error))
         count_executed(replies[0], time.perf_counter() - started)
         for arrival, reply in zip(arrivals, replies, strict=True):
             _seal(reply)
             self._stored.store(arrival.request_id, reply, _nbytes(reply))
         failpoint("request.stored")
+        return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
+
+    def _failed(self, arrivals: Sequence[Arrival], error: MeshMotionError) -> list[Envelope]:
+        """The refusals; a commit that was durable before something failed is answered as it was journaled."""
+        journaled = {known: reply for entry in self._session.commits for known, reply in commit.replies_of(entry)}
+        replies = []
+        for arrival in arrivals:
+            made = journaled.get(arrival.request_id)
+            self._stored.store(arrival.request_id, made, _nbytes(made) if made else 0)
+            replies.append(made or error_reply(arrival.request, error, self._session))
         return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _require_idle(self, partition: int) -> None:

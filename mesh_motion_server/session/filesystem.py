@@ -12,9 +12,10 @@ import os
 from pathlib import Path
 from typing import Protocol
 
+from mesh_motion_server.errors import JournalError
 from mesh_motion_server.operation.tally import TALLY
 
-__all__ = ["FileSystem", "PosixFileSystem", "write_all"]
+__all__ = ["FileSystem", "PosixFileSystem", "unreadable", "write_all"]
 
 Buffer = bytes | memoryview
 
@@ -78,6 +79,19 @@ def write_all(files: FileSystem, handle: int, offset: int, data: Buffer) -> int:
             raise OSError(errno.EIO, "a write took no byte")
         offset, view = offset + written, view[written:]
     return offset
+
+
+def unreadable(what: str, error: OSError) -> JournalError:
+    """Reading failed: nothing is known to be lost, unless the file itself is."""
+    if isinstance(error, FileNotFoundError):
+        return JournalError(f"{what} cannot be read: {error.strerror or error}")
+    name = errno.errorcode.get(error.errno or 0, "unknown")
+    return JournalError(
+        f"{what} cannot be read: {error.strerror or error} ({name})",
+        code="RESOURCE_EXHAUSTED.DISK",
+        hint="see to the disk that holds the state folder, then try again",
+        details={"errno": name},
+    )
 
 
 class PosixFileSystem:

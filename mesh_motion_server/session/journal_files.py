@@ -9,7 +9,7 @@ from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.filesystem import FileSystem
+from mesh_motion_server.session.filesystem import FileSystem, unreadable
 from mesh_motion_server.session.ledger import Foundation, Ledger
 from mesh_motion_server.session.records import unpack_record
 from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
@@ -51,7 +51,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
     try:
         return examine(_read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)
     except OSError as error:
-        raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
+        raise unreadable("the journal", error) from error
 
 
 def read_ledger(folder: Path, files: FileSystem) -> Ledger:
@@ -65,7 +65,7 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
     try:
         return sum_up(read_chain(_read_whole(files, folder / MANIFEST))[0], keep=1)
     except OSError as error:
-        raise JournalError(f"the journal cannot be read: {error.strerror or error}") from error
+        raise unreadable("the journal", error) from error
 
 
 def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
@@ -76,7 +76,7 @@ def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
     try:
         raw = _read_part(files, folder / SLOTS[ledger.step % 2], foundation.record_area, foundation.state_bytes)
     except OSError as error:
-        raise JournalError(f"a slot cannot be read: {error.strerror or error}") from error
+        raise unreadable("a slot", error) from error
     verified_state(raw, ledger)
 
 

@@ -23,7 +23,7 @@ from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.cells import CELL_TYPES
 from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.session.filesystem import FileSystem, write_all
+from mesh_motion_server.session.filesystem import FileSystem, unreadable, write_all
 from mesh_motion_server.session.partitions import PartitionMesh
 
 __all__ = ["read_mesh", "write_mesh"]
@@ -58,7 +58,8 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
     Raises
     ------
     JournalError
-        DATA_LOSS.CHECKSUM if the file is missing or not the one that was written.
+        DATA_LOSS.CHECKSUM if the file is missing or not the one that was written; RESOURCE_EXHAUSTED.DISK if the disk
+        does not give it.
     """
     try:
         failpoint("store.mesh.read")
@@ -68,7 +69,7 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
         finally:
             files.close(handle)
     except OSError as error:
-        raise JournalError(f"the mesh cannot be read: {error.strerror or error}") from error
+        raise unreadable("the mesh", error) from error
     if hashlib.sha256(data).digest() != digest:
         raise JournalError(
             "the stored mesh does not match its digest",

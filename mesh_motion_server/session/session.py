@@ -325,9 +325,7 @@ class Session:
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
-        self._write(built.journal, entry, durable)
-        failpoint("session.commit.durable")
-        self._now = _Standing(state, CommittedState(trial.step, trial.points))
+        self._write(built.journal, entry, durable, _Standing(state, CommittedState(trial.step, trial.points)))
         return outcome
 
     def rollback(self) -> None:
@@ -394,8 +392,8 @@ class Session:
             raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
         return self._built
 
-    def _write(self, journal: Journal, entry: Commit, durable: Floats) -> None:
-        """COMMITTING, and what becomes of a failure."""
+    def _write(self, journal: Journal, entry: Commit, durable: Floats, after: _Standing) -> None:
+        """COMMITTING, and what becomes of a success or a failure."""
         before = self._now
         self._swap(state=State.COMMITTING)
         try:
@@ -406,6 +404,8 @@ class Session:
         except BaseException:
             self.fail()
             raise
+        failpoint("session.commit.durable")
+        self._now = after
 
 
 def _check_places(targets: Floats, mesh: MergedMesh) -> None:

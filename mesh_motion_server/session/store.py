@@ -24,7 +24,7 @@ from pathlib import Path
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, write_all
+from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, unreadable, write_all
 from mesh_motion_server.session.journal import Journal, record_area
 from mesh_motion_server.session.journal_files import MANIFEST, NEXT_MANIFEST, SLOTS, read_ledger
 from mesh_motion_server.session.ledger import Foundation
@@ -119,9 +119,13 @@ class SessionFolder:
         """
         journal = Journal.open(self.path, self._files)
         foundation = journal.ledger.foundation
-        if foundation.spec != self._spec_digest:
-            raise JournalError("the session's spec does not match its digest", details={"file": _SPEC})
-        return journal, read_mesh(self.path / _MESH, self._files, foundation.mesh)
+        try:
+            if foundation.spec != self._spec_digest:
+                raise JournalError("the session's spec does not match its digest", details={"file": _SPEC})
+            return journal, read_mesh(self.path / _MESH, self._files, foundation.mesh)
+        except BaseException:
+            journal.close()
+            raise
 
     def release(self) -> None:
         """Let other processes hold the session; idempotent."""
@@ -196,6 +200,9 @@ class SessionStore:
         try:
             failpoint("store.open.locked")
             return SessionFolder(path, self._files, lock)
+        except OSError as error:
+            self._files.close(lock)
+            raise _disk_error("the session cannot be opened", error) from error
         except BaseException:
             self._files.close(lock)
             raise
@@ -228,9 +235,18 @@ class SessionStore:
         return spec
 
     def sessions(self) -> list[StoredSession]:
-        """The sessions that can be resumed, by id; reads the manifests' chains only."""
-        failpoint("store.list")
-        return [self._describe(path) for path in self._folders() if self._files.exists(path / MANIFEST)]
+        """The sessions that can be resumed, by id; reads the manifests' chains only.
+
+        Raises
+        ------
+        ResourceError
+            RESOURCE_EXHAUSTED.DISK if the disk fails.
+        """
+        try:
+            failpoint("store.list")
+            return [self._describe(path) for path in self._folders() if self._files.exists(path / MANIFEST)]
+        except OSError as error:
+            raise _disk_error("the sessions cannot be listed", error) from error
 
     def discard(self, session: str) -> None:
         """Delete a session that this process holds, or nobody does; not an error if it is gone.
@@ -293,7 +309,7 @@ class SessionStore:
         try:
             return StoredSpec.from_bytes(_read_file(self._files, path / _SPEC))
         except OSError as error:
-            raise JournalError(f"the session's spec cannot be read: {error.strerror or error}") from error
+            raise unreadable("the session's spec", error) from error
 
     def _describe(self, path: Path) -> StoredSession:
         owner = ""

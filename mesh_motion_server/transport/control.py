@@ -89,8 +89,8 @@ class Control:
                 self._reply(peer, self._probe(request, user))
             else:
                 self._once(peer, user, request)
-        except MeshMotionError as error:
-            self._reply_error(peer, request, error)
+        except (MeshMotionError, OSError) as error:
+            self._reply_error(peer, request, _known(error))
 
     def _once(self, peer: bytes, user: str, request: Message) -> None:
         """OPEN and RESUME execute once per user and request id."""
@@ -112,8 +112,8 @@ class Control:
                 self._open(asked, asked.request)
             elif isinstance(asked.request, Resume):
                 self._resume(asked, asked.request)
-        except MeshMotionError as error:
-            self._refuse(asked, error)
+        except (MeshMotionError, OSError) as error:
+            self._refuse(asked, _known(error))
 
     def _open(self, asked: Asked, request: Open) -> None:
         self._check_room()
@@ -174,8 +174,8 @@ class Control:
     def _restart(self, live: Live, asked: Asked) -> None:
         """Another worker for a session whose worker is gone, from its journal."""
         failpoint("supervisor.restart")
-        live.status, live.reclaiming, live.over = "starting", False, False
         live.child = self._start(_resume_order(live, live.owner))
+        live.status, live.reclaiming, live.over = "starting", False, False
         self._expect(live, asked)
         log().info("resume", session=live.session, worker=live.child.pid)
 
@@ -288,11 +288,16 @@ class Control:
         _remove_socket(live.endpoint)
         live.status, live.endpoint = "dead", ""
         failure, live.failure = live.failure, None
+        refusal = failure or _worker_ended(code)
         if asked is not None and live.reclaiming and not self.draining:
-            self._restart(live, asked)
-            return
+            try:
+                self._restart(live, asked)
+                return
+            except OSError as error:
+                refusal = _known(error)
+        live.reclaiming = False
         if asked is not None:
-            self._refuse(asked, failure or _worker_ended(code))
+            self._refuse(asked, refusal)
         if live.over or failure is not None:
             # Its journal, if it has one, tells the rest.
             self.registry.live.pop(live.session, None)
@@ -347,6 +352,18 @@ def _remove_socket(endpoint: str) -> None:
     """A killed worker leaves the file of its ipc endpoint behind."""
     if endpoint.startswith("ipc://"):
         Path(endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
+
+
+def _known(error: MeshMotionError | OSError) -> MeshMotionError:
+    """What the system refuses, a process or a file, as an error of ours: nothing was begun."""
+    if isinstance(error, MeshMotionError):
+        return error
+    log().error("refused_by_system", reason=str(error))
+    return ResourceError(
+        f"the server's system refuses: {error.strerror or error}",
+        code="RESOURCE_EXHAUSTED",
+        hint="try again; if that lasts, see to memory, processes and open files of the server's machine",
+    )
 
 
 def _worker_ended(code: int) -> MeshMotionError:

@@ -37,6 +37,8 @@ __all__ = ["Supervisor"]
 
 #: A gateway that falls more often than this has a reason that restarting does not cure.
 _GATEWAY_STARTS = 20
+#: Seconds between two of them where the first did not come to listen.
+_GATEWAY_PAUSE = 0.2
 #: Workers that end one after the other before they have said a word: what they import or warm up is broken.
 _WORKER_STARTS = 3
 #: ``EX_SOFTWARE`` of sysexits.h: the server cannot do its work, and starting it again will not help.
@@ -107,7 +109,7 @@ class Supervisor:
         except EndpointError:
             self._stop()
             raise
-        self._spare = self._start_worker()
+        self._spare = self._next_spare()
         return self._endpoint, self._watch.address
 
     def run(self, lifeline: int | None = None) -> int:
@@ -237,8 +239,12 @@ class Supervisor:
         failpoint("supervisor.gateway-ended")
         log().error("gateway_ended", code=gateway.reap())
         self._gateway = None
-        if self._gateway_starts < _GATEWAY_STARTS:
-            self._start_gateway()
+        while self._gateway is None and self._gateway_starts < _GATEWAY_STARTS:
+            try:
+                self._start_gateway()
+            except (EndpointError, OSError) as error:
+                log().error("gateway_not_started", reason=str(error))
+                time.sleep(_GATEWAY_PAUSE)
 
     def _to_gateway(self, peer: bytes, frame: bytes) -> None:
         if self._gateway is not None:
@@ -281,8 +287,16 @@ class Supervisor:
         child, self._spare = self._spare or self._start_worker(), None
         child.channel.send(order | self._order() | {"settings": self._settings.model_dump_json()})
         failpoint("supervisor.ordered")
-        self._spare = self._start_worker()
+        self._spare = self._next_spare()
         return child
+
+    def _next_spare(self) -> Child | None:
+        """A worker for the next session; without one that session starts its own."""
+        try:
+            return self._start_worker()
+        except OSError as error:
+            log().error("no_spare", reason=str(error))
+            return None
 
     def _worker_spoke(self, child: Child) -> None:
         live = self._control.registry.of(child)
@@ -303,7 +317,7 @@ class Supervisor:
             self._control.gone(live, code)
         elif child is self._spare:
             log().error("spare_ended", code=code)
-            self._spare = None if self._workers_fail or self._control.draining else self._start_worker()
+            self._spare = None if self._workers_fail or self._control.draining else self._next_spare()
         if self._workers_fail and not self._control.draining:
             log().error("workers_cannot_start", attempts=self._silent_ends, hint="their errors are above this line")
             self._drain("workers cannot start")

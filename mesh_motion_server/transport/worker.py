@@ -305,15 +305,20 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
         worker = Worker(channel, socket, host, settings, Rights(protection, order["owner"]))
-        worker.run(signals)
-        worker.disconnect()
+        try:
+            worker.run(signals)
+        finally:
+            worker.disconnect()
         failpoint("worker.over")
         channel.send({"event": "over", "closed": host.closed})
     finally:
-        host.close()
-        channel.send({"event": "farewell", "tally": TALLY.take()})
-        socket.close(linger=5_000)
-        context.term()
+        # whatever fails: a context with an open socket would never end, nor would this process
+        try:
+            host.close()
+            channel.send({"event": "farewell", "tally": TALLY.take()})
+        finally:
+            socket.close(linger=5_000)
+            context.term()
     return 0
 
 

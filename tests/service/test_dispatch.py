@@ -366,3 +366,15 @@ def test_a_wrong_token_and_another_session_are_refused_in_the_same_words(driver:
         assert reply.code == "NOT_FOUND"
     assert wrong.message.replace(driver.host.session, "ID") == other.message.replace("f" * 32, "ID")
     assert (wrong.hint, wrong.details) == (other.hint, other.details)
+
+
+@pytest.mark.parametrize("point", ["request.committed", "request.unstored"])
+def test_a_commit_is_answered_once_it_is_durable_whatever_fails_then(ready: Any, plan_fault: Any, point: str) -> None:
+    ready.move(1)
+    plan_fault(f"{point}=raise:MemoryError@1")
+    commit = ready.request(Commit, step=1)
+    (committed,) = ready.send(commit)
+    (again,) = ready.send(commit)
+    assert committed.type == "COMMITTED"
+    assert encode(again) == encode(committed)
+    assert ready.host.state is State.READY

@@ -41,5 +41,6 @@ def test_every_damaged_byte_is_found(kit: Any, tmp_path: Path) -> None:
     with pytest.raises(JournalError, match="does not match its digest"):
         read_mesh(path, FILES, digest)
     path.unlink()
-    with pytest.raises(JournalError, match="cannot be read"):
+    with pytest.raises(JournalError, match="cannot be read") as caught:
         read_mesh(path, FILES, digest)
+    assert caught.value.code == "DATA_LOSS.CHECKSUM"

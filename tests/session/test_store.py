@@ -157,3 +157,27 @@ def test_the_folders_above_a_new_session_are_durable(kit: Any) -> None:
     files.arm(None)
     SessionStore(Path("/a/b"), files=files).create(kit.make_spec(OTHER))
     assert "sync_folder b" not in files.operations
+
+
+@pytest.mark.parametrize(
+    ("point", "what"),
+    [("store.open.locked", "the session cannot be opened"), ("store.mesh.read", "the mesh cannot be read")],
+)
+def test_a_disk_that_fails_while_a_session_is_opened_is_no_lost_data(
+    kit: Any, store: SessionStore, plan_fault: Any, point: str, what: str
+) -> None:
+    build(kit, store).host.close()
+    plan_fault(f"{point}=raise:EIO@1")
+    with pytest.raises(MeshMotionError, match=what) as caught:
+        kit.resume(store)
+    assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
+    resumed = kit.resume(store)  # the lock was given back
+    assert resumed.state == "READY"
+    resumed.close()
+
+
+def test_a_list_that_the_disk_does_not_give_is_an_error(kit: Any, store: SessionStore, plan_fault: Any) -> None:
+    plan_fault("store.list=raise:EMFILE@1")
+    with pytest.raises(ResourceError, match="the sessions cannot be listed"):
+        store.sessions()
+    assert store.sessions() == []

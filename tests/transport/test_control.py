@@ -23,11 +23,14 @@ class Scripted:
 
     def __init__(self, folder: Path) -> None:
         self.replies: list[Any] = []
+        self.refusal: OSError | None = None
         settings = ServerSettings.from_mapping({"state_folder": str(folder)})
         registry = Registry(SessionStore(folder))
         self.control = Control(registry, settings, self.start, self.take, Protection.access(None))
 
     def start(self, order: dict[str, Any]) -> Any:
+        if self.refusal is not None:
+            raise self.refusal
         return SimpleNamespace(pid=1, channel=SimpleNamespace(send=lambda order: None), kill=lambda: None)
 
     def take(self, peer: bytes, frame: bytes) -> None:
@@ -58,3 +61,29 @@ def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(tmp_path:
     told.ask(Probe(client=CLIENT, sequence=3, session=opened.session, token=opened.token))
     assert isinstance(told.replies[-1], Probed)
     assert told.replies[-1].worker == "dead"
+
+
+def test_a_process_that_the_system_refuses_is_an_answer_and_a_repeat_a_new_try(tmp_path: Path) -> None:
+    told = Scripted(tmp_path)
+    opening = Open(client=CLIENT, sequence=1, dimension=2, settings={})
+    told.refusal = BlockingIOError(11, "Resource temporarily unavailable")
+    told.ask(opening)
+    assert (told.replies[-1].code, told.replies[-1].retryable) == ("RESOURCE_EXHAUSTED", True)
+    assert not told.control.registry.live
+    told.refusal = None
+    told.ask(opening)
+    told.serving(1)
+    opened = told.replies[-1]
+    assert isinstance(opened, Opened)
+    (live,) = told.control.registry.live.values()
+    told.refusal = OSError(12, "Cannot allocate memory")
+    told.ask(Resume(client=CLIENT, sequence=2, session=opened.session, token=opened.token))
+    told.control.gone(live, -9)  # while it should take the new holder
+    assert told.replies[-1].code == "RESOURCE_EXHAUSTED"
+    assert (live.status, live.reclaiming) == ("dead", False)
+    told.ask(Resume(client=CLIENT, sequence=3, session=opened.session, token=opened.token))
+    assert (told.replies[-1].code, live.status) == ("RESOURCE_EXHAUSTED", "dead")
+    told.refusal = None
+    told.ask(Resume(client=CLIENT, sequence=4, session=opened.session, token=opened.token))
+    told.serving(2)
+    assert told.replies[-1].epoch == 2

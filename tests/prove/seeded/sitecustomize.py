@@ -124,5 +124,85 @@ def users_who_name_themselves() -> None:
     Everybody.roles = lambda self, key: ("owner",)
 
 
+# --- failpoints ---
+
+
+@fault
+def a_reply_before_its_record() -> None:
+    import numpy as np
+
+    from mesh_motion_server.service.dispatch import SessionHost
+    from mesh_motion_server.session.journal import Journal
+
+    write, handle, late = Journal.commit, SessionHost.handle, []
+
+    def write_late_and_handle(self, envelope):
+        while late:
+            write(*late.pop())
+        return handle(self, envelope)
+
+    Journal.commit = lambda self, entry, state: late.append((self, entry, np.array(state)))
+    SessionHost.handle = write_late_and_handle
+
+
+@fault
+def an_epoch_in_memory() -> None:
+    from dataclasses import replace
+
+    from mesh_motion_server.session.journal import Journal
+
+    def raise_epoch(self):
+        self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
+        return self.ledger.epoch
+
+    Journal.raise_epoch = raise_epoch
+
+
+@fault
+def a_record_without_its_reply() -> None:
+    from mesh_motion_server.session.ledger import Commit
+
+    as_body = Commit.as_body
+    Commit.as_body = lambda self: as_body(self) | {"requests": []}
+
+
+@fault
+def an_error_that_is_answered_as_none() -> None:
+    from mesh_motion_server.errors import JournalError
+    from mesh_motion_server.session.session import Session
+
+    write = Session._write
+
+    def careless(self, journal, entry, durable, after):
+        try:
+            write(self, journal, entry, durable, after)
+        except JournalError:
+            self._now = after
+
+    Session._write = careless
+
+
+@fault
+def a_spare_that_is_given_away_twice() -> None:
+    from mesh_motion_server.transport.supervisor import Supervisor
+
+    start = Supervisor._start_session
+
+    def keep(self, order):
+        self._spare = start(self, order)
+        return self._spare
+
+    Supervisor._start_session = keep
+
+
+@fault
+def a_worker_that_hangs_where_it_fails() -> None:
+    import time
+
+    from mesh_motion_server.service import execution
+
+    execution.known_error = lambda error: time.sleep(3600)
+
+
 for name in filter(None, os.environ.get("SEEDED_FAULTS", "").split(",")):
     FAULTS[name]()
