@@ -26,6 +26,9 @@ class Frame:
     def buffer(self) -> Bytes:
         return self.bytes
 
+    def __len__(self) -> int:
+        return len(self.bytes)
+
     def get(self, name: str) -> str:
         """A property of the message."""
         return {"User-Id": self.user}[name]
