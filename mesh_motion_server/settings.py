@@ -97,12 +97,19 @@ class ServerSettings(_Strict):
     as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or ``reserve_memory_bytes`` would be left
     to the running ones.
 
+    ``data_ports`` is the range, as ``"7441-7504"``, from which each session's data endpoint takes a free port: what a
+    firewall opens and a container maps; without it the system chooses. ``advertised_host`` is told to clients as the
+    host of data endpoints in place of the one listened on; ``"0.0.0.0"`` stands for the host by which a client has
+    reached the control endpoint. Both are for tcp.
+
     ``distributed`` is the Dask scheduler of the cluster that holds the meshes' partitions (as many as
     ``distributed_partitions``, 0: one a worker). Whoever reaches that scheduler can run code on the cluster: only the
     operator names it, and ``tls://`` with the three files protects it.
     """
 
     endpoint: str = "tcp://127.0.0.1:7440"
+    advertised_host: Annotated[str, Field(pattern=r"^[^\s/]+$")] | None = None
+    data_ports: Annotated[str, Field(pattern=r"^[0-9]{1,5}-[0-9]{1,5}$")] | None = None
     state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")
     keys_folder: Annotated[Path | None, Field(strict=False)] = None
     max_sessions: Annotated[int, Field(ge=1)] = 64

@@ -11,6 +11,7 @@ from mesh_motion_server.prove import (
     journal_damage,
     kill_nine,
     named_failpoints,
+    network_faults,
     numerical_input,
     power_loss,
     state_machine,
@@ -33,5 +34,6 @@ CHECKS: tuple[Check, ...] = (
     decoder_fuzz.CHECK,
     attacked_server.CHECK,
     authorisation_matrix.CHECK,
+    network_faults.CHECK,
     numerical_input.CHECK,
 )

@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.codec import decode
 from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, Probe, Probed, Resume, Resumed
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError
@@ -24,8 +24,8 @@ from mesh_motion_server.security.authorisation import Verdict, decide, not_found
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.opening import check_open, check_room
 from mesh_motion_server.transport.processes import Child
-from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook
-from mesh_motion_server.transport.replies import error_reply
+from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook, fit
+from mesh_motion_server.transport.replies import encoded, error_reply
 from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["Control"]
@@ -213,7 +213,9 @@ class Control:
         page, more = self.registry.page(request.after, lambda owner: sees[owner == user] in _SEEN)
         named = sees[False] in _SEEN
         sessions = [entry | ({"owner": self._access.name(owner)} if named else {}) for owner, entry in page]
-        return Listed(client=request.client, sequence=request.sequence, sessions=sessions, more=more)
+        fitting = fit(sessions)
+        more = more or len(fitting) < len(sessions)
+        return Listed(client=request.client, sequence=request.sequence, sessions=fitting, more=more)
 
     def _probe(self, request: Probe, user: str) -> Probed:
         live = self._found(request, user)
@@ -323,7 +325,7 @@ class Control:
 
     def _settle(self, asked: Asked, reply: Message) -> None:
         failpoint("supervisor.answer")
-        asked.reply = bytes(encode(reply)[0])
+        asked.reply = bytes(encoded(reply)[0])
         self._send(asked.peer, asked.reply)
 
     def _refuse(self, asked: Asked, error: MeshMotionError) -> None:
@@ -335,12 +337,12 @@ class Control:
         TALLY.count("refused", label=error.code)
         if error.code == "NOT_FOUND":
             reply = error_reply(request, not_found(getattr(request, "session", "")))
-            self._later.append((self._asked_at + _NOT_FOUND_SECONDS, peer, bytes(encode(reply)[0])))
+            self._later.append((self._asked_at + _NOT_FOUND_SECONDS, peer, bytes(encoded(reply)[0])))
             return
         self._reply(peer, error_reply(request, error))
 
     def _reply(self, peer: bytes, reply: Message) -> None:
-        self._send(peer, bytes(encode(reply)[0]))
+        self._send(peer, bytes(encoded(reply)[0]))
 
 
 def _resume_order(session: Resume | Live, owner: str) -> dict[str, Any]:

@@ -6,7 +6,8 @@ import fcntl
 import ipaddress
 import os
 import stat
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TextIO
 
@@ -14,7 +15,7 @@ import zmq
 
 from mesh_motion_server.errors import MeshMotionError
 
-__all__ = ["Endpoint", "EndpointError", "bind", "lock_folder", "router"]
+__all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "lock_folder", "router"]
 
 #: What fits into the kernel's ``sun_path`` with its closing zero.
 _PATH_BYTES = 107
@@ -94,6 +95,17 @@ class Endpoint:
             return f"ipc://{Path(self.path).parent}/w{os.getpid()}.ipc"
         return Endpoint("tcp", host=self.host).address
 
+    def worker_addresses(self, ports: str | None) -> list[str]:
+        """Where the data socket of this process may be bound: of a range of ports ("7441-7504") the first free one."""
+        if ports is None or self.scheme == "ipc":
+            return [self.worker_address]
+        first, last = (int(port) for port in ports.split("-"))
+        return [replace(self, port=port).address for port in range(first, last + 1)]
+
+    def advertised_as(self, host: str | None) -> str:
+        """This endpoint as it is told to clients, under another host if one is given."""
+        return self.address if host is None or self.scheme == "ipc" else replace(self, host=host).address
+
 
 def _short_enough(path: str) -> str:
     longest = max(len(os.fsencode(path)), len(os.fsencode(str(Path(path).parent) + _WORKER_NAME)))
@@ -146,6 +158,29 @@ def bind(socket: zmq.Socket[bytes], address: str) -> str:
     socket.bind(address)
     where = socket.getsockopt(zmq.LAST_ENDPOINT)
     return where.rstrip(b"\0").decode() if isinstance(where, bytes) else address
+
+
+def bind_first(socket: zmq.Socket[bytes], addresses: Iterable[str]) -> str:
+    """Bind to the first address that is free.
+
+    Raises
+    ------
+    EndpointError
+        If none is.
+    """
+    busy = []
+    for address in addresses:
+        try:
+            return bind(socket, address)
+        except zmq.ZMQError as error:
+            if error.errno != zmq.EADDRINUSE:
+                raise
+            busy.append(address)
+    raise EndpointError(
+        f"no data port is free: {busy[0]} to {busy[-1]} are taken" if busy else "data_ports is an empty range",
+        code="RESOURCE_EXHAUSTED.SESSIONS",
+        hint="close a session, or give data_ports more ports than max_sessions",
+    )
 
 
 def router(

@@ -16,7 +16,7 @@ from typing import Any
 
 import zmq
 from mesh_motion_protocol import PROTOCOL_VERSION
-from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.codec import decode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import CONTROL, ErrorReply, Hello, Message, Ping, Pong, Welcome
@@ -31,7 +31,7 @@ from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
 from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, limit_descriptors
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
-from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
+from mesh_motion_server.transport.replies import encoded, error_reply, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
 
@@ -160,7 +160,7 @@ class Gateway:
     def _reply(self, peer: bytes, reply: Message) -> None:
         if isinstance(reply, ErrorReply):
             TALLY.count("refused", label=reply.code)
-        self._send(peer, [bytes(frame) for frame in encode(reply)])
+        self._send(peer, [bytes(frame) for frame in encoded(reply)])
 
     def _send(self, peer: bytes, frames: list[bytes]) -> None:
         """Send, or drop for a peer that is gone or does not read."""

@@ -11,19 +11,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgpack
 from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import Message
 
 from mesh_motion_server.errors import MeshMotionError, SessionError
 from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.transport.processes import Child
 
-__all__ = ["Asked", "Live", "Registry", "RequestBook"]
+__all__ = ["Asked", "Live", "Registry", "RequestBook", "fit"]
 
 #: Control requests whose replies are remembered.
 _REMEMBERED = 1024
 #: Sessions in one LISTED.
 _LISTED = 200
+#: Bytes of their entries, which leave room for the rest of the header.
+_LISTED_BYTES = HEADER_BYTES - 1024
 
 
 @dataclass(eq=False)
@@ -180,3 +184,14 @@ class Registry:
 def _stored(entry: Any) -> dict[str, Any]:
     return {"session": entry.session, "label": entry.label, "state": str(entry.state), "step": entry.step,
             "partitions": entry.partitions, "worker": "none"}  # fmt: skip
+
+
+def fit(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """As many of LISTED's sessions as fit into one header: labels may be long."""
+    room, count = _LISTED_BYTES, 0
+    for entry in entries:
+        room -= len(msgpack.packb(entry))
+        if room < 0:
+            break
+        count += 1
+    return entries[:count]

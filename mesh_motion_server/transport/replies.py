@@ -1,13 +1,16 @@
-"""Error replies that transport itself gives."""
+"""Replies on their way out: those that transport itself gives, and all of them as frames."""
 
 from __future__ import annotations
 
+from mesh_motion_protocol.arrays import Buffer
+from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.errors import ProtocolError, brief, brief_details, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
 
 from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.transport.telemetry import log
 
-__all__ = ["error_reply", "undecodable", "unexpected"]
+__all__ = ["encoded", "error_reply", "undecodable", "unexpected"]
 
 
 def error_reply(request: Message, error: MeshMotionError, *, state: str = "") -> ErrorReply:
@@ -47,3 +50,13 @@ def unexpected(request: Message, endpoint: str, *, state: str = "") -> ErrorRepl
         hint="HELLO, OPEN, RESUME, LIST, PROBE go to the control endpoint, all others to the session's data endpoint",
     )
     return error_reply(request, error, state=state)
+
+
+def encoded(reply: Message, *, state: str = "") -> list[Buffer]:
+    """A reply's frames; one that cannot be put on the wire becomes an error, and whoever sends it goes on."""
+    try:
+        return encode(reply)
+    except ProtocolError as error:
+        log().error("unencodable", reply=reply.type, reason=error.message)
+        failure = MeshMotionError(f"the reply cannot be put on the wire: {error.message}", code="INTERNAL")
+        return encode(error_reply(reply, failure, state=state))

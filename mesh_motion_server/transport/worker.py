@@ -20,7 +20,7 @@ from typing import Any
 import zmq
 import zmq.utils.monitor
 from mesh_motion_protocol.arrays import Buffer
-from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.codec import decode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import CONTROL, REPLIES, ErrorReply, Message, Ping, Pong
@@ -33,7 +33,7 @@ from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.channel import Channel
-from mesh_motion_server.transport.endpoints import Endpoint, bind, router
+from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, router
 from mesh_motion_server.transport.hosting import Hosting, SessionHost
 from mesh_motion_server.transport.processes import (
     die_with_parent,
@@ -43,7 +43,7 @@ from mesh_motion_server.transport.processes import (
     wake_on_signals,
 )
 from mesh_motion_server.transport.protection import Protection, forward_handshakes, keep_secrets_out_of_core_files
-from mesh_motion_server.transport.replies import error_reply, undecodable, unexpected
+from mesh_motion_server.transport.replies import encoded, error_reply, undecodable, unexpected
 from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.self_test import check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, name_session, tell_suppressed
@@ -211,7 +211,7 @@ class Worker:
 
     def _send(self, envelopes: Sequence[Envelope]) -> None:
         for envelope in envelopes:
-            frames = self._frames(envelope.message)
+            frames = encoded(envelope.message, state=str(self._host.state))
             failpoint("worker.sending")
             _count(envelope.message, frames)
             try:
@@ -220,14 +220,6 @@ class Worker:
             except zmq.ZMQError as error:
                 # The peer is gone or does not read: it asks again, by the same request id, when it is back.
                 log().info("undelivered", reply=envelope.message.type, reason=str(error))
-
-    def _frames(self, message: Message) -> list[Buffer]:
-        try:
-            return encode(message)
-        except ProtocolError as error:
-            log().error("unencodable", reply=message.type, reason=error.message)
-            failure = MeshMotionError(f"the reply cannot be put on the wire: {error.message}", code="INTERNAL")
-            return encode(error_reply(message, failure, state=str(self._host.state)))
 
     def _keep_time(self) -> None:
         """Collective requests that waited too long, the lease, the end of an idle process."""
@@ -300,7 +292,11 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         return 1
     try:
         failpoint("worker.hosting")
-        endpoint = _listen(context, socket, order["endpoint"], protection)
+        try:
+            endpoint = _listen(context, socket, Endpoint.parse(order["endpoint"]), protection, settings)
+        except EndpointError as error:
+            channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
+            return 1
         failpoint("worker.bound")
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
@@ -323,18 +319,27 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
 
 
 def _listen(
-    context: zmq.Context[zmq.Socket[bytes]], socket: zmq.Socket[bytes], control: str, protection: Protection | None
+    context: zmq.Context[zmq.Socket[bytes]],
+    socket: zmq.Socket[bytes],
+    control: Endpoint,
+    protection: Protection | None,
+    settings: ServerSettings,
 ) -> str:
-    """Bind beside the control endpoint; with keys only if a real connection shows that strangers are refused."""
-    address = Endpoint.parse(control).worker_address
-    if protection is None:
-        return bind(socket, address)
-    keep_secrets_out_of_core_files()
-    forward_handshakes(context, protection.handshakes)
-    protection.protect(socket)
-    endpoint = bind(socket, address)
-    check_refuses(endpoint, protection)
-    return endpoint
+    """Bind beside the control endpoint; with keys only if a real connection shows that strangers are refused.
+
+    Returns
+    -------
+    str
+        The endpoint as clients are told.
+    """
+    if protection is not None:
+        keep_secrets_out_of_core_files()
+        forward_handshakes(context, protection.handshakes)
+        protection.protect(socket)
+    endpoint = bind_first(socket, control.worker_addresses(settings.data_ports))
+    if protection is not None:
+        check_refuses(endpoint, protection)
+    return Endpoint.parse(endpoint).advertised_as(settings.advertised_host)
 
 
 def _host(order: dict[str, Any], hosts: Any, store: Any, settings: ServerSettings) -> SessionHost:

@@ -1,7 +1,10 @@
-"""Where the data endpoints are, seen from here."""
+"""Where the data endpoints are, seen from here; which requests keep their ids."""
 
 import pytest
+from mesh_motion_client import SessionError, Timeout, control
+from mesh_motion_client.connection import ConnectionLost, DamagedReply
 from mesh_motion_client.control import Control
+from mesh_motion_protocol.messages import Open, Opened
 
 
 @pytest.mark.parametrize(
@@ -15,3 +18,63 @@ from mesh_motion_client.control import Control
 )
 def test_a_wildcard_stands_for_the_host_of_the_control_endpoint(control, told, reached):
     assert Control(control).data_endpoint(told) == reached
+
+
+class Wire:
+    """In place of a connection: keeps what is sent and answers as it is told."""
+
+    def __init__(self, outcomes):
+        self.outcomes, self.sent, self.closed, self.made = list(outcomes), [], False, 0
+
+    def __call__(self, *_):
+        self.made += 1
+        self.closed = False
+        return self
+
+    def request(self, message, _deadline, _watch=None):
+        self.sent.append((message.type, message.sequence))
+        outcome = self.outcomes.pop(0)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return Opened(client=message.client, sequence=message.sequence, **OPENED)
+
+    def close(self):
+        self.closed = True
+
+
+OPENED = {"session": "0" * 32, "token": b"t" * 32, "endpoint": "tcp://127.0.0.1:1", "epoch": 1}
+
+
+@pytest.mark.parametrize("unheard", [Timeout("silence"), DamagedReply("noise"), ConnectionLost("gone")])
+def test_an_open_that_was_not_answered_keeps_its_id(monkeypatch, unheard):
+    wire = Wire([unheard, None, None])
+    monkeypatch.setattr(control, "Connection", wire)
+    asking = Control("tcp://127.0.0.1:1")
+    with pytest.raises(type(unheard)):
+        asking.ask(Open, Opened, 0.0, dimension=2)
+    assert asking.ask(Open, Opened, 0.0, dimension=2).session == "0" * 32
+    asking.ask(Open, Opened, 0.0, dimension=2)
+    assert wire.sent == [("OPEN", 1), ("OPEN", 1), ("OPEN", 2)]
+
+
+def test_an_open_that_was_refused_and_one_of_another_content_are_new_requests(monkeypatch):
+    wire = Wire([SessionError("no"), Timeout("silence"), None])
+    monkeypatch.setattr(control, "Connection", wire)
+    asking = Control("tcp://127.0.0.1:1")
+    for dimension, error in ((2, SessionError), (2, Timeout)):
+        with pytest.raises(error):
+            asking.ask(Open, Opened, 0.0, dimension=dimension)
+    asking.ask(Open, Opened, 0.0, dimension=3)
+    assert wire.sent == [("OPEN", 1), ("OPEN", 2), ("OPEN", 3)]
+
+
+def test_a_connection_that_kept_silent_is_given_up(monkeypatch):
+    wire = Wire([Timeout("silence"), None, None])
+    monkeypatch.setattr(control, "Connection", wire)
+    asking = Control("tcp://127.0.0.1:1")
+    with pytest.raises(Timeout):
+        asking.ask(Open, Opened, 0.0, dimension=2)
+    assert wire.closed
+    for _ in range(2):
+        asking.ask(Open, Opened, 0.0, dimension=2)
+    assert wire.made == 2

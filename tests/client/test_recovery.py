@@ -10,6 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mesh_motion_client import Credentials, QualityRefused, SessionError, Timeout, Unavailable, connect
+from mesh_motion_client.connection import Connection
+from mesh_motion_client.control import Control
+from mesh_motion_protocol.digests import request_digest
 
 HERE = Path(__file__).parent
 UP = np.array([[0.0, 0.25]] * 4)
@@ -199,6 +202,43 @@ def test_a_trial_is_made_again_after_the_lease_ended(server, client, mesh, proxy
     assert session.commit().step == 1
     assert session.points()[0, 1] == 0.25
     session.close()
+
+
+def test_a_resume_that_was_not_heard_does_not_fence_its_sender(server, session, monkeypatch):
+    session.move(UP)
+    session.commit()
+    ask, deaf = Control.ask, [True]
+
+    def unheard(self, kind, *arguments, **fields):
+        reply = ask(self, kind, *arguments, **fields)
+        if kind.type == "RESUME" and deaf.pop():
+            self._unanswered = {request_digest(kind(client=b"c" * 16, sequence=1, **fields)): self._sequence}
+            raise Timeout("seeded")
+        return reply
+
+    monkeypatch.setattr(Control, "ask", unheard)
+    kill_worker(server, session)
+    with pytest.raises(Timeout, match="seeded"):
+        session.move(UP)
+    deaf.append(False)
+    assert session.move(UP).iteration == 1
+    assert session.commit().step == 2
+
+
+def test_a_join_that_failed_leaves_no_connection_behind(server, session, monkeypatch):
+    request, seeded = Connection.request, [True]
+
+    def refused(self, message, *arguments):
+        if message.type == "JOIN" and seeded.pop():
+            raise SessionError("seeded", code="NOT_FOUND")
+        return request(self, message, *arguments)
+
+    monkeypatch.setattr(Connection, "request", refused)
+    kill_worker(server, session)
+    with pytest.raises(SessionError, match="seeded"):
+        session.move(UP)
+    seeded.append(False)
+    assert session.move(UP).iteration == 1
 
 
 def test_two_ranks_in_two_processes_get_what_one_gets(server, client, mesh, tmp_path):

@@ -4,8 +4,9 @@ import os
 import stat
 
 import pytest
+import zmq
 
-from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock_folder
+from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, lock_folder
 
 
 @pytest.mark.parametrize(
@@ -64,3 +65,28 @@ def test_a_folder_that_others_may_enter_is_refused(tmp_path):
 
 def test_tcp_needs_no_lock():
     assert lock_folder(Endpoint.parse("tcp://127.0.0.1:0")) is None
+
+
+def test_data_endpoints_take_a_port_of_their_range_and_are_told_under_another_host():
+    control = Endpoint.parse("tcp://127.0.0.1:7440")
+    assert control.worker_addresses("7441-7443") == [f"tcp://127.0.0.1:{port}" for port in (7441, 7442, 7443)]
+    assert control.worker_addresses(None) == ["tcp://127.0.0.1:*"]
+    assert control.advertised_as("example.org") == "tcp://example.org:7440"
+    assert control.advertised_as(None) == "tcp://127.0.0.1:7440"
+    local = Endpoint.parse("ipc:///run/mm/control")
+    assert local.worker_addresses("1-2") == [local.worker_address]
+    assert local.advertised_as("example.org") == "ipc:///run/mm/control"
+
+
+def test_the_first_free_address_is_taken():
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as one, context.socket(zmq.ROUTER) as other:
+        taken = bind_first(one, ["tcp://127.0.0.1:*"])
+        free = bind_first(other, [taken, "tcp://127.0.0.1:*"])
+        assert free != taken
+        with pytest.raises(EndpointError, match="no data port is free") as caught:
+            bind_first(other, [taken, free])
+        assert caught.value.code == "RESOURCE_EXHAUSTED.SESSIONS"
+        with pytest.raises(EndpointError, match="empty range"):
+            bind_first(other, [])
+        with pytest.raises(zmq.ZMQError):
+            bind_first(other, ["tcp://192.0.2.1:1"])

@@ -1,6 +1,7 @@
 """Real processes and sockets: sessions come and go, workers and servers die, and nobody else notices."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -296,3 +297,32 @@ def test_a_server_whose_workers_cannot_start_ends_with_70(start):
     assert len(server.logs("spare_ended")) == 3
     assert server.logs("workers_cannot_start")[0]["attempts"] == 3
     assert "not_installed" in server.log_path.read_text()
+
+
+def test_a_range_of_data_ports_behind_another_host(start, connect):
+    """As behind a container's port mapping: the client takes the host by which it reached the control endpoint."""
+    server = start(endpoint="tcp://127.0.3.1:0", data_ports="21000-21000", advertised_host="0.0.0.0")
+    control = connect(server.endpoint)
+    opened = control.ask(Open, dimension=2)
+    assert opened.endpoint == "tcp://0.0.0.0:21000"
+    data = connect(opened.endpoint.replace("0.0.0.0", "127.0.3.1"))
+    assert data.ask(Ping).type == "PONG"
+    refused = control.ask(Open, dimension=2)
+    assert (refused.code, refused.retryable) == ("RESOURCE_EXHAUSTED.SESSIONS", True)
+    assert "no data port is free: tcp://127.0.3.1:21000" in refused.message
+    assert data.ask(Ping).type == "PONG"
+
+
+def test_sessions_with_long_labels_are_listed_in_pages_that_fit(start, connect):
+    server = start()
+    entry = {"label": "\N{GREEK SMALL LETTER PI}" * 200, "owner": "", "state": "READY", "step": 0, "partitions": 1}
+    names = [f"{number:032x}" for number in range(300)]
+    for name in names:
+        (server.state / f"{name}.json").write_text(json.dumps({"session": name} | entry))
+    control, found, more = connect(server.endpoint), [], True
+    while more:
+        page = control.ask(List, after=found[-1] if found else "")
+        assert page.sessions
+        found += [session["session"] for session in page.sessions]
+        more = page.more
+    assert found == names

@@ -13,6 +13,7 @@ import zmq
 import zmq.utils.monitor
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import REPLIES, ErrorReply, Message
 
 from mesh_motion_client.errors import (
@@ -25,15 +26,21 @@ from mesh_motion_client.errors import (
 )
 from mesh_motion_client.keys import Keys
 
-__all__ = ["Connection", "ConnectionLost", "seconds_left"]
+__all__ = ["Connection", "ConnectionLost", "DamagedReply", "seconds_left"]
 
 #: Silence after which ``watch`` is called, seconds.
 _WATCH_SECONDS = 1.0
+#: Largest frame that is taken: that of the protocol, and what CURVE puts around it.
+_MOST_BYTES = FRAME_BYTES + 64
 _WATCHED = zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 
 
 class ConnectionLost(Unavailable):
     """The connection ended before the reply came: the request may have executed or not."""
+
+
+class DamagedReply(ServerFault):
+    """What came is no message: the request may have executed or not, and the same call may be repeated."""
 
 
 class Connection:
@@ -50,6 +57,7 @@ class Connection:
         self.endpoint = endpoint
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, _MOST_BYTES)
         self._socket.setsockopt(zmq.RECONNECT_IVL, 50)
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 1000)
         self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5_000)
@@ -113,7 +121,8 @@ class Connection:
         try:
             return decode([frame.buffer for frame in self._socket.recv_multipart(copy=False)])
         except ProtocolError as error:
-            raise ServerFault(f"the server's reply is no message: {error.message}", code=error.code) from None
+            self.close()  # what follows on it cannot be trusted either
+            raise DamagedReply(f"the server's reply is no message: {error.message}", code=error.code) from None
 
     def _wait(self, seconds: float) -> None:
         """Until there is a reply, an event, or the time is over."""
@@ -134,17 +143,24 @@ class Connection:
     def _check_admitted(self, event: int, value: int) -> None:
         """Raise if the server has said that trying again is in vain."""
         if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+            self.close()
             raise SessionError(
                 f"the server at {self.endpoint} does not admit this key",
                 code="UNAUTHENTICATED",
                 hint="its operator admits a key with `mesh-motion keys allow`",
             )
         if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL and value == zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH:
+            self.close()
             raise SessionError(
                 f"the server at {self.endpoint} and this client do not agree whether there are keys",
                 code="UNAUTHENTICATED",
                 hint="give keys for a server that was started with --keys, and none for any other",
             )
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has been closed, by its user or because nothing more can come of it."""
+        return bool(self._socket.closed)
 
     def close(self) -> None:
         """Close the socket; idempotent."""

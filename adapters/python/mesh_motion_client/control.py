@@ -1,15 +1,21 @@
-"""The control endpoint as a client sees it: HELLO, OPEN, RESUME, LIST, PROBE, asked until they are answered."""
+"""The control endpoint as a client sees it: HELLO, OPEN, RESUME, LIST, PROBE, asked until they are answered.
+
+An OPEN or RESUME may have executed although its reply never came. When it is asked for again, by the same content, it
+keeps its id: the session that was opened is then found again, and nobody is fenced by a RESUME of his own.
+"""
 
 from __future__ import annotations
 
 import time
 import uuid
+from dataclasses import replace
 from typing import Any, TypeVar
 
-from mesh_motion_protocol.messages import Message
+from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.messages import Message, Open, Resume
 
-from mesh_motion_client.connection import Connection, ConnectionLost, seconds_left
-from mesh_motion_client.errors import Unavailable
+from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, seconds_left
+from mesh_motion_client.errors import MeshMotionError, Timeout, Unavailable
 from mesh_motion_client.keys import Keys
 
 __all__ = ["Control"]
@@ -18,6 +24,10 @@ _Reply = TypeVar("_Reply", bound=Message)
 
 #: Between two tries while nobody can answer, seconds.
 _PAUSE_SECONDS = 0.2
+#: Requests that execute once.
+_KEPT = (Open, Resume)
+#: Errors after which it is not known whether the request executed.
+_UNHEARD = (Timeout, Unavailable, DamagedReply)
 
 
 class Control:
@@ -35,6 +45,7 @@ class Control:
         self._keys = keys
         self._client = uuid.uuid4().bytes
         self._sequence = 0
+        self._unanswered: dict[bytes, int] = {}
         self._connection: Connection | None = None
 
     def ask(self, kind: type[Message], expected: type[_Reply], seconds: float, **fields: Any) -> _Reply:
@@ -45,24 +56,47 @@ class Control:
         Timeout, Unavailable, MeshMotionError
         """
         deadline = time.monotonic() + seconds
-        self._sequence += 1
-        message = kind(client=self._client, sequence=self._sequence, **fields)
+        message = self._numbered(kind(client=self._client, sequence=self._sequence + 1, **fields))
+        try:
+            reply = self._answer(message, deadline)
+        except MeshMotionError as error:
+            if isinstance(message, _KEPT) and not isinstance(error, _UNHEARD):
+                self._unanswered.clear()
+            raise
+        if isinstance(message, _KEPT):
+            self._unanswered.clear()
+        if not isinstance(reply, expected):
+            raise TypeError(f"{kind.type} is answered by {reply.type}, not {expected.type}")
+        return reply
+
+    def _answer(self, message: Message, deadline: float) -> Message:
+        """The reply, however often it has to be asked for."""
         while True:
             try:
-                reply = self._connected().request(message, deadline)
+                return self._connected().request(message, deadline)
+            except Timeout:
+                self.close()  # a connection that has kept silent may be dead without a word
+                raise
             except Unavailable as error:
                 if isinstance(error, ConnectionLost):
                     self.close()
                 if seconds_left(deadline) <= _PAUSE_SECONDS:
                     raise
                 time.sleep(_PAUSE_SECONDS)
-                continue
-            if not isinstance(reply, expected):
-                raise TypeError(f"{kind.type} is answered by {reply.type}, not {expected.type}")
-            return reply
+
+    def _numbered(self, message: Message) -> Message:
+        """With the next sequence; an OPEN or RESUME like the one that was not answered keeps its own."""
+        if not isinstance(message, _KEPT):
+            self._sequence += 1
+            return message
+        content = request_digest(message)
+        if content not in self._unanswered:
+            self._sequence += 1
+            self._unanswered = {content: self._sequence}
+        return replace(message, sequence=self._unanswered[content])
 
     def _connected(self) -> Connection:
-        if self._connection is None:
+        if self._connection is None or self._connection.closed:
             self._connection = Connection(self.endpoint, self._keys)
         return self._connection
 

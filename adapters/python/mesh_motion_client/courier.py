@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 import uuid
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 from mesh_motion_protocol.digests import request_digest
@@ -25,7 +26,7 @@ from mesh_motion_protocol.messages import (
     SessionMessage,
 )
 
-from mesh_motion_client.connection import Connection, ConnectionLost, seconds_left
+from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, seconds_left
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.errors import MeshMotionError, SessionError, Timeout, Unavailable
@@ -72,6 +73,7 @@ class Courier:
         self._epoch = 0
         self._data: Connection | None = None
         self._unanswered: SessionMessage | None = None
+        self._resuming = False
 
     @property
     def address(self) -> dict[str, Any]:
@@ -87,10 +89,17 @@ class Courier:
         """Connect to the worker and prove the right to the session."""
         self.disconnect()
         self._epoch = epoch
-        self._data = self._control.data_connection(endpoint)
+        connection = self._control.data_connection(endpoint)
         self._sequence += 1
         join = Join(**self.address, sequence=self._sequence, token=self._credentials.token)
-        return _expect(self._data.request(join, time.monotonic() + seconds, self._watch), Joined)
+        deadline = time.monotonic() + seconds
+        try:
+            joined = _expect(connection.request(join, deadline, partial(self._watch, deadline)), Joined)
+        except BaseException:
+            connection.close()  # nothing has joined on it: no request may follow
+            raise
+        self._data = connection
+        return joined
 
     def deliver(self, message: SessionMessage, kind: type[_Reply], seconds: float) -> _Reply:
         """Send a request until it is answered.
@@ -110,7 +119,10 @@ class Courier:
             except ConnectionLost as error:
                 broken = error
                 self.disconnect()
-            except (Timeout, Unavailable):
+            except (Timeout, DamagedReply):
+                self.disconnect()  # it may be dead without a word; and what comes late is not for a later request
+                raise
+            except Unavailable:
                 raise
             except MeshMotionError as error:
                 if error.code != "ABORTED.TRIAL_LOST" or self.trial is None:
@@ -130,11 +142,11 @@ class Courier:
 
     def _request(self, message: SessionMessage, deadline: float) -> Message:
         """Send one request under the current epoch, on a new connection if the old one is gone."""
-        if self._data is None:
+        if self._data is None or self._data.closed:
             self._recover(deadline)
         if self._data is None:
             raise ConnectionLost("there is no connection")
-        return self._data.request(replace(message, epoch=self._epoch), deadline, self._watch)
+        return self._data.request(replace(message, epoch=self._epoch), deadline, partial(self._watch, deadline))
 
     def _repeat_trial(self, deadline: float) -> ConnectionLost | None:
         """Make the lost trial again: a MOVE is a pure function of the committed state."""
@@ -160,10 +172,10 @@ class Courier:
         fields = {"session": self._credentials.session, "token": self._credentials.token}
         return self._control.ask(kind, expected, seconds, **fields)
 
-    def _watch(self) -> None:
+    def _watch(self, deadline: float) -> None:
         """While a request is computed: does the worker still live, and for us?"""
         try:
-            probed = self._ask(Probe, Probed, _PROBE_SECONDS)
+            probed = self._ask(Probe, Probed, min(_PROBE_SECONDS, seconds_left(deadline)))
         except (Timeout, Unavailable):
             return
         if probed.worker in ("dead", "none"):
@@ -172,15 +184,15 @@ class Courier:
 
     def _recover(self, deadline: float) -> None:
         """Connect again: to the same worker, or to another one that resumes from the journal."""
-        probed = self._ask(Probe, Probed, max(seconds_left(deadline), _PROBE_SECONDS))
+        probed = self._ask(Probe, Probed, seconds_left(deadline))
         while probed.worker == "starting" and seconds_left(deadline):
             time.sleep(_PAUSE_SECONDS)
-            probed = self._ask(Probe, Probed, max(seconds_left(deadline), _PROBE_SECONDS))
-        if probed.worker == "alive":
+            probed = self._ask(Probe, Probed, seconds_left(deadline))
+        if probed.worker == "alive" and not self._resuming:
             self._check_unfenced(probed)
             self.join(probed.endpoint, probed.epoch, seconds_left(deadline))
         elif self.may_resume:
-            resumed = self._ask(Resume, Resumed, seconds_left(deadline))
+            resumed = self._resume(seconds_left(deadline))
             self.join(resumed.endpoint, resumed.epoch, seconds_left(deadline))
         else:
             raise Unavailable(
@@ -189,6 +201,17 @@ class Courier:
                 hint="resume the session from one partition and join it from the others; one that was never built is "
                 "to be opened again",
             )
+
+    def _resume(self, seconds: float) -> Resumed:
+        """RESUME; one that was not answered may have executed, so it is asked for again, by the same id."""
+        self._resuming = True
+        try:
+            resumed = self._ask(Resume, Resumed, seconds)
+        except MeshMotionError as error:
+            self._resuming = isinstance(error, (Timeout, Unavailable, DamagedReply))
+            raise
+        self._resuming = False
+        return resumed
 
     def _check_unfenced(self, probed: Probed) -> None:
         if probed.epoch > self._epoch:
