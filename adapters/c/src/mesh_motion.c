@@ -84,6 +84,12 @@ typedef struct {
     block array; /* item = its name; NULL: none */
 } request;
 
+/* What is told of an error. */
+typedef struct {
+    char code[64], message[1024], hint[512];
+    mm_report details;
+} told;
+
 typedef struct {
     mmi_reply reply;
     zmq_msg_t *frames;
@@ -93,8 +99,7 @@ typedef struct {
 
 struct mm_context {
     mm_result error;
-    char code[64], message[1024], hint[512];
-    mm_report details;
+    told told;
     void *zmq;
     unsigned monitors; /* so many were made: their inproc addresses differ */
     double timeout, compute_timeout;
@@ -174,11 +179,11 @@ __attribute__((format(printf, 4, 5))) static outcome fail(mm_context *context, c
 {
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(context->message, sizeof context->message, format, arguments);
+    vsnprintf(context->told.message, sizeof context->told.message, format, arguments);
     va_end(arguments);
-    snprintf(context->code, sizeof context->code, "%s", code);
-    snprintf(context->hint, sizeof context->hint, "%s", hint);
-    mmi_report_free(&context->details);
+    snprintf(context->told.code, sizeof context->told.code, "%s", code);
+    snprintf(context->told.hint, sizeof context->told.hint, "%s", hint);
+    mmi_report_free(&context->told.details);
     context->error = category(code);
     return FAILED;
 }
@@ -200,25 +205,28 @@ static outcome lost(mm_context *context, const char *format, const char *what)
 static outcome fail_as(mm_context *context, answer *from)
 {
     mm_report *report = &from->reply.report;
-    char code[sizeof context->code], message[sizeof context->message], hint[sizeof context->hint];
+    char code[sizeof context->told.code], message[sizeof context->told.message], hint[sizeof context->told.hint];
     mmi_copy_text(report, mmi_find(report, report->root, "code", 4), code, sizeof code);
     mmi_copy_text(report, mmi_find(report, report->root, "message", 7), message, sizeof message);
     mmi_copy_text(report, mmi_find(report, report->root, "hint", 4), hint, sizeof hint);
     fail(context, code, hint, "%s", message);
     report->root = mmi_find(report, report->root, "details", 7);
-    context->details = *report;
+    context->told.details = *report;
     *report = (mm_report){0};
     return FAILED;
 }
 
 mm_result mm_error(const mm_context *context) { return context ? context->error : MM_INVALID_ARGUMENT; }
-const char *mm_error_code(const mm_context *context) { return context && context->error ? context->code : ""; }
-const char *mm_error_message(const mm_context *context) { return context && context->error ? context->message : ""; }
-const char *mm_error_hint(const mm_context *context) { return context && context->error ? context->hint : ""; }
+const char *mm_error_code(const mm_context *context) { return context && context->error ? context->told.code : ""; }
+const char *mm_error_message(const mm_context *context)
+{
+    return context && context->error ? context->told.message : "";
+}
+const char *mm_error_hint(const mm_context *context) { return context && context->error ? context->told.hint : ""; }
 
 const mm_report *mm_error_details(const mm_context *context)
 {
-    return context && context->error ? &context->details : NULL;
+    return context && context->error ? &context->told.details : NULL;
 }
 
 int mm_error_is(const mm_context *context, const char *code)
@@ -232,7 +240,7 @@ void mm_clear_error(mm_context *context)
 {
     if (context) {
         context->error = MM_OK;
-        mmi_report_free(&context->details);
+        mmi_report_free(&context->told.details);
     }
 }
 
@@ -436,22 +444,37 @@ static uint64_t content_of(const request *request)
     return hash;
 }
 
+/* Those of which the server keeps the reply (SPEC 10.7). Others get a number each time: a late reply tells what was. */
+static int is_kept(const request *request)
+{
+    static const char *const KEPT[] = {"OPEN", "RESUME", "UPLOAD", "BUILD", "MOVE", "COMMIT", "ROLLBACK"};
+    for (size_t i = 0; i < sizeof KEPT / sizeof *KEPT; ++i) {
+        if (strcmp(request->type, KEPT[i]) == 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 /* The next number; a repeat of what was given up unanswered keeps its own, so that it is executed once. */
 static void number(line *line, request *request)
 {
     request->client = line->client;
-    if (line->unanswered && line->content == content_of(request)) {
+    if (line->unanswered && is_kept(request) && line->content == content_of(request)) {
         request->sequence = line->unanswered;
     } else {
         request->sequence = ++line->sequence;
     }
-    line->unanswered = 0;
+    line->unanswered = is_kept(request) ? 0 : line->unanswered;
 }
 
-static void remember_unanswered(line *line, const request *request)
+/* Where nobody has answered, the caller may ask again. */
+static void remember_unanswered(mm_context *context, line *line, const request *request)
 {
-    line->unanswered = request->sequence;
-    line->content = content_of(request);
+    if (is_kept(request) && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
+        line->unanswered = request->sequence;
+        line->content = content_of(request);
+    }
 }
 
 static void pack_header(mmi_writer *out, const request *request)
@@ -766,9 +789,7 @@ static outcome ask(mm_context *context, request *request, double seconds, answer
         mm_clear_error(context);
         pause_for(PAUSE_SECONDS);
     }
-    if (how != DONE && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
-        remember_unanswered(&context->line, request);
-    }
+    remember_unanswered(context, &context->line, request);
     mmi_writer_free(&request->fields);
     return how;
 }
@@ -874,7 +895,11 @@ static outcome recover(mm_session *session, double deadline)
         if (how == DONE) {
             mm_report_text(&got.reply.report, "worker", worker, sizeof worker);
         }
-        if (strcmp(worker, "starting") != 0 || seconds_left(deadline) == 0.0) {
+        if (how != DONE || strcmp(worker, "starting") != 0) {
+            break;
+        }
+        if (seconds_left(deadline) == 0.0) {
+            how = fail(context, "UNAVAILABLE.STARTING", "try again", "the session's worker is still starting");
             break;
         }
         pause_for(PAUSE_SECONDS / 2);
@@ -960,9 +985,7 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
         fail(context, "UNAVAILABLE", "", "%s broke %d connections to %s", request->type, ATTEMPTS,
              session->data.endpoint);
     }
-    if (how != DONE && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
-        remember_unanswered(&session->line, request);
-    }
+    remember_unanswered(context, &session->line, request);
     mmi_writer_free(&request->fields);
     return how;
 }
@@ -1015,7 +1038,7 @@ void mm_context_free(mm_context *context)
     }
     disconnect(&context->control);
     zmq_ctx_term(context->zmq);
-    mmi_report_free(&context->details);
+    mmi_report_free(&context->told.details);
     mmi_report_free(&context->welcome);
     free(context);
 }
@@ -1073,7 +1096,7 @@ mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *
              "both keys must be given: the client's secret one and the server's public one");
         return context->error;
     }
-    char secret[KEY_CHARACTERS + 1], public[KEY_CHARACTERS + 1], server[KEY_CHARACTERS + 1];
+    char secret[KEY_CHARACTERS + 1], public[KEY_CHARACTERS + 1], server[KEY_CHARACTERS + 1] = "";
     if (read_key(context, secret_file, "mesh-motion-secret", secret) != DONE) {
         return context->error;
     }
@@ -1338,6 +1361,16 @@ mm_result mm_global_ids(mm_session *session, const int64_t *ids)
     return add_block(session, &made);
 }
 
+/* What belongs into OPEN is of no use behind it. */
+#define BEGIN_UNOPENED(session)                                                                                        \
+    do {                                                                                                               \
+        BEGIN_SESSION(session);                                                                                        \
+        if ((session)->joined) {                                                                                       \
+            fail((session)->context, "FAILED_PRECONDITION.STATE", "", "the session is open already");                  \
+            return (session)->context->error;                                                                          \
+        }                                                                                                              \
+    } while (0)
+
 /* The place of a setting: a key that was set before is set anew. */
 static setting *place_of(mm_session *session, const char *key)
 {
@@ -1371,7 +1404,7 @@ static mm_result set(mm_session *session, const char *key, setting value)
 
 mm_result mm_set_number(mm_session *session, const char *key, double value)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     if (!isfinite(value)) {
         return invalid(session->context, "the setting '%s' must be finite", key ? key : "");
     }
@@ -1381,21 +1414,21 @@ mm_result mm_set_number(mm_session *session, const char *key, double value)
 
 mm_result mm_set_integer(mm_session *session, const char *key, int64_t value)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     setting made = {.kind = MMI_INTEGER, .integer = value};
     return set(session, key, made);
 }
 
 mm_result mm_set_flag(mm_session *session, const char *key, int value)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     setting made = {.kind = MMI_FLAG, .integer = value != 0};
     return set(session, key, made);
 }
 
 mm_result mm_set_text(mm_session *session, const char *key, const char *value)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     setting made = {.kind = MMI_TEXT};
     if (!value || strlen(value) >= sizeof made.text) {
         return invalid(session->context, "the setting '%s' has no such choice", key ? key : "");
@@ -1406,7 +1439,7 @@ mm_result mm_set_text(mm_session *session, const char *key, const char *value)
 
 mm_result mm_set_label(mm_session *session, const char *label)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     if (!label || strlen(label) >= sizeof session->label) {
         return invalid(session->context, "a label has at most 256 bytes%s", "");
     }
@@ -1416,7 +1449,7 @@ mm_result mm_set_label(mm_session *session, const char *label)
 
 mm_result mm_set_durability(mm_session *session, const char *durability)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     if (!durability || strlen(durability) >= sizeof session->durability) {
         return invalid(session->context, "there is no such durability: '%s'", durability ? durability : "");
     }
@@ -1426,7 +1459,7 @@ mm_result mm_set_durability(mm_session *session, const char *durability)
 
 mm_result mm_set_partition(mm_session *session, int partition, int partitions)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     if (partitions < 1 || partitions > 256 || partition < 0 || partition >= partitions) {
         fail(session->context, "INVALID_ARGUMENT.PARTITION", "", "partitions count from 0, at most 256; got %d of %d",
              partition, partitions);
@@ -1571,7 +1604,7 @@ static outcome open_patiently(mm_session *session)
 
 mm_result mm_open(mm_session *session)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     if (!session->dimension) {
         return invalid(session->context, "mm_points must be called before mm_open%s", "");
     }
@@ -1593,7 +1626,7 @@ static outcome check_has_credentials(mm_session *session)
 
 mm_result mm_join(mm_session *session)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     mm_context *context = session->context;
     double deadline = now() + context->timeout;
     answer probed = {0};
@@ -1691,7 +1724,7 @@ static outcome upload(mm_session *session)
         part.array = rows;
         part.array.item = "rows";
         part.array.rows = left < most ? left : most;
-        part.array.data = (const uint8_t *)rows.data + session->part_row * rows.columns * rows.width;
+        part.array.data = rows.data ? (const uint8_t *)rows.data + session->part_row * rows.columns * rows.width : NULL;
         how = deliver(session, &part, session->context->timeout, &uploaded);
         if (how == DONE) {
             session->part_row += part.array.rows;
@@ -1726,25 +1759,20 @@ static outcome build(mm_session *session)
 /* A mesh that was refused is of no use where it is; the error of the call stays that of the refusal. */
 static void discard_quietly(mm_session *session)
 {
-    mm_context *context = session->context, kept = *context;
+    mm_context *context = session->context;
+    mm_result error = context->error;
+    told kept = context->told;
     answer closed = {0};
-    context->details = (mm_report){0};
-    context->error = MM_OK;
     request close = session_request(session, "CLOSE", "CLOSED");
     add_text(&close, "outcome", "discard");
-    if (session->data.socket) {
-        deliver(session, &close, PROBE_SECONDS, &closed);
-    }
-    mmi_writer_free(&close.fields);
+    context->told.details = (mm_report){0};
+    deliver(session, &close, PROBE_SECONDS, &closed);
     free_answer(&closed);
     disconnect(&session->data);
     session->joined = 0;
-    mmi_report_free(&context->details);
-    context->error = kept.error;
-    context->details = kept.details;
-    memcpy(context->code, kept.code, sizeof kept.code);
-    memcpy(context->message, kept.message, sizeof kept.message);
-    memcpy(context->hint, kept.hint, sizeof kept.hint);
+    mm_clear_error(context);
+    context->error = error;
+    context->told = kept;
 }
 
 static outcome check_joined(mm_session *session)

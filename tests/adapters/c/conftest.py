@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -100,57 +101,52 @@ def installed(tmp_path_factory, zmq_flags):
     return prefix
 
 
-def serve(folder, *options):
-    """A server as it is installed; its endpoint, and what ends it."""
-    ready = folder / "ready.json"
-    lifeline, ours = os.pipe()  # the server ends with the tests, even if they are killed
-    arguments = [
-        "--endpoint",
-        "tcp://127.0.0.1:0",
-        "--state",
-        folder / "state",
-        "--ready-file",
-        ready,
-        "--threads",
-        "1",
-    ]
-    with (folder / "log").open("wb") as log:
-        process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "mesh_motion_server",
-                "serve",
-                "--log-level",
-                "error",
-                *map(str, (*arguments, *options)),
-            ],
-            env=os.environ | {LIFELINE: str(lifeline)},
-            pass_fds=[lifeline],
-            stdout=subprocess.DEVNULL,
-            stderr=log,
-        )
-    os.close(lifeline)
-    deadline = time.monotonic() + PATIENCE
-    while not ready.exists():
-        assert process.poll() is None, (folder / "log").read_text()
-        assert time.monotonic() < deadline, "the server is not ready"
-        time.sleep(0.02)
+class Server:
+    """``mesh-motion serve`` as it is installed; may be killed and started again on the same endpoint."""
 
-    def stop():
-        process.terminate()
-        process.wait(PATIENCE)
-        os.close(ours)
+    def __init__(self, folder, *options):
+        self.folder, self.options, self.endpoint = folder, options, "tcp://127.0.0.1:0"
+        self.start()
 
-    return json.loads(ready.read_text())["endpoint"], stop
+    def start(self):
+        ready = self.folder / "ready.json"
+        ready.unlink(missing_ok=True)
+        lifeline, self._ours = os.pipe()  # the server ends with the tests, even if they are killed
+        arguments = ["--endpoint", self.endpoint, "--state", self.folder / "state", "--ready-file", ready]
+        arguments += ["--threads", "1", *self.options]
+        with (self.folder / "log").open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "mesh_motion_server", "serve", *map(str, arguments)],
+                env=os.environ | {LIFELINE: str(lifeline)},
+                pass_fds=[lifeline],
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+            )
+        os.close(lifeline)
+        deadline = time.monotonic() + PATIENCE
+        while not ready.exists():
+            assert self.process.poll() is None, (self.folder / "log").read_text()
+            assert time.monotonic() < deadline, "the server is not ready"
+            time.sleep(0.02)
+        self.endpoint = json.loads(ready.read_text())["endpoint"]
+
+    def kill_worker(self, session):
+        lines = [json.loads(line) for line in (self.folder / "log").read_text().splitlines()]
+        worker = [e for e in lines if e.get("session") == session and e["event"] in ("open", "resume")][-1]["worker"]
+        os.kill(worker, signal.SIGKILL)
+
+    def stop(self, how=signal.SIGTERM):
+        self.process.send_signal(how)
+        self.process.wait(PATIENCE)
+        os.close(self._ours)
 
 
 @pytest.fixture(scope="session")
 def endpoint(tmp_path_factory):
     """Of a real server."""
-    address, stop = serve(tmp_path_factory.mktemp("server"))
-    yield address
-    stop()
+    server = Server(tmp_path_factory.mktemp("server"), "--log-level", "error")
+    yield server.endpoint
+    server.stop()
 
 
 CELLS, LOW, HIGH, STEPS, ITERATIONS = 16, 6, 10, 4, 3
@@ -204,5 +200,5 @@ def check_example(endpoint, python_answer, tmp_path):
 
 @pytest.fixture(scope="session")
 def tools():
-    """``run``, ``need``, ``serve``: what tests need beside fixtures."""
-    return {"run": run, "need": need, "serve": serve, "source": SOURCE, "here": HERE, "root": ROOT}
+    """``run``, ``need``, ``Server``: what tests need beside fixtures."""
+    return {"run": run, "need": need, "Server": Server, "source": SOURCE, "here": HERE, "root": ROOT}

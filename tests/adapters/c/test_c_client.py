@@ -125,7 +125,8 @@ def test_keys(compiler, tools, tmp_path, check_example):
     admit(str(tmp_path / "alice" / "alice.public"), folder)
     program = compiler.program(tools["source"] / "examples" / "block.c")
     (tmp_path / "served").mkdir()
-    endpoint, stop = tools["serve"](tmp_path / "served", "--keys", folder)
+    server = tools["Server"](tmp_path / "served", "--keys", folder, "--log-level", "error")
+    endpoint = server.endpoint
     try:
 
         def refused(**environment):
@@ -152,7 +153,7 @@ def test_keys(compiler, tools, tmp_path, check_example):
         (tmp_path / "alice" / "alice.secret").chmod(0o644)
         assert "0644" in refused(**keys("alice"))
     finally:
-        stop()
+        server.stop()
 
 
 @contextlib.contextmanager

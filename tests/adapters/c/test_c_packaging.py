@@ -109,3 +109,14 @@ def test_what_is_exported(prefix, tools, request):
     )
     assert names == declared
     assert re.search(r"SONAME\s+libmesh_motion\.so\.1\n", tools["run"](["objdump", "-p", library]))
+
+
+def test_there_is_no_global_state(compiler, tools):
+    """What may be written lies in contexts and sessions: the sections of written data are empty."""
+    for name in ("mesh_motion.c", "mm_wire.c"):
+        source = tools["source"] / "src" / name
+        made = compiler.folder / f"plain_{name}.o"
+        flags = ["-std=c11", f"-I{tools['source'] / 'include'}", *compiler.zmq_flags]
+        tools["run"](["gcc", *flags, "-c", source, "-o", made])
+        sections = re.findall(r"\s\.(data|bss)\s+([0-9a-f]+)", tools["run"](["objdump", "-h", made]))
+        assert {(name, int(size, 16)) for name, size in sections} == {("data", 0), ("bss", 0)}
