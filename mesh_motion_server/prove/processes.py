@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Usage", "descendants", "resident_bytes", "usage_of"]
+__all__ = ["Usage", "command_of", "descendants", "proportional_bytes", "resident_bytes", "threads_of", "usage_of"]
 
 
 @dataclass(frozen=True)
@@ -35,3 +35,25 @@ def resident_bytes(pid: int | None = None) -> int:
     """Memory of a process, by default of this one."""
     words = Path(f"/proc/{pid or 'self'}/statm").read_text(encoding="ascii").split()
     return int(words[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def proportional_bytes(pid: int) -> int:
+    """Memory of a process, of what it shares with others its part; 0 once it has ended."""
+    try:
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return 0
+    return sum(1024 * int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+
+
+def threads_of(pid: int) -> int:
+    """How many threads a process has."""
+    return len(os.listdir(f"/proc/{pid}/task"))
+
+
+def command_of(pid: int) -> str:
+    """Its command line; empty once it has ended."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8", errors="replace").replace("\0", " ")
+    except OSError:
+        return ""

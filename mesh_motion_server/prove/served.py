@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -17,15 +18,17 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self
 
 from mesh_motion_server.prove.check import BrokenPromise
-from mesh_motion_server.prove.processes import descendants
+from mesh_motion_server.prove.processes import command_of, descendants
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.serve import LIFELINE, serve
 
-__all__ = ["Served"]
+__all__ = ["Served", "memory_folder"]
 
 #: Seconds until a server is ready, and until it has ended; a busy machine may need most of them.
 _PATIENCE = 120.0
+#: Bytes: a thousand small sessions and more.
+_ROOM = 2 << 30
 _STAND_IN = Hosting("mesh_motion_server.prove.stand_in_host", numerics="mesh_motion_server.prove.stand_in")
 
 
@@ -84,9 +87,14 @@ class Served:
             time.sleep(0.005)
         return str(json.loads(ready.read_text(encoding="utf-8"))["endpoint"])
 
+    def gateway(self) -> int:
+        """The gateway's process."""
+        (pid,) = [pid for pid in descendants(self.process.pid) if "transport.gateway" in command_of(pid)]
+        return pid
+
     def workers(self) -> set[int]:
-        """Processes of the supervisor: gateway, spare and workers."""
-        return descendants(self.process.pid) - {self.process.pid}
+        """Processes of sessions, and the spare."""
+        return {pid for pid in descendants(self.process.pid) if "transport.worker" in command_of(pid)}
 
     def stop(self) -> None:
         """Drain and end it; idempotent."""
@@ -104,6 +112,12 @@ class Served:
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self.stop()
+
+
+def memory_folder() -> str | None:
+    """Where files cost no disk, for proofs that are not about it; None where the system has no such place."""
+    folder = Path("/dev/shm")
+    return str(folder) if os.access(folder, os.W_OK) and shutil.disk_usage(folder).free > _ROOM else None
 
 
 def main(settings: str, ready_file: str, numerics: str) -> int:

@@ -1,4 +1,7 @@
-"""Sessions of the real service with the stand-in's arithmetic: what a worker is given for proofs of all the rest."""
+"""Sessions of the real service with the stand-in's arithmetic: what a worker is given for proofs of all the rest.
+
+A session whose label begins with ``real`` has the real numerics.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +9,33 @@ from typing import Any
 
 from mesh_motion_server.prove.stand_in import StandIn
 from mesh_motion_server.service import dispatch
+from mesh_motion_server.session.spec import SessionSpec
+from mesh_motion_server.session.store import SessionStore
 
-__all__ = ["SessionHost"]
+__all__ = ["REAL", "SessionHost"]
 
+#: How the label of a session with the real numerics begins.
+REAL = "real"
 #: A model in all that a session asks of it, if not in its types.
-_BUILD_MODEL: Any = StandIn
+_STAND_IN: Any = StandIn
 
 
 class SessionHost(dispatch.SessionHost):
     """A host whose sessions move by :class:`~.stand_in.StandIn`."""
 
     @classmethod
-    def create(cls, *given: Any, **options: Any) -> SessionHost:
+    def create(cls, spec: SessionSpec, store: SessionStore, **options: Any) -> SessionHost:
         """As :meth:`.dispatch.SessionHost.create`."""
-        host: Any = super().create(*given, **{"build_model": _BUILD_MODEL} | options)
+        host: Any = super().create(spec, store, **_model(spec.label) | options)
         return host  # type: ignore[no-any-return]
 
     @classmethod
-    def resume(cls, *given: Any, **options: Any) -> SessionHost:
+    def resume(cls, session: str, token: bytes, store: SessionStore, **options: Any) -> SessionHost:
         """As :meth:`.dispatch.SessionHost.resume`."""
-        host: Any = super().resume(*given, **{"build_model": _BUILD_MODEL} | options)
+        label = store.check_token(session, token).label
+        host: Any = super().resume(session, token, store, **_model(label) | options)
         return host  # type: ignore[no-any-return]
+
+
+def _model(label: str) -> dict[str, Any]:
+    return {} if label.startswith(REAL) else {"build_model": _STAND_IN}

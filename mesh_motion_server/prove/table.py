@@ -10,6 +10,7 @@ from mesh_motion_server.prove import (
     io_faults,
     journal_damage,
     kill_nine,
+    many_sessions,
     named_failpoints,
     network_faults,
     numerical_input,
@@ -36,4 +37,6 @@ CHECKS: tuple[Check, ...] = (
     authorisation_matrix.CHECK,
     network_faults.CHECK,
     numerical_input.CHECK,
+    # how many, how long
+    many_sessions.CHECK,
 )

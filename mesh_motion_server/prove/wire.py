@@ -44,12 +44,11 @@ class Wire:
         self.frames: list[bytes] = []
         self.seconds = 0.0
         self._client, self._numbers = os.urandom(16), itertools.count(1)
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._socket = self._context.socket(zmq.DEALER)
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
         if keys is not None:
             keys.protect(self._socket)
-        self._events = self._socket.get_monitor_socket(_REFUSALS)
+        self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(_REFUSALS)
         self._socket.connect(endpoint)
 
     def request(self, kind: Callable[..., Message], **fields: Any) -> Message:
@@ -88,7 +87,6 @@ class Wire:
         self._socket.disable_monitor()
         self._events.close()
         self._socket.close()
-        self._context.term()
 
     def __enter__(self) -> Self:
         return self

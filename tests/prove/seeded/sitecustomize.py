@@ -124,6 +124,7 @@ def users_who_name_themselves() -> None:
     Everybody.roles = lambda self, key: ("owner",)
 
 
+<<<<<<< HEAD
 # --- failpoints ---
 
 
@@ -202,6 +203,62 @@ def a_worker_that_hangs_where_it_fails() -> None:
     from mesh_motion_server.service import execution
 
     execution.known_error = lambda error: time.sleep(3600)
+=======
+# --- many sessions ---
+
+
+@fault
+def one_reply_store_for_all_sessions() -> None:
+    import os
+    import pickle
+    from pathlib import Path
+
+    from mesh_motion_server.session.replies import ReplyTable
+
+    folder, find, store = Path(os.environ["SEEDED_FOLDER"]), ReplyTable.find, ReplyTable.store
+
+    def path(request):
+        return folder / f"{request.client.hex()}-{request.sequence}"
+
+    def found(self, request):
+        known = find(self, request)
+        if known is None and path(request).exists():
+            return pickle.loads(path(request).read_bytes())
+        return known
+
+    def stored(self, request, reply, nbytes=0):
+        store(self, request, reply, nbytes)
+        if reply is not None and reply.type == "MOVED":
+            part = path(request).with_suffix(f".{os.getpid()}")
+            part.write_bytes(pickle.dumps(reply))
+            part.replace(path(request))
+
+    ReplyTable.find, ReplyTable.store = found, stored
+
+
+@fault
+def tokens_that_nobody_looks_at() -> None:
+    from mesh_motion_server.session.spec import StoredSpec
+    from mesh_motion_server.transport.registry import Registry
+
+    StoredSpec.admits = lambda self, token: True
+    Registry.authorised = lambda self, session, token: self.live.get(session)
+
+
+@fault
+def workers_that_stay() -> None:
+    from mesh_motion_server.service.dispatch import SessionHost
+
+    SessionHost.closed = property(lambda self: False, lambda self, value: None)
+
+
+@fault
+def the_reference_mesh_after_a_resume() -> None:
+    from mesh_motion_server.session import session
+    from mesh_motion_server.session.state import CommittedState
+
+    session._restore = lambda journal, mesh: CommittedState(journal.ledger.step, mesh.points)
+>>>>>>> b28cc7e (A row for many sessions, live and at rest)
 
 
 for name in filter(None, os.environ.get("SEEDED_FAULTS", "").split(",")):
