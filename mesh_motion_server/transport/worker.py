@@ -298,9 +298,11 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
             channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
             return 1
         failpoint("worker.bound")
+        # The worker watches connections from before anybody knows of the endpoint: one that it has not seen come about
+        # would keep no lease.
+        worker = Worker(channel, socket, host, settings, Rights(protection, order["owner"]))
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
-        worker = Worker(channel, socket, host, settings, Rights(protection, order["owner"]))
         try:
             worker.run(signals)
         finally:

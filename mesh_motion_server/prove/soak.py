@@ -1,0 +1,236 @@
+"""Steps without end: memory, descriptors, threads and files of every process stay what they were.
+
+A client process moves three sessions over the real wire (:mod:`.soak_client`), in portions; between two of them the
+resident memory of supervisor, gateway, each session's worker and the client is read. A leak is a slope of the second
+half: that of Theil and Sen, the median of the slopes between all pairs of readings, which single jumps do not disturb.
+
+What a process takes up is read in pages and pools of some kilobytes, so that few steps show large leaks only: a slope
+counts from 1 MB in 100 000 steps on, and from what the resolution of the readings makes of the steps that were fitted.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.prove.check import BrokenPromise, Budget, Check, Result, require
+from mesh_motion_server.prove.processes import resident_bytes, threads_of, usage_of
+from mesh_motion_server.prove.served import Served, memory_folder
+
+__all__ = ["CHECK", "Reading", "Soak", "allowed_slope", "judge", "slope"]
+
+#: Readings of the process table in a run, and steps between two of them at least.
+_READINGS, _LEAST_STEPS = 60, 25
+#: Bytes a step: 1 MB in 100 000 steps.
+_TARGET_SLOPE = 10.0
+#: By so much the readings of a process that leaks nothing may drift over the steps that are fitted, bytes.
+_RESOLUTION = 192 << 10
+#: Files of the state folder may take so much more than at the first reading: a manifest's successor, a session.
+_MOST_STORED = 8 << 20
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What one process holds after so many steps."""
+
+    steps: int
+    resident_bytes: int
+    files: int
+    threads: int
+
+
+class Soak:
+    """A server and a client under way.
+
+    Attributes
+    ----------
+    readings : dict
+        By process: "supervisor", "gateway", "client", and the workers of the three sessions.
+    stored : list of int
+        Bytes of the state folder at each reading.
+    done : dict
+        What the client has done, by name.
+    """
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self._state = folder / "state"
+        self._server = Served(folder, lease_seconds=60.0, idle_seconds=60.0)
+        self.done: dict[str, int] = {}
+        self.readings: dict[str, list[Reading]] = {}
+        self.stored: list[int] = []
+        try:
+            before = self._server.workers()
+            self._client = self._start(seed)
+            self._pids = self._name(before)
+        except BaseException:
+            self._server.stop()
+            raise
+
+    def _start(self, seed: int) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "mesh_motion_server.prove.soak_client", self._server.endpoint, str(seed)]
+        client = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._hear(client)
+        return client
+
+    def _name(self, before: set[int]) -> dict[str, int]:
+        """Processes that stay: those of the three sessions are the first ones, the spare is the last."""
+        workers = sorted(before | self._server.workers(), key=_started)[:3]
+        named = {f"worker {number}": pid for number, pid in enumerate(workers, start=1)}
+        return {
+            "supervisor": self._server.process.pid,
+            "gateway": self._server.gateway(),
+            "client": self._client.pid,
+        } | named
+
+    def _hear(self, client: subprocess.Popen[str]) -> None:
+        """What the client has done by now."""
+        assert client.stdout is not None
+        line = client.stdout.readline()
+        require(line, "the soaking client has ended by itself")
+        self.done = {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
+
+    def go(self, steps: int) -> None:
+        """So many steps, then a reading."""
+        assert self._client.stdin is not None
+        self._client.stdin.write(f"{steps}\n")
+        self._client.stdin.flush()
+        self._hear(self._client)
+        for name, pid in self._pids.items():
+            self.readings.setdefault(name, []).append(self._read(name, pid))
+        self.stored.append(sum(path.stat().st_size for path in _files(self._state)))
+
+    def _read(self, name: str, pid: int) -> Reading:
+        try:
+            return Reading(self.done["steps"], resident_bytes(pid), usage_of(pid).files, threads_of(pid))
+        except OSError:
+            raise BrokenPromise(f"{name} has ended after {self.done['steps']} steps") from None
+
+    def close(self) -> None:
+        """End both."""
+        self._client.stdin.close() if self._client.stdin is not None else None
+        try:
+            self._client.wait(30)
+        except subprocess.TimeoutExpired:
+            self._client.kill()
+            self._client.wait()
+        self._server.stop()
+
+
+def _started(pid: int) -> int:
+    """When a process was started, in the clock's ticks."""
+    return int(Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[19])
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for root, _, names in os.walk(folder):
+        yield from (path for path in (Path(root) / name for name in names) if path.exists())
+
+
+# --- judging ---
+
+
+def slope(steps: Sequence[int], values: Sequence[float]) -> float:
+    """The median of the slopes between all pairs (Theil 1950, Sen 1968)."""
+    x, y = np.asarray(steps, dtype=float), np.asarray(values, dtype=float)
+    i, j = np.triu_indices(len(x), 1)
+    slopes: NDArray[np.float64] = (y[j] - y[i]) / (x[j] - x[i])
+    return float(np.median(slopes))
+
+
+def allowed_slope(fitted_steps: int) -> float:
+    """Bytes a step that so many fitted steps can tell from nothing, the target at least."""
+    return max(_TARGET_SLOPE, _RESOLUTION / max(1, fitted_steps))
+
+
+def judge(readings: dict[str, list[Reading]], stored: Sequence[int]) -> dict[str, float]:
+    """The slope of each process's memory in its second half, bytes a step.
+
+    Raises
+    ------
+    BrokenPromise
+        If one is too steep, or descriptors, threads or files grow.
+    """
+    slopes = {}
+    for name, all_of_them in readings.items():
+        half = all_of_them[len(all_of_them) // 2 :]
+        steps = [reading.steps for reading in half]
+        slopes[name] = slope(steps, [reading.resident_bytes for reading in half])
+        allowed = allowed_slope(steps[-1] - steps[0])
+        require(
+            slopes[name] <= allowed,
+            f"{name} grows by {slopes[name] / 10:.2f} MB in 100 000 steps, more than {allowed / 10:.2f}",
+        )
+        for what in ("files", "threads"):
+            counts = [getattr(reading, what) for reading in all_of_them]
+            early, late = max(counts[: len(counts) // 2]), min(counts[-len(counts) // 4 :])
+            require(late <= early, f"{name} has {late} {what} or more at the end, {early} at most in its first half")
+    grown = max(stored) - stored[0]
+    require(grown < _MOST_STORED, f"the state folder grows by {grown} bytes")
+    return slopes
+
+
+# --- the row ---
+
+
+@contextmanager
+def soaking(seed: int) -> Iterator[Soak]:
+    """A soak in a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-", dir=memory_folder()) as folder:
+        soak = Soak(Path(folder), seed)
+        try:
+            yield soak
+        finally:
+            soak.close()
+
+
+def run(seed: int, budget: Budget) -> Result:
+    """So many steps."""
+    with soaking(seed) as soak:
+        start, portion = time.monotonic(), max(_LEAST_STEPS, budget.count // _READINGS)
+        while budget.admits(soak.done.get("steps", 0)) or len(soak.stored) < 8:
+            soak.go(portion)
+        seconds = time.monotonic() - start
+    slopes = judge(soak.readings, soak.stored)
+    return _result(soak, slopes, seconds)
+
+
+def _result(soak: Soak, slopes: dict[str, float], seconds: float) -> Result:
+    steps = soak.done["steps"]
+    first = soak.readings["client"][len(soak.readings["client"]) // 2].steps
+    details: dict[str, Any] = {
+        "done": soak.done,
+        "steps_per_second": steps / seconds,
+        "slopes_mb_in_100000_steps": {name: value / 10 for name, value in slopes.items()},
+        "allowed_mb_in_100000_steps": allowed_slope(steps - first) / 10,
+        "resident_bytes": {name: readings[-1].resident_bytes for name, readings in soak.readings.items()},
+        "files": {name: readings[-1].files for name, readings in soak.readings.items()},
+        "threads": {name: readings[-1].threads for name, readings in soak.readings.items()},
+        "stored_bytes": [soak.stored[0], max(soak.stored)],
+    }
+    worst = max(slopes, key=lambda name: slopes[name])
+    got = (
+        f"{steps} steps, {steps / seconds:.0f}/s, steepest {slopes[worst] / 10:+.2f} MB/10⁵ ({worst}), "
+        f"told from {details['allowed_mb_in_100000_steps']:.1f}"
+    )
+    return Result(got, True, details)
+
+
+CHECK = Check(
+    "soak",
+    "{count} steps: no process grows by 1 MB in 10⁵ steps, nor files",
+    short=3000,
+    full=1_000_000,
+    seconds=40,
+    run=run,
+)

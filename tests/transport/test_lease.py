@@ -1,0 +1,92 @@
+"""The lease of a worker: who connects as soon as the endpoint is known keeps it."""
+
+import socket
+import threading
+import time
+
+import pytest
+import zmq
+import zmq.utils.monitor
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.messages import Ping
+
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport import worker
+
+
+class Line:
+    """The supervisor's end, in this process: whoever waits for the endpoint connects before anything else happens."""
+
+    def __init__(self, connect):
+        self.connect, self.events = connect, []
+        self.here, self.there = socket.socketpair()
+        self.fileno = self.there.fileno
+
+    def send(self, event):
+        self.events.append(event)
+        if event["event"] == "serving":
+            self.connect(event["endpoint"])
+
+    def receive(self):
+        self.there.recv(1)
+        return {"order": "drain"}
+
+    def drain(self):
+        self.here.send(b"d")
+
+    def close(self):
+        self.here.close()
+        self.there.close()
+
+
+class Host:
+    """A session that waits."""
+
+    label, partitions, epoch, state, step = "", 1, 1, "NEW", 0
+    closed, next_deadline = False, None
+
+    def __init__(self):
+        self.suspended = False
+
+    def suspend(self):
+        self.suspended = True
+        return []
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def dealer():
+    with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+        dealer.linger = 0
+        yield dealer
+
+
+def test_a_connection_made_at_once_keeps_the_lease(dealer, tmp_path, monkeypatch):
+    def connect(endpoint):
+        events = dealer.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
+        dealer.connect(endpoint)
+        assert events.poll(30_000)
+        dealer.disable_monitor()
+        events.close()
+
+    host, line = Host(), Line(connect)
+    signals, _other = socket.socketpair()
+    monkeypatch.setattr(worker, "limit_address_space", lambda allowance: None)
+    monkeypatch.setattr(worker, "limit_descriptors", lambda count: None)
+    monkeypatch.setattr(worker, "_host", lambda *given: host)
+    settings = ServerSettings(state_folder=tmp_path, lease_seconds=0.1, idle_seconds=0.3)
+    order = {"order": "create", "endpoint": "tcp://127.0.0.1:0", "owner": "", "settings": settings.model_dump_json()}
+    serving = threading.Thread(target=worker._serve, args=(line, order, None, str, signals), daemon=True)
+    serving.start()
+    time.sleep(1.0)  # three times what would end it
+    dealer.send_multipart(encode(Ping(client=b"c" * 16, sequence=1)), zmq.NOBLOCK)
+    assert dealer.poll(10_000), "the worker has ended"
+    assert decode(dealer.recv_multipart()).type == "PONG"
+    assert not host.suspended
+    line.drain()
+    serving.join(30)
+    line.close()
+    signals.close()
+    _other.close()
