@@ -124,7 +124,6 @@ def users_who_name_themselves() -> None:
     Everybody.roles = lambda self, key: ("owner",)
 
 
-<<<<<<< HEAD
 # --- failpoints ---
 
 
@@ -203,7 +202,8 @@ def a_worker_that_hangs_where_it_fails() -> None:
     from mesh_motion_server.service import execution
 
     execution.known_error = lambda error: time.sleep(3600)
-=======
+
+
 # --- many sessions ---
 
 
@@ -258,7 +258,6 @@ def the_reference_mesh_after_a_resume() -> None:
     from mesh_motion_server.session.state import CommittedState
 
     session._restore = lambda journal, mesh: CommittedState(journal.ledger.step, mesh.points)
->>>>>>> b28cc7e (A row for many sessions, live and at rest)
 
 
 for name in filter(None, os.environ.get("SEEDED_FAULTS", "").split(",")):
