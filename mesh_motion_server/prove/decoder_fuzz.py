@@ -21,7 +21,7 @@ from mesh_motion_server.prove.mutations import golden_frames, mutated
 from mesh_motion_server.prove.processes import resident_bytes
 from mesh_motion_server.transport.replies import undecodable
 
-__all__ = ["CHECK", "outcome_of"]
+__all__ = ["CHECK", "memory_in_use", "outcome_of"]
 
 #: What the process may grow by.
 _MOST_GROWTH = 5 << 20
@@ -52,7 +52,7 @@ def outcome_of(frames: list[bytes]) -> str:
     return message.type
 
 
-def _memory() -> int:
+def memory_in_use() -> int:
     """Bytes of this process, without what nobody refers to any more, where the allocator can give it back (glibc)."""
     gc.collect()
     with suppress(OSError, AttributeError):
@@ -76,12 +76,12 @@ def run(seed: int, budget: Budget) -> Result:
     for number in range(min(_WARM_UP, budget.count // 4)):
         _one(golden, random, -number)
     outcomes: Counter[str] = Counter()
-    before, done, start = _memory(), 0, time.monotonic()
+    before, done, start = memory_in_use(), 0, time.monotonic()
     while done % 1000 or budget.admits(done):
         outcomes[_one(golden, random, done)] += 1
         done += 1
     rate = done / (time.monotonic() - start)
-    growth = _memory() - before
+    growth = memory_in_use() - before
     accepted = sum(count for name, count in outcomes.items() if name not in ERROR_CODES)
     details = {
         "messages": done,

@@ -182,15 +182,15 @@ def _visiting(state: str, operation: str, value: int) -> Action:
     return Action(operation, 0 if operation in ("LEASE_END", "CLOSE") else ALL, "", value)
 
 
-def _tell(life: Life, protection: Protection, error: Exception, found: Sequence[BaseException]) -> Exception:
+def _tell(life: Life, protection: Protection, error: Exception, found: Sequence[str]) -> Exception:
     """The error of the shortest sequence that fails too, which it names."""
     short = life.shortened(protection)
     try:
         short.play(protection)
     except Exception as again:
         error = again
-    for inner in list(found)[-1:]:
-        error.add_note(f"(the server's {type(inner).__name__}: {inner})")
+    for inner in found[-1:]:
+        error.add_note(f"(in the server: {inner})")
     error.add_note(f"(replay: {short})")
     return error
 
@@ -206,7 +206,7 @@ def run(seed: int, budget: Budget) -> Result:
             try:
                 operations += life.grow(protection, random, visited)
             except Exception as error:
-                raise _tell(life, protection, error, found) from None
+                raise _tell(life, protection, error, list(found)) from None
             kinds.update([f"{life.partitions} partitions", "the numerics" if life.real else "the stand-in"])
             done += 1
     cells = visited & CELLS
@@ -225,7 +225,7 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "state-machine",
     "{count} lives go as SPEC.md says, every state × operation",
-    short=200,
+    short=150,
     full=2000,
     seconds=20,
     run=run,

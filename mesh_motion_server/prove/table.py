@@ -7,6 +7,7 @@ from mesh_motion_server.prove import (
     authorisation_matrix,
     conformance,
     decoder_fuzz,
+    handler_fuzz,
     io_faults,
     journal_damage,
     kill_nine,
@@ -33,6 +34,7 @@ CHECKS: tuple[Check, ...] = (
     # what comes in
     conformance.CHECK,
     decoder_fuzz.CHECK,
+    handler_fuzz.CHECK,
     attacked_server.CHECK,
     authorisation_matrix.CHECK,
     network_faults.CHECK,

@@ -97,7 +97,7 @@ class ReplyTable(Generic[T]):
                 f"request {request.sequence} is older than the replies kept ({client.floor + 1} and later)",
                 code="ABORTED.STALE",
                 hint="number new requests upwards; ask STATUS where the session stands",
-                details={"sequence": request.sequence, "oldest": client.floor + 1},
+                details={"sequence": request.sequence, "oldest": min(client.floor + 1, 2**63 - 1)},
             )
         return None
 

@@ -42,6 +42,16 @@ def test_what_was_dropped_is_stale() -> None:
     assert caught.value.details == {"sequence": 2, "oldest": 3}
 
 
+def test_behind_the_largest_number_there_is_none() -> None:
+    """Found by the handlers' fuzz: the detail did not fit into 64 bits, and its reply into no header."""
+    table: ReplyTable[str] = ReplyTable(1, 1000)
+    for sequence in (2**63 - 1, 5):
+        table.store(ask(sequence), "reply")
+    with pytest.raises(SessionError) as caught:
+        table.find(ask(6))
+    assert caught.value.details == {"sequence": 6, "oldest": 2**63 - 1}
+
+
 def test_bytes_are_bounded_but_each_client_keeps_its_newest() -> None:
     table: ReplyTable[str] = ReplyTable(10, 100)
     for sequence in range(1, 8):
