@@ -7,7 +7,7 @@ refused with one line that names the key, the value and what was expected.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -18,8 +18,9 @@ from mesh_motion_server.numerics.method import CHOICES, Method
 
 __all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability"]
 
-#: Durability levels this version offers, the default first; the protocol also knows "replay" and "relaxed".
-DURABILITY_LEVELS = ("full",)
+_Level = Literal["full", "replay", "relaxed"]
+#: Durability levels that a server offers unless it is told otherwise, the default first.
+DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")
 
 _Length = Annotated[float, Field(gt=0)]
 _File = Annotated[Path | None, Field(strict=False)]
@@ -102,6 +103,10 @@ class ServerSettings(_Strict):
     host of data endpoints in place of the one listened on; ``"0.0.0.0"`` stands for the host by which a client has
     reached the control endpoint. Both are for tcp.
 
+    ``durability`` lists the levels that OPEN may ask for, the default first; sessions stored at others are resumed all
+    the same. With level "replay" a state is stored every ``snapshot_steps`` commits: so many moves at most are computed
+    again when a session is resumed after a crash.
+
     ``distributed`` is the Dask scheduler of the cluster that holds the meshes' partitions (as many as
     ``distributed_partitions``, 0: one a worker). Whoever reaches that scheduler can run code on the cluster: only the
     operator names it, and ``tls://`` with the three files protects it.
@@ -122,6 +127,8 @@ class ServerSettings(_Strict):
     factor_cache_bytes: Annotated[int, Field(ge=0)] = 1 << 30
     stored_replies: Annotated[int, Field(ge=1)] = 8
     stored_reply_bytes: Annotated[int, Field(ge=1 << 10)] = 32 << 20
+    durability: Annotated[list[_Level], Field(min_length=1)] = list(DURABILITY_LEVELS)
+    snapshot_steps: Annotated[int, Field(ge=1, le=100_000)] = 50
     threads: Annotated[int, Field(ge=0)] = 0
     collective_timeout_seconds: _Length = 120.0
     lease_seconds: _Length = 60.0
@@ -139,6 +146,13 @@ class ServerSettings(_Strict):
     distributed_tls_ca_file: _File = None
     distributed_tls_certificate: _File = None
     distributed_tls_key: _File = None
+
+    @field_validator("durability")
+    @classmethod
+    def _each_once(cls, value: list[str]) -> list[str]:
+        if len(set(value)) < len(value):
+            raise ValueError("each level once")
+        return value
 
     def limits(self) -> dict[str, int]:
         """What WELCOME announces: names and units as in SPEC.md."""
@@ -160,22 +174,22 @@ class ServerSettings(_Strict):
         }
 
 
-def check_durability(level: str) -> str:
+def check_durability(level: str, offered: Sequence[str] = DURABILITY_LEVELS) -> str:
     """The level in force: ``""`` asks for the default.
 
     Raises
     ------
     InvalidInput
-        If this version does not offer the level.
+        If the level is not offered.
     """
-    if level and level not in DURABILITY_LEVELS:
+    if level and level not in offered:
         raise InvalidInput(
-            f"durability: {level!r} is not offered; offered are {', '.join(DURABILITY_LEVELS)}",
+            f"durability: {level!r} is not offered; offered are {', '.join(offered)}",
             code="INVALID_ARGUMENT.VALUE",
             hint="leave it empty for the default",
             details={"field": "durability", "value": level},
         )
-    return level or DURABILITY_LEVELS[0]
+    return level or offered[0]
 
 
 def _first_offender(error: ValidationError, model: type[BaseModel]) -> InvalidInput:

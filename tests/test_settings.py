@@ -114,6 +114,15 @@ def test_server_settings_are_as_strict(values: dict[str, Any]) -> None:
 
 def test_durability() -> None:
     assert check_durability("") == DURABILITY_LEVELS[0] == check_durability("full") == "full"
-    for level in ("replay", "relaxed", "FULL"):
-        with pytest.raises(InvalidInput, match="offered are full"):
-            check_durability(level)
+    with pytest.raises(InvalidInput, match="offered are full, replay, relaxed"):
+        check_durability("FULL")
+
+
+def test_a_server_offers_the_levels_that_it_is_told_to() -> None:
+    offered = ServerSettings.from_mapping({"durability": ["relaxed", "full"]}).durability
+    assert (check_durability("", offered), check_durability("full", offered)) == ("relaxed", "full")
+    with pytest.raises(InvalidInput, match="'replay' is not offered; offered are relaxed, full"):
+        check_durability("replay", offered)
+    for wrong in ([], ["none"], ["full", "full"], "full"):
+        with pytest.raises(InvalidInput, match="durability"):
+            ServerSettings.from_mapping({"durability": wrong})

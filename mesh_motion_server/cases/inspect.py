@@ -95,8 +95,9 @@ def _overview(folder: Path, found: list[Inspection]) -> Table:
 def _details(inspection: Inspection) -> Table:
     """All about one session."""
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name in ("session", "label", "state", "step", "epoch", "dimension", "partitions", "nodes", "digest"):
-        table.add_row(name, str(getattr(inspection, name)))
+    names = ("session", "label", "state", "durability", "step", "stored_step", "epoch", "dimension")
+    for name in (*names, "partitions", "nodes", "digest"):
+        table.add_row(name.replace("_", " "), str(getattr(inspection, name)))
     table.add_row("settings", ", ".join(f"{key} = {value}" for key, value in inspection.settings.items()))
     for check in inspection.checks:
         table.add_row("check", f"{check.name}: {'verified' if check.passed else check.message}")

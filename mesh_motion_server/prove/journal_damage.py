@@ -1,7 +1,8 @@
-"""Every byte of a small journal is damaged, one at a time: the damage is told or harmless, never a wrong array."""
+"""Every byte of a small journal of each level is damaged, one at a time: told or harmless, never a wrong array."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,11 @@ import numpy as np
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.model_files import ModelFiles
-from mesh_motion_server.prove.power_loss import entry_of, state_of
+from mesh_motion_server.prove.power_loss import boundary_of, entry_of, foundation_of, state_of
+from mesh_motion_server.session.durability import ReplayKeeper
 from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.ledger import Foundation
 from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.settings import DURABILITY_LEVELS
 
 __all__ = ["CHECK", "damage", "read_back", "small_journal"]
 
@@ -23,15 +25,23 @@ STEPS = 3
 _TOLD = ("DATA_LOSS", "UNIMPLEMENTED.VERSION")
 
 
-def small_journal() -> dict[Path, bytes]:
-    """The files of a journal of three steps."""
+def small_journal(level: str = "full") -> dict[Path, bytes]:
+    """The files of a journal of three steps; with "replay" the second state is stored, with "relaxed" the first too."""
     files = ModelFiles()
-    nodes, dimension = state_of(1).shape
-    foundation = Foundation("0" * 32, b"s" * 32, b"m" * 32, nodes, dimension, PAGE)
+    foundation = replace(foundation_of(level), record_area=PAGE, snapshot_steps=2 * (level == "replay"))
     journal = Journal.create(FOLDER, files, foundation, capacity=(STEPS + 1) * PAGE)
-    for step in range(1, STEPS + 1):
-        journal.commit(entry_of(step), state_of(step))
+    if level == "relaxed":
+        journal.store(entry_of(1), state_of(1))
+        journal.store(entry_of(3), state_of(3), [entry_of(2)])
+    elif level == "replay":
+        keeper = ReplayKeeper(journal)
+        for step in range(1, STEPS + 1):
+            keeper.commit(entry_of(step), state_of(step), lambda step=step: boundary_of(step))  # type: ignore[misc]
+    else:
+        for step in range(1, STEPS + 1):
+            journal.store(entry_of(step), state_of(step))
     journal.close()
+    Journal.open(FOLDER, files).close()  # at rest: the last record is witnessed
     return {path: bytes(file.cache) for path, file in files.entries.items()}
 
 
@@ -55,13 +65,18 @@ def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of))
     files.restore(contents)
     try:
         journal = Journal.open(next(iter(contents)).parent, files)
+        snapshot = journal.ledger.snapshot
+        points: Any = journal.read_state() if snapshot else None
     except JournalError as error:
         require(error.code.startswith(_TOLD), f"damage is told as {error.code}")
         return -1
-    step = journal.ledger.step
-    require(not step or np.array_equal(journal.read_state(), state(step)), f"a wrong array is read as step {step}")
-    require(all(commit == entry(commit.step) for commit in journal.ledger.commits), "a wrong reply is read")
-    return step
+    ledger = journal.ledger
+    if snapshot is not None:
+        require(np.array_equal(points, state(snapshot.step)), f"a wrong array is read as step {snapshot.step}")
+    replies = [replace(commit, boundary=None) for commit in ledger.commits]
+    require(all(commit == entry(commit.step) for commit in replies), "a wrong reply is read")
+    require(all(commit.boundary == boundary_of(commit.step) for commit in ledger.logged), "a wrong input is read")
+    return ledger.step
 
 
 def damage(contents: dict[Path, bytes], path: Path, offset: int, bit: int) -> int:
@@ -71,23 +86,31 @@ def damage(contents: dict[Path, bytes], path: Path, offset: int, bit: int) -> in
     return read_back(contents | {path: bytes(damaged)})
 
 
+def _damage_each(contents: dict[Path, bytes], shift: int, level: str) -> list[int]:
+    """What is read after each byte's damage."""
+    found = []
+    for path, data in contents.items():
+        for offset in range(len(data)):
+            try:
+                found.append(damage(contents, path, offset, (shift + offset) % 8))
+                require(found[-1] in (-1, STEPS), f"step {found[-1]} is read of {STEPS}")
+            except Exception as error:
+                error.add_note(f"({level}, {path.name}, byte {offset}, bit {(shift + offset) % 8})")
+                raise
+    return found
+
+
 def run(seed: int, budget: Budget) -> Result:
     """One bit of every byte in each round, another one in the next."""
-    contents = small_journal()
+    journals = {level: small_journal(level) for level in DURABILITY_LEVELS}
     told = harmless = rounds = 0
     while not rounds or budget.admits(rounds):
-        for path, data in contents.items():
-            for offset in range(len(data)):
-                try:
-                    step = damage(contents, path, offset, (seed + rounds + offset) % 8)
-                    require(step in (-1, STEPS), f"step {step} is read of {STEPS}")
-                except Exception as error:
-                    error.add_note(f"({path.name}, byte {offset}, round {rounds})")
-                    raise
-                told += step == -1
-                harmless += step == STEPS
+        for level, contents in journals.items():
+            found = _damage_each(contents, seed + rounds, level)
+            told += found.count(-1)
+            harmless += found.count(STEPS)
         rounds += 1
-    size = sum(map(len, contents.values()))
+    size = sum(len(data) for contents in journals.values() for data in contents.values())
     got = f"{size} bytes × {rounds}: {told} told, {harmless} harmless, 0 wrong"
     passed = bool(told and harmless)
     return Result(got, passed, {"bytes": size, "rounds": rounds, "told": told, "harmless": harmless, "wrong": 0})
@@ -95,9 +118,9 @@ def run(seed: int, budget: Budget) -> Result:
 
 CHECK = Check(
     "journal-damage",
-    "every byte of a journal damaged × {count}: never a wrong array",
+    "every byte of 3 journals damaged × {count}: never a wrong array",
     short=1,
     full=8,
-    seconds=15,
+    seconds=40,
     run=run,
 )

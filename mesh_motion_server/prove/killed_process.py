@@ -1,11 +1,12 @@
-"""Commits for ever and is killed, again and again: ``python -m mesh_motion_server.prove.killed_process FOLDER``.
+"""Commits for ever and is killed, again and again: ``python -m mesh_motion_server.prove.killed_process FOLDER LEVEL``.
 
 For each line of standard input, a number of seconds, a process is forked that resumes the session in FOLDER (or opens
 it) and commits step after step, until it is killed by SIGKILL that long after the fork. What it was answered goes to
 standard output, a line each, as soon as it is known::
 
     resumed STEP SECONDS     the session is there, so long after the fork
-    reply STEP HEX           the COMMITTED frame of a step: for the step resumed at it is asked for once more
+    reply STEP DURABLE HEX   the COMMITTED frame of a step, and its durable step, which in the frame is the step; for
+                             the step resumed at it is asked for once more
     killed
     failed WHY               instead of any of these, and then
     ended STATUS             it was not killed, but ended by itself
@@ -19,6 +20,7 @@ import os
 import signal
 import sys
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,22 +33,28 @@ from mesh_motion_server.prove.driver import Driver, make_driver, resume
 from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.settings import ServerSettings
 
-__all__ = ["commit_of", "final_points", "open_session", "run_to"]
+__all__ = ["Reply", "commit_of", "final_points", "open_session", "run_to"]
+
+#: Durable step and frame of a COMMITTED.
+Reply = tuple[int, bytes]
 
 #: The client whose sequence numbers are the steps, so that the same commit is the same request in every life.
 COMMITTER = b"the committer..."
+#: States are stored so often that many lives end on either side of one.
+_LIMITS = ServerSettings(snapshot_steps=8)
 
 
-def open_session(store: SessionStore, life: int) -> Driver:
-    """The stored session, or a new one where none was built yet."""
+def open_session(store: SessionStore, life: int, level: str = "full") -> Driver:
+    """The stored session, or a new one of this level of durability where none was built yet."""
     store.sweep()
     try:
-        driver = Driver(resume(store), [grid_mesh()])
+        driver = Driver(resume(store, limits=_LIMITS), [grid_mesh()])
     except SessionError as error:
         if error.code != "NOT_FOUND":
             raise
-        driver = make_driver(store, [grid_mesh()])
+        driver = make_driver(store, [grid_mesh()], spec={"durability": level}, limits=_LIMITS)
         driver.open()
         return driver
     driver.sequences = [1_000_000_000 * (life + 1)]
@@ -54,14 +62,20 @@ def open_session(store: SessionStore, life: int) -> Driver:
     return driver
 
 
-def commit_of(driver: Driver, step: int) -> bytes:
-    """Ask for the commit of a step, which may be committed already; the reply's frame."""
+def commit_of(driver: Driver, step: int) -> Reply:
+    """Ask for the commit of a step, which may be committed already.
+
+    How far the disk has got when a commit is answered is another matter in each life: the frame is that of a reply
+    which says that the step itself is durable.
+    """
     request = driver.request(Commit, client=COMMITTER, sequence=step, step=step)
     (reply,) = driver.send(request)
-    return b"".join(bytes(frame) for frame in encode(reply))
+    require(reply.type == "COMMITTED", f"COMMIT of step {step} was answered {reply}")
+    frames = encode(replace(reply, durable_step=reply.step))
+    return reply.durable_step, b"".join(bytes(frame) for frame in frames)
 
 
-def run_to(driver: Driver, last: int) -> dict[int, bytes]:
+def run_to(driver: Driver, last: int) -> dict[int, Reply]:
     """Move and commit up to a step; the replies."""
     replies = {}
     while driver.host.step < last:
@@ -83,17 +97,21 @@ def final_points(driver: Driver) -> Any:
     return np.asarray(driver.ask(Fetch).points)
 
 
-def live(folder: str, life: int) -> None:
+def live(folder: str, life: int, level: str) -> None:
     """One life, until it is killed."""
     start = time.monotonic()
-    driver = open_session(SessionStore(folder), life)
+    driver = open_session(SessionStore(folder), life, level)
     step = driver.host.step
     _say(f"resumed {step} {time.monotonic() - start:.6f}")
     if step:
-        _say(f"reply {step} {commit_of(driver, step).hex()}")
+        _say(_line(step, commit_of(driver, step)))
     while True:
         for done, reply in run_to(driver, driver.host.step + 1).items():
-            _say(f"reply {done} {reply.hex()}")
+            _say(_line(done, reply))
+
+
+def _line(step: int, reply: Reply) -> str:
+    return f"reply {step} {reply[0]} {reply[1].hex()}"
 
 
 def _say(line: str) -> None:
@@ -101,16 +119,17 @@ def _say(line: str) -> None:
     os.write(1, line.encode() + b"\n")
 
 
-def main(folder: str) -> None:
+def main(folder: str, level: str) -> None:
     """Fork, wait, kill; whatever a life would load first has been loaded by then."""
     rehearsal = make_driver(SessionStore("/rehearsal", files=ModelFiles()), [grid_mesh()])
     rehearsal.open()
     run_to(rehearsal, 3)
+    rehearsal.host.close()
     for life, seconds in enumerate(sys.stdin):
         child = os.fork()
         if not child:
             try:
-                live(folder, life)
+                live(folder, life, level)
             except Exception as error:
                 _say(f"failed {type(error).__name__}: {error}")
             finally:
@@ -122,4 +141,4 @@ def main(folder: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

@@ -1,9 +1,11 @@
-"""Power is lost between any two operations of the real journal: no acknowledged step, reply or epoch may vanish.
+"""Power is lost between any two operations of the real journal: nothing that was promised may vanish.
 
-A journal lives by a random script on the model file system: it is built, commits, raises its epoch, fills its manifest
-and is opened again. Before each of its operations the world is copied and power is lost in the copies; of the disks
-that are possible then, several are drawn, and some lose power again while they recover. Each must open, hold what was
-acknowledged (and of what was only asked for all or nothing), and take the next step.
+A journal of one of the levels of durability lives by a random script on the model file system: it is built, commits,
+leaves nothing undone, raises its epoch, fills its manifest and is opened again. Promised are every acknowledged step,
+reply and epoch; with "relaxed" the steps up to the durable step that was told. Before each of its operations the world
+is copied and power is lost in the copies; of the disks that are possible then, several are drawn, and some lose power
+again while they recover. Each must open, hold what was promised (and of what was only asked for all or nothing), and
+take the next step.
 
 The second part lets each operation fail instead, has another process read what the page cache shows and acknowledge it,
 and only then loses power: what fsync refused may not be believed.
@@ -26,13 +28,16 @@ from mesh_motion_server.errors import JournalError
 from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.model_files import FailingFiles, ModelFiles, PowerLoss
 from mesh_motion_server.session import journal_files
+from mesh_motion_server.session.durability import ReplayKeeper
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.journal_files import KEPT_COMMITS
-from mesh_motion_server.session.ledger import Commit, Foundation
+from mesh_motion_server.session.ledger import BoundaryInput, Commit, Foundation
 from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.session.relaxed import Backlog, RelaxedKeeper
 from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.settings import DURABILITY_LEVELS
 
-__all__ = ["CHECK", "Life", "explore", "fail_each", "random_script"]
+__all__ = ["CHECK", "Life", "boundary_of", "explore", "fail_each", "foundation_of", "random_script"]
 
 FOLDER = Path("/session")
 #: A state of ten sectors.
@@ -63,9 +68,20 @@ def entry_of(step: int) -> Commit:
     return Commit(step, state_digest(step, state_of(step)), (request,), f"receipt {step}".encode())
 
 
+@cache
+def boundary_of(step: int) -> BoundaryInput:
+    """What a step is computed from, where it is logged."""
+    return BoundaryInput("committed", state_of(step)[:4].tobytes(), "the model")
+
+
+def foundation_of(level: str) -> Foundation:
+    """Of a journal of this level; with "replay" every third state is stored."""
+    return replace(FOUNDATION, durability=level, snapshot_steps=3 * (level == "replay"), log_bytes=1 << 20)
+
+
 def random_script(random: Random) -> str:
-    """A life: ``c`` commits, ``e`` raises the epoch, ``o`` opens the journal again."""
-    return "".join(random.choices("ceo", (8, 2, 1), k=random.randrange(4, 14)))
+    """A life: ``c`` commits, ``f`` leaves nothing undone, ``e`` raises the epoch, ``o`` opens it again."""
+    return "".join(random.choices("cfeo", (8, 3, 2, 1), k=random.randrange(4, 16)))
 
 
 @dataclass
@@ -82,6 +98,9 @@ class Life:
         The last ones that were acknowledged.
     asked : int
         The last step that was asked for.
+    level : str
+    told : int
+        With "relaxed": the last durable step that was told.
     """
 
     files: Any
@@ -90,25 +109,32 @@ class Life:
     step: int = 0
     epoch: int = 0
     asked: int = 0
+    level: str = "full"
+    told: int = 0
 
     def run(self, script: str) -> None:
         """Build or open the journal and check it, then live by the script."""
-        journal = self._begin()
+        writer = _WRITERS[self.level](self._begin())
         for command in script:
             if command == "c":
                 self.asked = self.step + 1
-                journal.commit(entry_of(self.asked), state_of(self.asked))
+                self.told = writer.commit(self.asked)
                 self.step = self.asked
+            elif command == "f":
+                writer.rest(self.step)
+                self.told = self.step
             elif command == "e":
-                self.epoch = journal.raise_epoch()
+                writer.catch_up()
+                self.told = self.step
+                self.epoch = writer.journal.raise_epoch()
             else:
-                journal.close()
-                journal = self._begin()
-        journal.close()
+                writer.journal.close()
+                writer = _WRITERS[self.level](self._begin())
+        writer.journal.close()
 
     def _begin(self) -> Journal:
         if not self.built and not self.files.exists(FOLDER / journal_files.MANIFEST):
-            journal = Journal.create(FOLDER, self.files, FOUNDATION, capacity=self.pages * PAGE)
+            journal = Journal.create(FOLDER, self.files, foundation_of(self.level), capacity=self.pages * PAGE)
             self.built, self.epoch = True, 1
             return journal
         journal = Journal.open(FOLDER, self.files)
@@ -117,19 +143,80 @@ class Life:
         return journal
 
     def _check(self, journal: Journal) -> None:
-        """Nothing acknowledged is lost, nothing is wrong, and what was only asked for is there or not."""
+        """Nothing promised is lost, nothing is wrong, and what was only asked for is there or not."""
         found, commits = journal.ledger.step, journal.ledger.commits
-        require(found in (self.step, self.asked), f"step {found}; {self.step} was acknowledged, {self.asked} asked for")
-        require(not found or np.array_equal(journal.read_state(), state_of(found)), f"step {found} is a wrong array")
-        require(all(commit == entry_of(commit.step) for commit in commits), f"a wrong reply in {commits}")
-        require(len(commits) == min(found, KEPT_COMMITS), f"{len(commits)} replies are kept at step {found}")
-        self.step = found
+        promised = self.told if self.level == "relaxed" else self.step
+        require(promised <= found <= self.asked, f"step {found}; {promised} was promised, {self.asked} asked for")
+        snapshot, logged = journal.ledger.snapshot, journal.ledger.logged
+        stored = snapshot.step if snapshot else 0
+        require(not stored or np.array_equal(journal.read_state(), state_of(stored)), f"step {stored} is a wrong array")
+        require([commit.step for commit in logged] == list(range(stored + 1, found + 1)), f"a gap before step {found}")
+        require(all(commit.boundary == boundary_of(commit.step) for commit in logged), f"a wrong input in {logged}")
+        replies = [replace(commit, boundary=None) for commit in commits]
+        require(all(commit == entry_of(commit.step) for commit in replies), f"a wrong reply in {commits}")
+        kept = max(len(logged), min(found, KEPT_COMMITS))
+        require(len(commits) == kept, f"{len(commits)} replies are kept at step {found}")
+        self.step = self.asked = self.told = found
         epoch = journal.raise_epoch()
         require(epoch > self.epoch, f"epoch {epoch} after {self.epoch} was acknowledged")
         self.epoch = epoch
 
 
-def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DISKS) -> int:
+class _Full:
+    """Commits as the level "full" does; its journal may be asked for everything else."""
+
+    def __init__(self, journal: Journal) -> None:
+        self.journal = journal
+
+    def commit(self, step: int) -> int:
+        """The durable step that is told."""
+        self.journal.store(entry_of(step), state_of(step))
+        return step
+
+    def catch_up(self) -> None:
+        """All that was committed is durable."""
+
+    def rest(self, step: int) -> None:
+        """As before closing."""
+        del step
+        self.catch_up()
+
+
+class _Replay(_Full):
+    """As "replay" does."""
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__(journal)
+        self._keeper = ReplayKeeper(journal)
+
+    def commit(self, step: int) -> int:
+        self._keeper.commit(entry_of(step), state_of(step), lambda: boundary_of(step))
+        return step
+
+    def rest(self, step: int) -> None:
+        self._keeper.rest(lambda: state_of(step))
+
+
+class _Relaxed(_Full):
+    """As "relaxed" does, with the thread's work done when it is told to."""
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__(journal)
+        self._keeper, self._backlog = RelaxedKeeper(journal), Backlog(journal)
+
+    def commit(self, step: int) -> int:
+        self._backlog.accept(entry_of(step), state_of(step))
+        return self._keeper.durable_after(step)
+
+    def catch_up(self) -> None:
+        if self._backlog:
+            self._backlog.take()()
+
+
+_WRITERS = {"full": _Full, "replay": _Replay, "relaxed": _Relaxed}
+
+
+def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DISKS, level: str = "full") -> int:
     """Lose power before every operation of a life.
 
     Parameters
@@ -141,6 +228,8 @@ def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DIS
         Puts something between the journal and the model: a bug that must be found.
     disks : int
         For each operation.
+    level : str
+        Of durability.
 
     Returns
     -------
@@ -153,7 +242,7 @@ def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DIS
         What was acknowledged is lost, or a disk cannot be opened; notes say where.
     """
     raw, looked_at = ModelFiles(), 0
-    life = Life(wrap(raw), random.choice(_PAGES))
+    life = Life(wrap(raw), random.choice(_PAGES), level=level)
 
     def lose_power(operation: str) -> None:
         nonlocal looked_at
@@ -176,17 +265,17 @@ def _recover(copy: ModelFiles, life: Life, random: Random, wrap: Wrap, *, interr
     if interrupted:
         copy.arm(random.randrange(16))
         try:
-            again.run("cc")
+            again.run("ccf")
         except PowerLoss:
             pass
         finally:
             copy.arm(None)
         copy.lose_power(random)
-    again.run("c")
+    again.run("cf")
     return 2 if interrupted else 1
 
 
-def fail_each(script: str, random: Random) -> int:
+def fail_each(script: str, random: Random, level: str = "full") -> int:
     """Let each operation fail for ever, believe the page cache, then lose power; how many disks were looked at.
 
     Raises
@@ -196,21 +285,21 @@ def fail_each(script: str, random: Random) -> int:
     """
     pages = random.choice(_PAGES)
     counted = FailingFiles(ModelFiles())
-    Life(counted, pages).run(script)
+    Life(counted, pages, level=level).run(script)
     for fail_at in range(1, counted.count + 1):
         try:
-            _fail_once(script, random, fail_at, pages)
+            _fail_once(script, random, fail_at, Life(None, pages, level=level))
         except Exception as error:
             error.add_note(f"(operation {fail_at} failed)")
             raise
     return counted.count
 
 
-def _fail_once(script: str, random: Random, fail_at: int, pages: int) -> None:
+def _fail_once(script: str, random: Random, fail_at: int, life: Life) -> None:
     raw = ModelFiles()
     failing = FailingFiles(raw)
     failing.fail_at = fail_at
-    life = Life(failing, pages)
+    life.files = failing
     try:
         life.run(script)
     except (JournalError, OSError):
@@ -222,7 +311,7 @@ def _fail_once(script: str, random: Random, fail_at: int, pages: int) -> None:
     life.run("")  # another process reads what the page cache shows, and acknowledges it
     raw.handles.clear()
     raw.lose_power(random)
-    life.run("cc")
+    life.run("ccf")
 
 
 def run(seed: int, budget: Budget) -> Result:
@@ -230,21 +319,22 @@ def run(seed: int, budget: Budget) -> Result:
     lost = failed = lives = 0
     while budget.admits(lost + failed):
         random = Random(f"power loss {seed} {lives}")
-        script = random_script(random)
+        script, level = random_script(random), DURABILITY_LEVELS[lives % len(DURABILITY_LEVELS)]
         try:
-            lost += explore(script, random)
-            failed += fail_each(script, random)
+            lost += explore(script, random, level=level)
+            failed += fail_each(script, random, level)
         except Exception as error:
-            error.add_note(f"(life {lives}, script {script})")
+            error.add_note(f"(life {lives}, level {level}, script {script})")
             raise
         lives += 1
     got = f"{lost + failed} disks of {lives} lives, 0 lost or corrupt"
-    return Result(got, True, {"disks": lost + failed, "lives": lives, "after_failed_operations": failed})
+    details = {"disks": lost + failed, "lives": lives, "after_failed_operations": failed}
+    return Result(got, True, details | {"levels": list(DURABILITY_LEVELS)})
 
 
 CHECK = Check(
     "power-loss",
-    "the journal without power: {count} disks, 0 lost or corrupt",
+    "the journal without power, 3 levels: {count} disks, 0 lost or corrupt",
     short=100_000,
     full=1_000_000,
     seconds=40,

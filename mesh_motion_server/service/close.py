@@ -15,10 +15,12 @@ OUTCOMES = ("keep", "discard")
 
 
 def answer(session: Session, request: Close) -> Closed:
-    """Check the request; the last committed step.
+    """Check the request, make durable what is to be kept; the last durable step.
 
     Raises
     ------
+    JournalError
+        If the disk failed now; the session is then FROZEN, and closes when it is asked again.
     SessionError
         If the state does not allow it.
     InvalidInput
@@ -31,4 +33,6 @@ def answer(session: Session, request: Close) -> Closed:
             code="INVALID_ARGUMENT.VALUE",
             details={"outcome": str(request.outcome)},
         )
-    return Closed(client=request.client, sequence=request.sequence, step=session.step)
+    if request.outcome == "keep":
+        session.catch_up()
+    return Closed(client=request.client, sequence=request.sequence, step=session.durable_step)

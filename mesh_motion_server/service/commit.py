@@ -1,4 +1,4 @@
-"""COMMIT: the trial becomes the committed state, durably before anybody is answered."""
+"""COMMIT: the trial becomes the committed state, durably as the session's level says."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service.reports import summary_report
 from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.replies import RequestId
-from mesh_motion_server.session.session import CommitOutcome, Session
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.standing import CommitOutcome
 from mesh_motion_server.session.state import Operation, State
 
 __all__ = ["check", "replies_of", "run"]
@@ -33,7 +34,7 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
     def receipt(outcome: CommitOutcome) -> bytes:
         content.update(
             step=outcome.step,
-            durable_step=outcome.step,
+            durable_step=outcome.durable_step,
             digest=outcome.digest,
             quality=summary_report(outcome.quality, session.mesh),
         )

@@ -82,9 +82,9 @@ class SessionHost:
         ResourceError
             If the disk does not take it.
         """
-        check_durability(spec.durability)
-        check_basis(spec.settings.basis)
         limits = limits or ServerSettings()
+        check_durability(spec.durability, limits.durability)
+        check_basis(spec.settings.basis)
         build_model = build_model or model_builder(limits)
         session = Session(store.create(spec), limits, build_model)
         return cls(session, store, limits=limits, clock=clock)
@@ -276,7 +276,7 @@ class SessionHost:
             self.closed = True  # also if the rest fails: nobody can join a closed session, so the process has to end
             failpoint("request.close.left")
             self._holders.clear()
-            self._session.close()
+            self._session.close(keep=not discard)
         return [*replies, Envelope(peer, reply)]
 
     def _delete_unless_kept(self, *, discard: bool) -> None:

@@ -28,6 +28,7 @@ def answer(session: Session, request: Status, waiting_for: list[int], counts: di
     report = {
         "epoch": session.epoch,
         "label": session.spec.label,
+        "durability": session.spec.durability,
         "replies": counts,
         "caches": session.factors.report(),
         "peak_memory_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
@@ -40,6 +41,7 @@ def answer(session: Session, request: Status, waiting_for: list[int], counts: di
         sequence=request.sequence,
         state=str(session.state),
         step=session.step,
+        durable_step=session.durable_step,
         iteration=session.iteration,
         waiting_for=waiting_for,
         report=report,

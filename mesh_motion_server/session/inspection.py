@@ -51,10 +51,14 @@ class Inspection:
     ----------
     folder, session, label : str
     dimension, partitions, nodes : int
+    durability : str
+        The session's level.
     settings : dict
         The keys of the case file's ``[method]``.
     step, epoch : int
         Last committed step and current epoch; -1 if the journal does not say.
+    stored_step : int
+        The step whose state is stored; the steps behind it are computed again when the session is resumed.
     digest : str
         State digest of the last committed step, hexadecimal; empty at step 0.
     state : {"whole", "unfinished", "damaged", "unbuilt"}
@@ -69,8 +73,10 @@ class Inspection:
     dimension: int
     partitions: int
     nodes: int
+    durability: str
     settings: dict[str, Any]
     step: int
+    stored_step: int
     epoch: int
     digest: str
     state: str
@@ -110,14 +116,21 @@ def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> I
         dimension=spec.dimension,
         partitions=spec.partitions,
         nodes=found.ledger.foundation.nodes if found else 0,
+        durability=spec.durability,
         settings=spec.settings.model_dump(),
         step=found.ledger.step if found else -1,
+        stored_step=_stored_step(found) if found else -1,
         epoch=found.ledger.epoch if found else -1,
         digest=last.digest.hex() if last else "",
         state=_judge(path, found, checks),
         records=_lines(found.records) if found else (),
         checks=tuple(checks),
     )
+
+
+def _stored_step(found: Findings) -> int:
+    snapshot = found.ledger.snapshot
+    return snapshot.step if snapshot else 0
 
 
 def _read(path: Path) -> bytes:
@@ -161,10 +174,17 @@ def _judge(path: Path, found: Findings | None, checks: list[Check]) -> str:
 def _lines(records: tuple[Record, ...]) -> tuple[RecordLine, ...]:
     lines, offset = [], 0
     for record in records:
-        body = record.body
-        says = f"step {body['step']}" if record.kind == "commit" else f"epoch {body['epoch']}"
-        if record.kind == "checkpoint" and body["commits"]:
-            says += f", step {body['commits'][-1]['step']}"
-        lines.append(RecordLine(offset, record.sequence, record.kind, says, record.checksum.hex()))
+        lines.append(RecordLine(offset, record.sequence, record.kind, _said(record), record.checksum.hex()))
         offset += record.length
     return tuple(lines)
+
+
+def _said(record: Record) -> str:
+    """What a record says, in a few words."""
+    body = record.body
+    if record.kind == "snapshot":
+        return f"step {body['step']}, stored"
+    if record.kind == "commit":
+        return f"step {body['step']}" + (", logged" if "rows" in body else "")
+    commits = body.get("commits")
+    return f"epoch {body['epoch']}" + (f", step {commits[-1]['step']}" if commits else "")

@@ -8,20 +8,22 @@ Files of a session's folder that belong to it:
     with a "checkpoint" of all that still matters and renamed over it. Until then ``manifest.new`` lies there empty: the
     space of the next manifest, so that a session, once built, needs no more of the disk.
 ``slot-0``, ``slot-1``
-    Preallocated. The state of an even step is in slot 0, that of an odd one in slot 1, so that a commit overwrites the
-    older state and the newer one stays whole. At offset 0 the copy of the commit's record, at ``record_area`` the
-    coordinates: an (n, d) row-major array of little-endian doubles, ascending by global id.
+    Preallocated, used in turns, the first state in slot 1: the older state is overwritten and the newer one stays
+    whole. At offset 0 the copy of the state's record, at ``record_area`` the coordinates: an (n, d) row-major array of
+    little-endian doubles, ascending by global id.
 
-A commit writes the slot, syncs, appends the record with its replies, syncs, and only then is it answered. New and
-renamed files are synced with their folder before anything relies on them. After any failed operation nothing is ever
-retried (the kernel may have dropped what it could not write, and a second fsync would say "done"): the journal is
-frozen until another process opens it and reads what is really there.
+:meth:`Journal.store` writes the slot, syncs, appends the record with its replies, and syncs. :meth:`Journal.log` syncs
+a record alone, from which the state can be computed again. What is made of them is the level of durability's affair
+(:mod:`~mesh_motion_server.session.durability`). New and renamed files are synced with their folder before anything
+relies on them. After any failed operation nothing is ever retried (the kernel may have dropped what it could not write,
+and a second fsync would say "done"): the journal is frozen until another process opens it and reads what is really
+there.
 """
 
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -40,9 +42,10 @@ from mesh_motion_server.session.journal_files import (
     read_journal,
     verified_state,
 )
-from mesh_motion_server.session.ledger import Commit, Foundation, Ledger
+from mesh_motion_server.session.ledger import Commit, Foundation, Ledger, slot_of
 from mesh_motion_server.session.records import PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.recovery import Findings
+from mesh_motion_server.session.witness import Witness, has_witness, manifest_bytes
 
 __all__ = ["Journal", "record_area"]
 
@@ -54,9 +57,9 @@ _LEAST_CAPACITY = 1 << 20
 _LEAST_RECORDS = 16
 
 
-def record_area(partitions: int) -> int:
-    """Bytes reserved for a commit record: a receipt of a few kB and a request id per partition."""
-    return 16 * 1024 + -(-256 * partitions // PAGE) * PAGE
+def record_area(partitions: int, commits: int = 1) -> int:
+    """Bytes reserved for a record of so many commits: a receipt of a few kB and a request id per partition for each."""
+    return commits * (16 * 1024 + -(-256 * partitions // PAGE) * PAGE)
 
 
 class Journal:
@@ -104,9 +107,10 @@ class Journal:
         failpoint("journal.create.slots")
         capacity = capacity or _capacity(foundation)
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": epoch}
-        record = _install_manifest(folder, files, pack_record(0, bytes(32), body), capacity)
+        packed = pack_record(0, bytes(32), body, foundation.format)
+        record = _install_manifest(folder, files, packed, manifest_bytes(foundation, capacity))
         journal = cls(folder, files, Ledger.start(record), record.length)
-        _reserve(folder, files, capacity)
+        _reserve(folder, files, manifest_bytes(foundation, capacity))
         journal._open_files()
         return journal
 
@@ -127,34 +131,64 @@ class Journal:
             journal._settle(found)
         return journal
 
-    def commit(self, entry: Commit, state: Floats) -> None:
+    def store(self, entry: Commit, state: Floats, earlier: Sequence[Commit] = ()) -> None:
         """Make a step durable: its coordinates and its replies.
 
         Parameters
         ----------
         entry : Commit
-            Of the step after the last one.
+            Of the step after the last one, or after the last of ``earlier``.
         state : (n, d) array, mesh length unit
             The coordinates, ascending by global id.
+        earlier : sequence of Commit
+            With "relaxed": the steps between, whose states are passed over; of those only the latest need be given.
 
         Raises
         ------
         JournalError
             RESOURCE_EXHAUSTED.DISK if an operation failed; the journal is then frozen.
         """
+        self._require_fitting(state, entry.step)
+        body = entry.as_body()
+        if self.ledger.foundation.format > 1:
+            since = self.ledger.step if self.ledger.foundation.durability == "relaxed" else entry.step - 1
+            body |= {"slot": self.ledger.next_slot, "since": since, "earlier": [e.as_body() for e in earlier]}
+        with self._freezing(f"committing step {entry.step}"):
+            failpoint("journal.commit.start")
+            self._store(body, state)
+
+    def log(self, entry: Commit) -> None:
+        """Make a step durable without its coordinates: ``entry.boundary`` is what they are computed from.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`store`.
+        """
+        self._require_usable()
+        with self._freezing(f"committing step {entry.step}"):
+            failpoint("journal.commit.start")
+            self._append(self._fitting_record(entry.as_body()))
+
+    def snapshot(self, state: Floats) -> None:
+        """Store the coordinates (n, d) of the last committed step, ascending by global id: what was logged is settled.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`store`.
+        """
+        last = self.ledger.commits[-1]
+        self._require_fitting(state, last.step)
+        slot = self.ledger.next_slot
+        with self._freezing(f"storing step {last.step}"):
+            self._store({"kind": "snapshot", "step": last.step, "digest": last.digest, "slot": slot}, state)
+
+    def _require_fitting(self, state: Floats, step: int) -> None:
         self._require_usable()
         foundation = self.ledger.foundation
         if state.shape != (foundation.nodes, foundation.dimension):
-            raise JournalError(f"the state of step {entry.step} does not fit its slot: {state.shape}", code="INTERNAL")
-        with self._freezing(f"committing step {entry.step}"):
-            failpoint("journal.commit.start")
-            packed = self._next_record(entry.as_body())
-            if self._end + len(packed) > self.ledger.capacity:
-                self._start_next_manifest()
-                packed = self._next_record(entry.as_body())
-            self._write_slot(entry.step, packed, state)
-            failpoint("journal.commit.slot-synced")
-            self._append(packed)
+            raise JournalError(f"the state of step {step} does not fit its slot: {state.shape}", code="INTERNAL")
 
     def raise_epoch(self) -> int:
         """Fence all earlier holders, durably; returns the new epoch.
@@ -162,26 +196,26 @@ class Journal:
         Raises
         ------
         JournalError
-            As :meth:`commit`.
+            As :meth:`store`.
         """
         self._require_usable()
         with self._freezing("raising the epoch"):
             failpoint("journal.epoch.start")
-            if self._end + PAGE > self.ledger.capacity:
-                self._start_next_manifest()
-            self._append(self._next_record({"kind": "epoch", "epoch": self.ledger.epoch + 1}))
+            self._append(self._fitting_record({"kind": "epoch", "epoch": self.ledger.epoch + 1}))
         return self.ledger.epoch
 
     def read_state(self) -> Floats:
-        """The coordinates (n, d) of the last committed step (≥ 1), ascending by global id, verified.
+        """The coordinates (n, d) of the last snapshot, ascending by global id, verified.
 
         Raises
         ------
         JournalError
             DATA_LOSS.CHECKSUM if they do not match their digest.
         """
-        step, foundation = self.ledger.step, self.ledger.foundation
-        raw = self._files.read(self._handles[1 + step % 2], foundation.record_area, foundation.state_bytes)
+        snapshot, foundation = self.ledger.snapshot, self.ledger.foundation
+        if snapshot is None:
+            raise JournalError("no state is stored yet", code="INTERNAL")
+        raw = self._files.read(self._handles[1 + snapshot.slot], foundation.record_area, foundation.state_bytes)
         return verified_state(raw, self.ledger)
 
     def close(self) -> None:
@@ -196,14 +230,29 @@ class Journal:
 
     def _next_record(self, body: dict[str, object]) -> bytes:
         last = self.ledger.last
-        return pack_record(last.sequence + 1, last.checksum, body)
+        return pack_record(last.sequence + 1, last.checksum, body, self.ledger.foundation.format)
 
-    def _write_slot(self, step: int, packed: bytes, state: Floats) -> None:
+    def _fitting_record(self, body: dict[str, object]) -> bytes:
+        """The next record, in another manifest if this one is full."""
+        packed = self._next_record(body)
+        if self._end + len(packed) > self.ledger.capacity:
+            self._start_next_manifest()
+            packed = self._next_record(body)
+        return packed
+
+    def _store(self, body: dict[str, object], state: Floats) -> None:
+        """A record and the coordinates that it is about."""
+        packed = self._fitting_record(body)
+        self._write_slot(self.ledger.next_slot, packed, state)
+        failpoint("journal.commit.slot-synced")
+        self._append(packed)
+
+    def _write_slot(self, slot: int, packed: bytes, state: Floats) -> None:
         """The record's copy and the coordinates, synced."""
         area = self.ledger.foundation.record_area
         if len(packed) > area:
-            raise JournalError(f"the record of step {step} takes {len(packed)} bytes of {area}", code="INTERNAL")
-        handle = self._handles[1 + step % 2]
+            raise JournalError(f"a record for slot {slot} takes {len(packed)} bytes of {area}", code="INTERNAL")
+        handle = self._handles[1 + slot]
         write_all(self._files, handle, 0, packed)
         write_all(self._files, handle, area, np.ascontiguousarray(state, dtype="<f8").data.cast("B"))
         failpoint("journal.commit.slot-unsynced")
@@ -211,11 +260,19 @@ class Journal:
 
     def _append(self, packed: bytes) -> None:
         """The record at the manifest's end, synced; then the ledger says so."""
+        if self._end + len(packed) > self.ledger.capacity:
+            raise JournalError(f"a record of {len(packed)} bytes does not fit the manifest", code="INTERNAL")
+        self._witness()
         write_all(self._files, self._handles[0], self._end, packed)
         failpoint("journal.record.unsynced")
         self._files.sync(self._handles[0])
         failpoint("journal.record.synced")
         self._advance(_own(packed))
+
+    def _witness(self) -> None:
+        """Note, for the next sync, the last record: it is durable."""
+        if has_witness(self.ledger.foundation):
+            write_all(self._files, self._handles[0], self.ledger.capacity, Witness.of(self.ledger.last).pack())
 
     def _advance(self, record: Record) -> None:
         self.ledger = self.ledger.after(record, KEPT_COMMITS)
@@ -226,12 +283,12 @@ class Journal:
         failpoint("journal.rotate")
         capacity = self.ledger.capacity
         packed = self._next_record(self.ledger.checkpoint_body(capacity))
-        record = _install_manifest(self._folder, self._files, packed, capacity)
+        record = _install_manifest(self._folder, self._files, packed, manifest_bytes(self.ledger.foundation, capacity))
         self._files.close(self._handles[0])
         self._handles[0] = self._files.open(self._folder / MANIFEST)
         self.ledger = Ledger.start(record)
         self._end = record.length
-        _reserve(self._folder, self._files, capacity)
+        _reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, capacity))
 
     def _settle(self, found: Findings) -> None:
         """Make durable what was read, and clean up after a crash; a crash in between is settled again.
@@ -241,17 +298,20 @@ class Journal:
         is judged by them.
         """
         again = found.completion or found.records[-1:]
-        packed = b"".join(pack_record(record.sequence, record.previous, record.body) for record in again)
+        packed = b"".join(pack_record(r.sequence, r.previous, r.body, r.format) for r in again)
         self._files.sync_folder(self._folder)
-        if again[-1].kind == "commit":
-            own = packed[-again[-1].length :]
-            self._write_slot(self.ledger.step, own, self.read_state())
+        slot = slot_of(again[-1])
+        if slot is not None:
+            self._write_slot(slot, packed[-again[-1].length :], self.read_state())
         start = found.end if found.completion else found.end - len(packed)
         self._end = start + len(packed)
         rest = bytes(max(0, self.ledger.capacity - self._end)) if found.torn else b""
         write_all(self._files, self._handles[0], start, packed + rest)
         self._files.sync(self._handles[0])
         failpoint("journal.settle.record")
+        if has_witness(self.ledger.foundation):
+            self._witness()
+            self._files.sync(self._handles[0])
         for number in found.dirty_slots:
             write_all(self._files, self._handles[1 + number], 0, bytes(self.ledger.foundation.record_area))
             self._files.sync(self._handles[1 + number])
@@ -264,7 +324,7 @@ class Journal:
     def _renew_reserve(self) -> None:
         """Empty what a crash has left; where there is no room for it, the session goes on as long as it can."""
         try:
-            _reserve(self._folder, self._files, self.ledger.capacity)
+            _reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, self.ledger.capacity))
         except OSError:
             self._files.remove(self._folder / NEXT_MANIFEST)
 
@@ -295,8 +355,8 @@ class Journal:
 
 
 def _capacity(foundation: Foundation) -> int:
-    """Bytes of a manifest."""
-    return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area)
+    """Bytes of a manifest's records: a checkpoint may hold all that was logged, and as much may be logged after it."""
+    return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area) + 2 * foundation.log_bytes
 
 
 def _own(packed: bytes) -> Record:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.filesystem import FileSystem, unreadable
-from mesh_motion_server.session.ledger import Foundation, Ledger
+from mesh_motion_server.session.ledger import Foundation, Ledger, slot_of
 from mesh_motion_server.session.records import unpack_record
 from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
 
@@ -69,20 +69,23 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
 
 
 def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
-    """Raise DATA_LOSS.CHECKSUM unless the last committed step's coordinates match their digest."""
-    if not ledger.commits:
+    """Raise DATA_LOSS.CHECKSUM unless the last stored coordinates match their digest."""
+    snapshot = ledger.snapshot
+    if snapshot is None:
         return
     foundation = ledger.foundation
     try:
-        raw = _read_part(files, folder / SLOTS[ledger.step % 2], foundation.record_area, foundation.state_bytes)
+        raw = _read_part(files, folder / SLOTS[snapshot.slot], foundation.record_area, foundation.state_bytes)
     except OSError as error:
         raise unreadable("a slot", error) from error
     verified_state(raw, ledger)
 
 
 def verified_state(raw: bytes, ledger: Ledger) -> Floats:
-    """The last committed state (n, d) from its slot's bytes."""
-    last = ledger.commits[-1]
+    """The last stored state (n, d) from its slot's bytes."""
+    last = ledger.snapshot
+    if last is None:
+        raise JournalError("no state is stored yet", code="INTERNAL")
     state = _as_state(raw, ledger.foundation)
     if state is None or state_digest(last.step, state) != last.digest:
         raise JournalError(
@@ -108,7 +111,7 @@ def view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView
     record = unpack_record(head)
 
     def state_verifies() -> bool:
-        if record is None or record.kind != "commit":
+        if record is None or slot_of(record) is None:
             return False
         state = _as_state(_read_part(files, path, area, foundation.state_bytes), foundation)
         digest: bytes = record.body["digest"]

@@ -59,7 +59,7 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
     ------
     JournalError
         DATA_LOSS.CHECKSUM if the file is missing or not the one that was written; RESOURCE_EXHAUSTED.DISK if the disk
-        does not give it.
+        does not give it; UNIMPLEMENTED.VERSION for another format.
     """
     try:
         failpoint("store.mesh.read")
@@ -74,6 +74,13 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
         raise JournalError(
             "the stored mesh does not match its digest",
             hint="restore the session's folder from a backup, or discard the session",
+            details={"file": path.name},
+        )
+    if data[: len(_MAGIC)] != _MAGIC:
+        raise JournalError(
+            f"the stored mesh has format {data[6]}; this version reads format {_MAGIC[6]}",
+            code="UNIMPLEMENTED.VERSION",
+            hint="open it with the version of the server that wrote it",
             details={"file": path.name},
         )
     (length,) = _LENGTH.unpack_from(data, len(_MAGIC))

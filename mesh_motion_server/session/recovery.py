@@ -4,11 +4,13 @@ Writing a commit means: slot, sync, record, sync, answer. So a crash can leave o
 
 - a slot that does not verify, and a manifest that ends cleanly: the commit had not got as far as its record;
 - a complete slot, and a record that is missing or torn: the slot's copy of the record completes the manifest;
-- a torn record of an epoch: it was not answered, and the next epoch skips its number.
+- a torn record of an epoch, or of a commit whose state is not stored but computed again: it was not answered, and the
+  next epoch skips its number.
 
-Anything else is damage and refused: a record that does not verify before one that does, a slot that knows of a record
-the manifest lacks, a torn commit record without its slot, a state whose coordinates do not match their digest. Nothing
-is guessed. Reading changes nothing; :mod:`~mesh_motion_server.session.journal` repairs.
+Anything else is damage and refused: a record that does not verify before one that does, a slot or the witness
+(:mod:`~mesh_motion_server.session.witness`) that knows of a record the manifest lacks, a torn commit record without its
+slot, a state whose coordinates do not match their digest. Nothing is guessed. Reading changes nothing;
+:mod:`~mesh_motion_server.session.journal` repairs.
 """
 
 from __future__ import annotations
@@ -18,11 +20,11 @@ from dataclasses import dataclass
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.ledger import Foundation, Ledger
-from mesh_motion_server.session.records import MAGIC, Record, find_record, unpack_record
+from mesh_motion_server.session.records import FAMILY, FORMATS, Record, find_record, unpack_record
+from mesh_motion_server.session.witness import Witness, has_witness
 
 __all__ = ["Findings", "SlotView", "examine", "read_chain", "sum_up"]
 
-_FAMILY = MAGIC[:6]
 _HINT = "restore the session's folder from a backup, or discard the session"
 
 
@@ -56,7 +58,7 @@ class Findings:
     end : int
         Offset in the manifest at which its records end.
     completion : tuple of Record
-        The commit records that slots have and the manifest lacks, oldest first.
+        The records with a state that slots have and the manifest lacks, oldest first.
     torn : bool
         Whether the manifest ends in something that is no record.
     dirty_slots : tuple of int
@@ -92,13 +94,14 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     """
     records, end = read_chain(manifest)
     ledger = sum_up(records, keep=keep)
-    torn = len(manifest) < ledger.capacity or any(manifest[end:])
+    torn = len(manifest) < ledger.capacity or any(manifest[end : ledger.capacity])
     if (later := find_record(manifest, end)) is not None:
         raise _damage(f"the record at byte {end} of the manifest does not verify, a later one at {later} does", end)
     slots = view_slots(ledger.foundation)
     completion = _completion(slots, ledger.last)
     for record in completion:
         ledger = ledger.after(record, keep)
+    _check_witness(manifest, ledger, end)
     dirty = _dirty_slots(slots, ledger)
     if dirty and torn and not completion:
         raise _damage(f"the record at byte {end} of the manifest does not verify and slot {dirty[0]} neither", end)
@@ -123,11 +126,12 @@ def read_chain(manifest: bytes) -> tuple[list[Record], int]:
     """
     first = unpack_record(manifest)
     if first is None:
-        if len(manifest) > 8 and manifest[:6] == _FAMILY and manifest[:8] != MAGIC:
+        if len(manifest) > 8 and manifest[:6] == FAMILY and manifest[6] not in FORMATS:
             raise JournalError(
-                f"the journal has format {manifest[6]}; this version reads format {MAGIC[6]}",
+                f"the journal has format {manifest[6]}; this version reads the formats {FORMATS[0]} to {FORMATS[-1]}",
                 code="UNIMPLEMENTED.VERSION",
-                hint="open it with the version of the server that wrote it",
+                hint="open it with the version of the server that wrote it; nothing was changed",
+                details={"got": manifest[6], "expected": list(FORMATS)},
             )
         raise _damage("the first record of the manifest does not verify", 0)
     records, end = [first], first.length
@@ -138,7 +142,7 @@ def read_chain(manifest: bytes) -> tuple[list[Record], int]:
 
 
 def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record, ...]:
-    """The commit records that complete slots have beyond the manifest, which must go on with its chain."""
+    """The records that complete slots have beyond the manifest, which must go on with its chain."""
     found: list[Record] = []
     known = [(slot.record, number, slot) for number, slot in enumerate(slots) if slot.record is not None]
     for record, number, slot in sorted(known, key=lambda entry: entry[0].sequence):
@@ -150,6 +154,15 @@ def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record,
             found.append(record)
             last = record
     return tuple(found)
+
+
+def _check_witness(manifest: bytes, ledger: Ledger, end: int) -> None:
+    """The last record known to be durable is there."""
+    if not has_witness(ledger.foundation):
+        return
+    witness = Witness.unpack(manifest[ledger.capacity :])
+    if witness is not None and not witness.agrees(ledger.last):
+        raise _damage(f"the record at byte {end} of the manifest does not verify, and it did", end)
 
 
 def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int, ...]:

@@ -12,88 +12,36 @@ whoever adds up the answers holds the server's coordinates.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
+from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.exact_displacements import settle
+from mesh_motion_server.session.durability import keeper_of, logged_failure
 from mesh_motion_server.session.factors import FactorCache
-from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings, release
-from mesh_motion_server.session.numbering import in_senders_numbers
+from mesh_motion_server.session.motions import Origin, compute
 from mesh_motion_server.session.partitions import MergedMesh, merge
+from mesh_motion_server.session.replay import boundary_input, restore
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.standing import Built, CommitOutcome, MoveOutcome, Standing
 from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
 from mesh_motion_server.session.store import SessionFolder
 from mesh_motion_server.session.uploads import MeshUpload, Part
 from mesh_motion_server.settings import ServerSettings
 
-__all__ = ["CommitOutcome", "MoveOutcome", "Session"]
+__all__ = ["Session"]
 
 Floats = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class _Standing:
-    """Where the session stands; swapped as a whole. ``trial_lost``: a trial may have been dropped unasked."""
-
-    state: State
-    committed: CommittedState | None = None
-    trial: Trial | None = None
-    trial_lost: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class _Built:
-    """What BUILD makes and nothing changes afterwards, and the journal."""
-
-    mesh: MergedMesh
-    model: Model
-    journal: Journal
-
-
-@dataclass(frozen=True, eq=False)
-class MoveOutcome:
-    """What a Move found.
-
-    Attributes
-    ----------
-    step, iteration : int
-    motion : Motion
-        Of the numerics.
-    displacements : one (n_p, d) array per partition, mesh length unit
-        Of all its nodes, in its own order and in the frame of the request.
-    """
-
-    step: int
-    iteration: int
-    motion: Any
-    displacements: list[Floats]
-
-
-@dataclass(frozen=True, eq=False)
-class CommitOutcome:
-    """What a Commit makes durable.
-
-    Attributes
-    ----------
-    step : int
-    digest : bytes
-        State digest, see :mod:`mesh_motion_protocol.digests`.
-    quality : QualitySummary
-        Of the committed coordinates.
-    """
-
-    step: int
-    digest: bytes
-    quality: Any
+#: States that a disk which failed unasked turns into FROZEN.
+_WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
 
 
 class Session:
@@ -109,21 +57,24 @@ class Session:
 
     def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
         self._folder = folder
+        self._limits = limits
         self._build_model = build_model
-        self._now = _Standing(State.NEW)
-        self._built: _Built | None = None
+        self._reopened = False
+        self._now = Standing(State.NEW)
+        self._built: Built | None = None
         self._epoch = 1
         self.upload = MeshUpload(self.spec.dimension, self.spec.partitions, limits.max_session_bytes)
         self.factors = FactorCache(limits.factor_cache_bytes)
 
     @classmethod
     def reopen(cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> Session:
-        """A stored session at its last committed step, under a new epoch.
+        """A stored session at its last durable step, under a new epoch.
 
         Raises
         ------
         JournalError
-            If what is stored does not verify, or the disk fails.
+            If what is stored does not verify, or the disk fails; DATA_LOSS.RECOVERY_DIVERGED if the states behind the
+            last stored one cannot be computed again.
         """
         session = cls(folder, limits, build_model)
         journal, partitions = folder.load()
@@ -131,14 +82,15 @@ class Session:
             failpoint("session.reopen.start")
             mesh = merge(partitions)
             model = build_model(mesh.points, mesh.cells, mesh.patches, session.spec.settings.to_method())
-            committed = _restore(journal, mesh)
+            committed = restore(journal, model, mesh, session.factors)
             failpoint("session.reopen.restored")
             session._epoch = journal.raise_epoch()
         except BaseException:
             journal.close()
             raise
-        session._built = _Built(mesh, model, journal)
-        session._now = _Standing(State.READY, committed, trial_lost=True)
+        session._built = Built(mesh, model, keeper_of(journal))
+        session._reopened = True
+        session._now = Standing(State.READY, committed, trial_lost=True)
         return session
 
     # --- where it stands -------------------------------------------------------------------------------------------
@@ -151,7 +103,8 @@ class Session:
     @property
     def state(self) -> State:
         """A state of the session table."""
-        return self._now.state
+        failed = self._built is not None and self._built.keeper.frozen and self._now.state in _WRITING
+        return State.FROZEN if failed else self._now.state
 
     @property
     def epoch(self) -> int:
@@ -162,6 +115,11 @@ class Session:
     def step(self) -> int:
         """The last committed step."""
         return self._now.committed.step if self._now.committed else 0
+
+    @property
+    def durable_step(self) -> int:
+        """The step that no power loss takes the session back behind."""
+        return self._built.keeper.durable_step if self._built else 0
 
     @property
     def iteration(self) -> int:
@@ -186,7 +144,7 @@ class Session:
     @property
     def commits(self) -> tuple[Commit, ...]:
         """The latest commits, with what was answered to them."""
-        return self._built.journal.ledger.commits if self._built else ()
+        return self._built.keeper.commits if self._built else ()
 
     def admit(self, operation: Operation) -> State:
         """The state after ``operation``.
@@ -203,10 +161,28 @@ class Session:
                 hint="send the MOVE again, then COMMIT: its answer will be the same",
                 details={"step": self.step + 1},
             )
-        return admit(self.state, operation)
+        try:
+            return admit(self.state, operation)
+        except SessionError:
+            if self.state is State.FROZEN:
+                self._swap(state=State.FROZEN)  # told from now on
+            raise
 
     def require_next_step(self, step: int) -> None:
-        """Raise FAILED_PRECONDITION.STEP unless ``step`` is the one after the last committed one."""
+        """Raise unless ``step`` is the one after the last committed one.
+
+        Raises
+        ------
+        SessionError
+            FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST where steps may have been answered that were not durable.
+        """
+        if step > self.step + 1 and self._reopened and self.spec.durability == "relaxed":
+            raise SessionError(
+                f"step {self.step} is the last one that survived a restart of the session's worker, got step {step}",
+                code="ABORTED.STEPS_LOST",
+                hint=f"go on with step {self.step + 1}: the answers to its MOVE will be the same",
+                details={"expected": self.step + 1, "got": step},
+            )
         if step != self.step + 1:
             raise SessionError(
                 f"expected step {self.step + 1} (step {self.step} is committed), got step {step}",
@@ -248,10 +224,10 @@ class Session:
         mesh = merge(partitions)
         model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
         failpoint("session.build.checked")
-        journal = self._folder.build(partitions, len(mesh.points), epoch=self._epoch)
+        journal = self._folder.build(partitions, len(mesh.points), self._limits.snapshot_steps, epoch=self._epoch)
         failpoint("session.build.stored")
-        self._built = _Built(mesh, model, journal)
-        self._now = _Standing(state, CommittedState(0, mesh.points))
+        self._built = Built(mesh, model, keeper_of(journal))
+        self._now = Standing(state, CommittedState(0, mesh.points))
         self.upload.clear()
 
     def move(self, frame: str, displacements: Sequence[Floats]) -> MoveOutcome:
@@ -273,35 +249,18 @@ class Session:
         state = self.admit(Operation.MOVE)
         failpoint("session.move.start")
         built = self._require_built()
-        base = self.coordinates(frame)
-        told = built.mesh.gather_moving(displacements)
-        moving = built.mesh.moving
-        targets = base[moving] + told
-        _check_places(targets, built.mesh)
+        origin = Origin(frame, built.mesh.gather_moving(displacements))
         in_full = not self.iteration or built.model.method.quality_report == "every-move"
         model = built.model if in_full else built.model.without_distributions()
-        try:
-            motion = model.move(self.coordinates("committed"), targets, self.factors)
-        except InvalidInput as error:
-            raise in_senders_numbers(error, built.mesh) from error
-        answers = built.mesh.scatter_differences(motion.points, base, told)
-        points = self._own(motion.points)
-        exact = settle(points, base, moving, told)
-        points.flags.writeable = False
-        judged = motion.corrected if exact and in_full else None
-        trial = Trial(self.step + 1, self.iteration + 1, points, judged)
+        computed = compute(model, built.mesh, self.coordinates("committed"), origin, self.factors)
+        judged = computed.motion.corrected if computed.exact and in_full else None
+        trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, origin)
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial, trial_lost=False)
-        return MoveOutcome(trial.step, trial.iteration, motion, answers)
-
-    def _own(self, points: Floats) -> Floats:
-        """A motion's coordinates (n, d) to be changed: nobody needs them any more, unless they are others' too."""
-        kept = (self.coordinates("committed"), self.coordinates("reference"))
-        shared = any(np.may_share_memory(points, other) for other in kept)
-        return points.copy() if shared or not points.flags.writeable else points
+        return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements)
 
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
-        """Make the trial the committed state, durably.
+        """Make the trial the committed state, durably as the session's level says.
 
         Parameters
         ----------
@@ -323,9 +282,10 @@ class Session:
         durable = np.take(trial.points, built.mesh.id_order, axis=0)
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
-        outcome = CommitOutcome(trial.step, digest, quality)
+        outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
-        self._write(built.journal, entry, durable, _Standing(state, CommittedState(trial.step, trial.points)))
+        after = Standing(state, CommittedState(trial.step, trial.points))
+        self._write(lambda: built.keeper.commit(entry, durable, lambda: boundary_input(built.mesh, trial.origin)), after)
         return outcome
 
     def rollback(self) -> None:
@@ -334,7 +294,7 @@ class Session:
         self._swap(state=self.admit(Operation.ROLLBACK), trial=None, trial_lost=False)
 
     def resume(self) -> int:
-        """A new holder: raise the epoch durably, drop the trial; returns the epoch.
+        """A new holder: make all commits durable, raise the epoch durably, drop the trial; returns the epoch.
 
         Raises
         ------
@@ -347,8 +307,9 @@ class Session:
         if self._built is None:
             self._epoch += 1
             return self._epoch
+        self.catch_up()
         try:
-            self._epoch = self._built.journal.raise_epoch()
+            self._epoch = self._built.keeper.journal.raise_epoch()
         except JournalError:
             self._swap(state=State.FROZEN)
             raise
@@ -356,8 +317,26 @@ class Session:
         self._swap(state=state, trial=None, trial_lost=True)
         return self._epoch
 
+    def catch_up(self) -> None:
+        """Return when all commits are durable, or nobody can be told any more that they are not.
+
+        Raises
+        ------
+        JournalError
+            If the disk failed, and no request has been told yet; the session is FROZEN.
+        """
+        if self._built is None or self._now.state is State.FROZEN:
+            return
+        try:
+            self._built.keeper.catch_up()
+        except JournalError:
+            self._swap(state=State.FROZEN)
+            raise
+
     def suspend(self) -> None:
-        """The lease ended."""
+        """The lease ended: all commits become durable, or the session FROZEN."""
+        with logged_failure(self.spec.session):
+            self.catch_up()
         state = self.admit(Operation.LEASE_END)
         failpoint("session.suspend")
         lost = self._now.trial is not None or self._now.trial_lost
@@ -372,14 +351,17 @@ class Session:
         """Something unforeseen happened where the state may be affected."""
         self._swap(state=State.FAILED, trial=None)
 
-    def close(self) -> None:
-        """Give files and lock back; idempotent."""
+    def close(self, *, keep: bool = True) -> None:
+        """Give files and lock back; idempotent. What is to be kept becomes durable before, unless the disk failed."""
+        if keep and self._built is not None and self.state in _WRITING:
+            with logged_failure(self.spec.session):
+                self._built.keeper.rest(self._durable_points)
         self._swap(state=State.CLOSED, trial=None)
         failpoint("session.close")
         self.factors.clear()
         if self._built is not None:
             release(self._built.model)
-            self._built.journal.close()
+            self._built.keeper.close()
         self._folder.release()
 
     # --- inside ----------------------------------------------------------------------------------------------------
@@ -387,45 +369,26 @@ class Session:
     def _swap(self, **changes: Any) -> None:
         self._now = replace(self._now, **changes)
 
-    def _require_built(self) -> _Built:
+    def _require_built(self) -> Built:
         if self._built is None:
             raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
         return self._built
 
-    def _write(self, journal: Journal, entry: Commit, durable: Floats, after: _Standing) -> None:
+    def _durable_points(self) -> Floats:
+        """The committed coordinates (n, d), ascending by global id."""
+        return np.take(self.coordinates("committed"), self.mesh.id_order, axis=0)
+
+    def _write(self, write: Callable[[], None], after: Standing) -> None:
         """COMMITTING, and what becomes of a success or a failure."""
         before = self._now
         self._swap(state=State.COMMITTING)
         try:
-            journal.commit(entry, durable)
+            write()
         except JournalError:
-            self._now = replace(before, state=State.FROZEN) if journal.frozen else before
+            self._now = replace(before, state=State.FROZEN) if self._require_built().keeper.frozen else before
             raise
         except BaseException:
             self.fail()
             raise
         failpoint("session.commit.durable")
         self._now = after
-
-
-def _check_places(targets: Floats, mesh: MergedMesh) -> None:
-    """Places (k, d) of the moving nodes are finite, where base and displacement are."""
-    lost = np.flatnonzero(~np.isfinite(targets).all(axis=1))
-    if len(lost):
-        partition, node = mesh.locate_node(int(mesh.moving[lost[0]]))
-        raise InvalidInput(
-            f"partition {partition}, node {node}: its displacement leads out of the floating-point range",
-            code="INVALID_ARGUMENT.NONFINITE",
-            details={"partition": partition, "node": node},
-        )
-
-
-def _restore(journal: Journal, mesh: MergedMesh) -> CommittedState:
-    """The last committed state in canonical order."""
-    step = journal.ledger.step
-    if not step:
-        return CommittedState(0, mesh.points)
-    points = np.empty_like(mesh.points)
-    points[mesh.id_order] = journal.read_state()
-    points.flags.writeable = False
-    return CommittedState(step, points)

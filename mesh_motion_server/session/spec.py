@@ -101,16 +101,31 @@ class StoredSpec:
         Raises
         ------
         JournalError
-            If it is not such a content.
+            If it is not such a content; UNIMPLEMENTED.VERSION if another version wrote it.
         """
         try:
             values: dict[str, Any] = json.loads(data)
-            if values.pop("format") != _FORMAT:
-                raise ValueError("unknown format")
+            _check_version(values.pop("format"), values["settings"])
             return cls(**values | {"settings": MethodSettings.from_mapping(values["settings"])})
+        except JournalError:
+            raise
         except Exception as error:
             raise JournalError(
                 f"the session's spec cannot be read: {error}",
                 hint="restore the session's folder from a backup, or discard the session",
                 details={"file": "spec.json"},
             ) from error
+
+
+def _check_version(number: Any, settings: dict[str, Any]) -> None:
+    """Raise unless this version knows the format, and each setting: an unknown one has a meaning that would be lost."""
+    unknown = sorted(set(settings) - set(MethodSettings.model_fields))
+    if number == _FORMAT and not unknown:
+        return
+    what = f"has the settings {', '.join(unknown)}" if number == _FORMAT else f"has format {number}"
+    raise JournalError(
+        f"the session's spec {what}, which this version does not know; it reads format {_FORMAT}",
+        code="UNIMPLEMENTED.VERSION",
+        hint="open it with the version of the server that wrote it; nothing was changed",
+        details={"file": "spec.json", "got": number, "expected": _FORMAT},
+    )

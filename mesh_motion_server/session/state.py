@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import SessionError
+from mesh_motion_server.session.motions import Origin
 
 __all__ = ["TABLE", "CommittedState", "Operation", "Refusal", "State", "Trial", "admit"]
 
@@ -189,9 +190,12 @@ class Trial:
         Trial coordinates in canonical order; read-only.
     quality : QualitySummary or None
         Of ``points``, where the Move has judged these very coordinates.
+    origin : Origin
+        What the Move was given.
     """
 
     step: int
     iteration: int
     points: NDArray[np.float64]
-    quality: Any = None
+    quality: Any
+    origin: Origin

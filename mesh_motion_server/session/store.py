@@ -24,9 +24,10 @@ from pathlib import Path
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.session.durability import log_bytes
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, unreadable, write_all
 from mesh_motion_server.session.journal import Journal, record_area
-from mesh_motion_server.session.journal_files import MANIFEST, NEXT_MANIFEST, SLOTS, read_ledger
+from mesh_motion_server.session.journal_files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST, SLOTS, read_ledger
 from mesh_motion_server.session.ledger import Foundation
 from mesh_motion_server.session.mesh_store import read_mesh, write_mesh
 from mesh_motion_server.session.partitions import PartitionMesh
@@ -79,22 +80,35 @@ class SessionFolder:
         self._files = files
         self._lock: int | None = lock
 
-    def build(self, partitions: Sequence[PartitionMesh], nodes: int, *, epoch: int = 1) -> Journal:
+    def build(self, partitions: Sequence[PartitionMesh], nodes: int, snapshot_steps: int, *, epoch: int = 1) -> Journal:
         """Make the mesh durable and start the journal.
+
+        Parameters
+        ----------
+        partitions : sequence of PartitionMesh
+        nodes : int
+            Of all of them, each counted once.
+        snapshot_steps : int
+            With durability "replay": a state is stored every so many commits.
 
         Raises
         ------
         ResourceError
             RESOURCE_EXHAUSTED.DISK when the disk does not take it; the session is then as before.
         """
+        level, dimension = self.spec.durability, self.spec.dimension
+        replay = level == "replay"
         try:
             foundation = Foundation(
                 session=self.spec.session,
                 spec=self._spec_digest,
                 mesh=write_mesh(self.path / _MESH, self._files, partitions),
                 nodes=nodes,
-                dimension=self.spec.dimension,
-                record_area=record_area(len(partitions)),
+                dimension=dimension,
+                record_area=record_area(len(partitions), KEPT_COMMITS if level == "relaxed" else 1),
+                durability=level,
+                snapshot_steps=snapshot_steps if replay else 0,
+                log_bytes=log_bytes(8 * nodes * dimension) if replay else 0,
             )
             failpoint("store.mesh.written")
             return Journal.create(self.path, self._files, foundation, epoch=epoch)

@@ -45,7 +45,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
             details={"field": "bytes_reserved", "expected": limits.max_session_bytes, "got": request.bytes_reserved},
         )
     MethodSettings.from_mapping(request.settings)
-    return check_durability(request.durability)
+    return check_durability(request.durability, limits.durability)
 
 
 def check_room(request: Open, limits: ServerSettings) -> None:

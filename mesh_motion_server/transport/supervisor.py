@@ -22,7 +22,7 @@ from mesh_motion_server import __version__
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.operation.tally import TALLY
-from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
+from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
 from mesh_motion_server.transport.hosting import Hosting
@@ -198,7 +198,7 @@ class Supervisor:
             "server": f"mesh-motion-server {__version__}",
             "boot": self._boot,
             "limits": limits,
-            "durability": list(DURABILITY_LEVELS),
+            "durability": self._settings.durability,
         }
         insecure = self._protection is None and not Endpoint.parse(self._endpoint).is_local
         order = self._order() | {"welcome": welcome, "insecure": insecure}

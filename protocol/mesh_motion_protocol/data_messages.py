@@ -154,7 +154,7 @@ class Moved(Message):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Commit(SessionMessage):
-    """Collective: the trial of ``step`` becomes the committed state, durably before the answer."""
+    """Collective: the trial of ``step`` becomes the committed state; when it is durable says section 21."""
 
     type: ClassVar[str] = "COMMIT"
     step: Count  # committed step + 1
@@ -166,7 +166,7 @@ class Committed(Message):
 
     type: ClassVar[str] = "COMMITTED"
     step: int  # as asked
-    durable_step: int  # with durability "full" equal to ``step``
+    durable_step: int  # no power loss goes back behind it; ``step``, or with durability "relaxed" at most that
     digest: Digest  # of the committed state: section 16
     quality: dict[str, Any]  # summary of the committed mesh, from its coordinates: section 15
 
@@ -221,6 +221,7 @@ class StatusReport(Message):
     iteration: int  # moves of the open trial, 0 = none
     waiting_for: list[int]  # partitions that a collective request is still waiting for
     report: dict[str, Any]  # counters, memory, quality of the last commit
+    durable_step: int = 0  # no power loss goes back behind it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -236,4 +237,4 @@ class Closed(Message):
     """The session's worker is about to end."""
 
     type: ClassVar[str] = "CLOSED"
-    step: int  # last committed step
+    step: int  # the step that RESUME will find

@@ -134,7 +134,7 @@ class InProcessServer:
         self.control = Control(Registry(self.store), self.settings, self.start, self.reply, Protection.access(None))
         socket = router(self.context, message_bytes=HEADER_BYTES, queued=64, handshake_seconds=5.0)
         self.endpoint = bind(socket, "tcp://127.0.0.1:*")
-        welcome = {"server": "in process", "boot": bytes(range(16)), "durability": ["full"]}
+        welcome = {"server": "in process", "boot": bytes(range(16)), "durability": self.settings.durability}
         welcome["limits"] = default_limits() | self.settings.limits()
         to_control = Line(lambda message: self.control.request(**message))
         self.gateway, self.socket = Gateway(to_control, socket, welcome), socket

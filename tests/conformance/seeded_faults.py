@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from dataclasses import dataclass, replace
 
 import msgpack
@@ -14,7 +15,10 @@ from mesh_motion_server.service import execution, failures, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import session as session_module
+from mesh_motion_server.session.durability import FullKeeper, ReplayKeeper
+from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.relaxed import RelaxedKeeper
 from mesh_motion_server.session.replies import ReplyTable
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import StoredSpec
@@ -140,6 +144,43 @@ def takes_every_token_at_JOIN(patch):
 @fault("11.8-PROBE-wrong-token")
 def takes_every_token_at_PROBE(patch):
     patch.setattr(Registry, "authorised", lambda self, session, token: self.live.get(session))
+
+
+# --- durability ---
+
+
+@fault("21.2-durable-step-relaxed", "21.3-CLOSE-and-RESUME-relaxed")
+def never_stores_a_relaxed_commit(patch):
+    patch.setattr(RelaxedKeeper, "_run", nothing)
+    patch.setattr(RelaxedKeeper, "catch_up", nothing)
+
+
+@fault("21.3-CLOSE-and-RESUME-relaxed")
+def closes_before_the_disk_has_it(patch):
+    store = Journal.store
+
+    def slow(self, *given):
+        time.sleep(0.1 * (self.ledger.foundation.durability == "relaxed"))
+        store(self, *given)
+
+    patch.setattr(Journal, "store", slow)
+    patch.setattr(RelaxedKeeper, "catch_up", nothing)
+
+
+@fault("21.3-CLOSE-and-RESUME-replay")
+def logs_no_commit(patch):
+    patch.setattr(ReplayKeeper, "commit", nothing)
+    patch.setattr(ReplayKeeper, "rest", nothing)
+
+
+@fault("21.2-durable-step-full", "21.2-durable-step-replay")
+def tells_an_older_step_as_durable(patch):
+    patch.setattr(FullKeeper, "durable_after", lambda self, step: step - 1)
+
+
+@fault("21.5-step-after-the-next-relaxed")
+def does_not_tell_lost_steps_apart(patch):
+    patch.setattr(Session, "_reopened", property(lambda self: False, nothing), raising=False)
 
 
 # --- states and results ---

@@ -48,6 +48,7 @@ WRONG_CLIENTS = {
     "does-not-repeat-the-trial": ["11.4-worker-died-before-COMMIT-was-executed"],
     "refuses-unknown-fields": ["4-unknown-fields-in-every-reply"],
     "does-not-probe": ["11.2-PROBE-while-MOVE-is-computed"],
+    "takes-lost-steps-for-granted": ["21.5-committed-steps-did-not-survive"],
     "sends-a-field-too-many": ["7-undisturbed"],
 }
 

@@ -64,6 +64,21 @@ def does_not_probe():
     Courier._watch = lambda self: None
 
 
+def takes_lost_steps_for_granted():
+    request = Courier._request
+
+    def trusting(self, step):
+        self.step = step
+
+    def renumbered(self, message, deadline):
+        known = self.step
+        if self._data is None:
+            self._recover(deadline)
+        return request(self, replace(message, step=self.step + 1) if self.step < known else message, deadline)
+
+    Courier._take_step, Courier._request = trusting, renumbered
+
+
 def sends_a_field_too_many():
     pack = codec.pack
     codec.pack = lambda header: pack(header | {"fields": header["fields"] | {"of_ours": 1}})
@@ -79,6 +94,7 @@ FAULTS = {
         does_not_repeat_the_trial,
         refuses_unknown_fields,
         does_not_probe,
+        takes_lost_steps_for_granted,
         sends_a_field_too_many,
     )
 }

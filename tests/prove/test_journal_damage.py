@@ -10,14 +10,17 @@ from mesh_motion_server.prove.journal_damage import CHECK, FOLDER, STEPS, damage
 from mesh_motion_server.session import journal as journal_module
 from mesh_motion_server.session import journal_files
 from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.settings import DURABILITY_LEVELS
 
 
-def test_the_whole_journal_reads_as_it_was_written() -> None:
-    assert read_back(small_journal()) == STEPS
+@pytest.mark.parametrize("level", DURABILITY_LEVELS)
+def test_the_whole_journal_reads_as_it_was_written(level: str) -> None:
+    assert read_back(small_journal(level)) == STEPS
 
 
-def test_every_kth_byte_of_each_file() -> None:
-    contents = small_journal()
+@pytest.mark.parametrize("level", DURABILITY_LEVELS)
+def test_every_kth_byte_of_each_file(level: str) -> None:
+    contents = small_journal(level)
     outcomes = [damage(contents, path, at, at % 8) for path, data in contents.items() for at in range(0, len(data), 13)]
     assert set(outcomes) == {-1, STEPS}
     assert min(outcomes.count(-1), outcomes.count(STEPS)) > 100
@@ -29,6 +32,15 @@ def test_the_whole_row() -> None:
     assert result.passed
     assert result.details["bytes"] == result.details["told"] + result.details["harmless"]
     assert result.details["wrong"] == 0
+
+
+def test_a_logged_commit_that_vanishes_with_its_last_byte_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a witness the damage to the last record looks like a write that a crash has torn."""
+    contents = small_journal("replay")
+    manifest = FOLDER / "manifest"
+    assert damage(contents, manifest, STEPS * PAGE + 60, 3) == -1
+    monkeypatch.setattr("mesh_motion_server.session.recovery.has_witness", lambda foundation: False)
+    assert damage(contents, manifest, STEPS * PAGE + 60, 3) == STEPS - 1
 
 
 def test_a_journal_that_verifies_no_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

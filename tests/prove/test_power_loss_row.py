@@ -25,5 +25,5 @@ def test_a_broken_promise_says_in_which_life(monkeypatch: pytest.MonkeyPatch) ->
     with pytest.raises((BrokenPromise, JournalError)) as caught:
         CHECK.run(2, Budget(300))
     notes: Any = " ".join(caught.value.__notes__)
-    assert "life 0, script " in notes
+    assert "life 0, level full, script " in notes
     assert "power lost before operation" in notes

@@ -289,7 +289,7 @@ def test_something_unforeseen_while_committing_fails_the_session(ready: Any, mon
         raise ZeroDivisionError("a defect")
 
     ready.move(1)
-    monkeypatch.setattr(type(ready.host._session._built.journal), "commit", broken)
+    monkeypatch.setattr(type(ready.host._session._built.keeper), "commit", broken)
     (reply,) = ready.all(Commit, step=1)
     assert (reply.code, reply.state) == ("INTERNAL", "FAILED")
 
@@ -304,7 +304,7 @@ def test_no_memory_is_a_typed_error(ready: Any, monkeypatch: pytest.MonkeyPatch)
 
 def test_what_create_refuses(kit: Any, store: Any) -> None:
     for spec, says in (
-        (kit.make_spec(durability="relaxed"), "not offered"),
+        (kit.make_spec(durability="none"), "not offered"),
         (kit.make_spec(settings=MethodSettings(basis="wendland")), "wendland"),
     ):
         with pytest.raises(InvalidInput, match=says):

@@ -13,6 +13,7 @@ from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.prove.check import BrokenPromise, Budget
 from mesh_motion_server.prove.io_faults import CHECK, fail_each_call, short_writes
 from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.relaxed import RelaxedKeeper
 
 
 @pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO])
@@ -24,19 +25,33 @@ def test_failures_at_every_operation(error: int, for_ever: bool) -> None:
     assert endings["FROZEN"] > 20
 
 
-@pytest.mark.parametrize("most", [1, 7, 1000])
-def test_short_writes_are_continued(most: int) -> None:
-    short_writes(most)
+def test_failures_where_commits_are_logged() -> None:
+    endings = fail_each_call(errno.EIO, for_ever=False, level="replay")
+    assert endings.pop("whole") == 1
+    assert set(endings) == {"not created", "not built", "FROZEN", "not rested"}
+    assert endings["FROZEN"] > 15
+
+
+def test_failures_behind_the_back_of_a_commit() -> None:
+    endings = fail_each_call(errno.ENOSPC, for_ever=True, level="relaxed")
+    assert endings.pop("whole") == 1
+    assert set(endings) == {"not created", "not built", "FROZEN"}
+    assert endings["FROZEN"] > 20
+
+
+@pytest.mark.parametrize(("most", "level"), [(1, "full"), (7, "full"), (1000, "full"), (7, "replay"), (7, "relaxed")])
+def test_short_writes_are_continued(most: int, level: str) -> None:
+    short_writes(most, level)
 
 
 def test_the_whole_row(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "mesh_motion_server.prove.io_faults.fail_each_call",
-        lambda error, for_ever: Counter({"whole": 1, "FROZEN": 3}),
+        lambda error, for_ever, level: Counter({"whole": 1, "FROZEN": 3}),
     )
     result = CHECK.run(1, Budget(2))
     assert result.passed
-    assert (result.details["faults"], result.details["calls"], result.details["short_writes"]) == (24, 3, 2)
+    assert (result.details["faults"], result.details["calls"], result.details["short_writes"]) == (72, 9, 2)
 
 
 # --- tests of the test: each seeded bug must be found ----------------------------------------------------------------
@@ -59,6 +74,13 @@ def test_an_error_that_is_swallowed_is_found(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(Journal, "_write_slot", swallowing)
     with pytest.raises((BrokenPromise, MeshMotionError)):
         fail_each_call(errno.ENOSPC, for_ever=False)
+
+
+def test_a_failure_in_the_background_that_is_not_told_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mesh_motion_server.prove.io_faults._PATIENCE", 0.5)
+    monkeypatch.setattr(RelaxedKeeper, "frozen", False)
+    with pytest.raises(BrokenPromise, match="step 1 does not become durable"):
+        fail_each_call(errno.EIO, for_ever=False, level="relaxed")
 
 
 def test_a_write_that_is_not_continued_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,7 +35,7 @@ def entry_of(step: int) -> Commit:
 def write(folder: Path, steps: int) -> Journal:
     journal = Journal.create(folder, PosixFileSystem(), FOUNDATION)
     for step in range(1, steps + 1):
-        journal.commit(entry_of(step), state_of(step))
+        journal.store(entry_of(step), state_of(step))
     return journal
 
 
@@ -95,10 +95,12 @@ def test_a_journal_of_another_format_is_not_guessed_at(tmp_path: Path) -> None:
     write(tmp_path, 1).close()
     with (tmp_path / "manifest").open("r+b") as file:
         file.seek(6)
-        file.write(b"\x02")
-    with pytest.raises(JournalError, match="format 2") as error:
+        file.write(b"\x03")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(JournalError, match="has format 3; this version reads the formats 1 to 2") as error:
         reopen(tmp_path)
     assert error.value.code == "UNIMPLEMENTED.VERSION"
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("name", ["manifest", "slot-0", "slot-1"])
@@ -112,7 +114,7 @@ def test_a_missing_file_is_told(tmp_path: Path, name: str) -> None:
 def test_a_step_out_of_turn_is_refused(tmp_path: Path) -> None:
     journal = write(tmp_path, 1)
     with pytest.raises(JournalError, match="does not follow step 1"):
-        journal.commit(entry_of(3), state_of(3))
+        journal.store(entry_of(3), state_of(3))
     assert journal.frozen
     journal.close()
 
@@ -120,9 +122,9 @@ def test_a_step_out_of_turn_is_refused(tmp_path: Path) -> None:
 def test_a_state_of_the_wrong_size_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     journal = write(tmp_path, 1)
     with pytest.raises(JournalError, match="does not fit"):
-        journal.commit(entry_of(2), state_of(2)[1:])
+        journal.store(entry_of(2), state_of(2)[1:])
     assert not journal.frozen
-    journal.commit(entry_of(2), state_of(2))
+    journal.store(entry_of(2), state_of(2))
     journal.close()
 
 

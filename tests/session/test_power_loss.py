@@ -5,6 +5,7 @@ The tests of the test at the end seed a bug and demand that the same campaign fi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -18,13 +19,23 @@ from mesh_motion_server.prove.power_loss import explore, fail_each, random_scrip
 from mesh_motion_server.session import journal as journal_module
 from mesh_motion_server.session import journal_files
 from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.ledger import Commit
+from mesh_motion_server.session.ledger import Commit, Ledger
+from mesh_motion_server.session.relaxed import RelaxedKeeper
 
 SCRIPT = "cceccccccoec"
+#: With what the other levels do beside: "f" catches up, stores what was logged.
+LONG_SCRIPT = "ccecfcccccocefcc"
+OTHERS = ("replay", "relaxed")
 
 
 def test_no_acknowledged_step_is_lost() -> None:
     assert explore(SCRIPT, Random(1)) > 500
+
+
+@pytest.mark.parametrize("level", OTHERS)
+def test_no_promised_step_is_lost(level: str) -> None:
+    assert explore(LONG_SCRIPT, Random(1), level=level) > 300
+    assert fail_each(LONG_SCRIPT, Random(1), level) > 30
 
 
 def test_a_failed_sync_followed_by_a_power_loss() -> None:
@@ -35,7 +46,7 @@ def test_a_failed_sync_followed_by_a_power_loss() -> None:
 def test_a_seed_repeats_the_life_and_its_disks() -> None:
     scripts = [random_script(Random(seed)) for seed in range(20)]
     assert scripts == [random_script(Random(seed)) for seed in range(20)]
-    assert {"c", "e", "o"} == set("".join(scripts))
+    assert {"c", "e", "f", "o"} == set("".join(scripts))
     assert explore("cec", Random(3)) == explore("cec", Random(3))
 
 
@@ -105,6 +116,60 @@ def test_a_single_slot_is_found() -> None:
         explore(SCRIPT, Random(1), wrap=OneSlot)
 
 
+@pytest.mark.parametrize("level", OTHERS)
+@pytest.mark.parametrize("names", [("slot-0", "slot-1"), ("manifest",)])
+def test_a_missing_sync_is_found_at_the_other_levels(names: tuple[str, ...], level: str) -> None:
+    with pytest.raises(FOUND):
+        explore(LONG_SCRIPT, Random(1), wrap=lambda files: Unsynced(files, *names), level=level)
+
+
+@pytest.mark.parametrize("level", OTHERS)
+def test_a_state_over_the_only_good_one_is_found(level: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Ledger, "next_slot", property(lambda self: self.snapshot.slot if self.snapshot else 1))
+    with pytest.raises(FOUND):
+        explore(LONG_SCRIPT, Random(1), level=level)
+
+
+def test_a_durable_step_told_before_its_sync_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RelaxedKeeper, "durable_after", lambda self, step: step)
+    with pytest.raises(BrokenPromise, match="was promised"):
+        explore(LONG_SCRIPT, Random(1), level="relaxed")
+
+
+def test_replies_of_steps_that_are_passed_over_are_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = Journal.store
+    monkeypatch.setattr(Journal, "store", lambda self, entry, state, earlier=(): honest(self, entry, state))
+    with pytest.raises(BrokenPromise, match="replies are kept"):
+        explore(LONG_SCRIPT, Random(1), level="relaxed")
+
+
+def test_inputs_that_a_checkpoint_forgets_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = Ledger.checkpoint_body
+
+    def forgetful(self: Ledger, capacity: int) -> Any:
+        return replace(self, commits=tuple(replace(c, boundary=None) for c in self.commits))._honest(capacity)  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(Ledger, "_honest", honest, raising=False)
+    monkeypatch.setattr(Ledger, "checkpoint_body", forgetful)
+    with pytest.raises(FOUND):
+        explore("ccecceccecceccec", Random(1), level="replay")
+
+
+def test_a_log_that_is_stored_too_late_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not logged any more must be in a slot."""
+
+    def hasty(self: Journal, state: Any) -> None:
+        last, slot = self.ledger.commits[-1], self.ledger.next_slot
+        body = {"kind": "snapshot", "step": last.step, "digest": last.digest, "slot": slot}
+        packed = self._fitting_record(body)
+        self._append(packed)
+        self._write_slot(slot, packed, state)
+
+    monkeypatch.setattr(Journal, "snapshot", hasty)
+    with pytest.raises(FOUND):
+        explore("cfccfcco", Random(1), level="replay")
+
+
 def test_a_missing_slot_checksum_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     honest = journal_files.view_slot
 
@@ -124,14 +189,11 @@ def test_a_missing_slot_checksum_is_found(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_record_written_before_its_slot_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def hasty(self: Journal, entry: Commit, state: Any) -> None:
-        packed = self._next_record(entry.as_body())
-        if self._end + len(packed) > self.ledger.capacity:
-            self._start_next_manifest()
-            packed = self._next_record(entry.as_body())
+        packed, slot = self._fitting_record(entry.as_body()), self.ledger.next_slot
         self._append(packed)
-        self._write_slot(entry.step, packed, state)
+        self._write_slot(slot, packed, state)
 
-    monkeypatch.setattr(Journal, "commit", hasty)
+    monkeypatch.setattr(Journal, "store", hasty)
     with pytest.raises(FOUND):
         explore(SCRIPT, Random(1))
 

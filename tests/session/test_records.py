@@ -9,7 +9,7 @@ import msgpack
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh_motion_server.session.records import MAGIC, PAGE, find_record, pack_record, unpack_record
+from mesh_motion_server.session.records import FAMILY, PAGE, find_record, pack_record, unpack_record
 
 
 def test_literal_bytes() -> None:
@@ -46,4 +46,4 @@ def test_a_record_is_found_behind_damage_at_page_starts_only() -> None:
     packed = pack_record(1, bytes(32), {"kind": "epoch", "epoch": 9})
     assert find_record(bytes(3 * PAGE) + packed, 0) == 3 * PAGE
     assert find_record(bytes(3 * PAGE + 8) + packed, 0) is None
-    assert find_record(MAGIC.ljust(2 * PAGE, b"\0"), 0) is None
+    assert find_record((FAMILY + b"\x01\n").ljust(2 * PAGE, b"\0"), 0) is None

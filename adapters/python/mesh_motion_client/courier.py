@@ -29,7 +29,7 @@ from mesh_motion_protocol.messages import (
 from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, seconds_left
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
-from mesh_motion_client.errors import MeshMotionError, SessionError, Timeout, Unavailable
+from mesh_motion_client.errors import MeshMotionError, SessionError, StepsLost, Timeout, Unavailable
 
 __all__ = ["Courier"]
 
@@ -55,6 +55,8 @@ class Courier:
 
     Attributes
     ----------
+    step, iteration : int
+        The last step known to be committed, and how many moves were made since.
     trial : Move or None
         The MOVE that made the open trial.
     may_resume : bool
@@ -63,6 +65,7 @@ class Courier:
     """
 
     def __init__(self, control: Control, credentials: Credentials, partition: int) -> None:
+        self.step = self.iteration = 0
         self.trial: Move | None = None
         self.may_resume = False
         self._control = control
@@ -86,7 +89,14 @@ class Courier:
         }
 
     def join(self, endpoint: str, epoch: int, seconds: float) -> Joined:
-        """Connect to the worker and prove the right to the session."""
+        """Connect to the worker and prove the right to the session.
+
+        Raises
+        ------
+        StepsLost
+            If steps known to be committed are not there any more; the connection is open, :attr:`step` is where the
+            session stands.
+        """
         self.disconnect()
         self._epoch = epoch
         connection = self._control.data_connection(endpoint)
@@ -99,7 +109,20 @@ class Courier:
             connection.close()  # nothing has joined on it: no request may follow
             raise
         self._data = connection
+        self._take_step(joined.step)
         return joined
+
+    def _take_step(self, step: int) -> None:
+        """Where the session stands, which may be behind what was answered before."""
+        known = self.step
+        if step >= known:
+            return
+        self.step, self.iteration, self.trial, self._unanswered = step, 0, None, None
+        raise StepsLost(
+            f"step {known} was committed, but after a restart the session stands at step {step}",
+            hint="go on from session.step: the same moves and commits give the same coordinates again",
+            details={"expected": step + 1, "got": known + 1},
+        )
 
     def deliver(self, message: SessionMessage, kind: type[_Reply], seconds: float) -> _Reply:
         """Send a request until it is answered.

@@ -5,6 +5,7 @@
     MeshMotionError            .code .message .hint .details
     ├── InvalidInput           the request or the mesh is wrong
     ├── SessionError           it does not fit the session: its state, its step, its owner
+    │   └── StepsLost          committed steps of a session with durability "relaxed" are lost: .step .lost
     ├── QualityRefused         no acceptable mesh was found: .best .fraction .worst
     ├── ResourceExhausted      a limit of the server
     ├── Unavailable            nobody answers, or the server is stopping
@@ -28,6 +29,7 @@ __all__ = [
     "ResourceExhausted",
     "ServerFault",
     "SessionError",
+    "StepsLost",
     "Timeout",
     "Unavailable",
     "Unsupported",
@@ -75,6 +77,33 @@ class SessionError(MeshMotionError):
     """The request does not fit the session: its state, its step, its owner or its existence."""
 
     default_code = "FAILED_PRECONDITION.STATE"
+
+
+class StepsLost(SessionError):
+    """Steps that were committed did not survive a crash: the session has durability "relaxed" and goes on before them.
+
+    Nothing of the call took effect. ``session.step`` is where the session stands; the same moves and commits from there
+    give the same coordinates again.
+
+    Attributes
+    ----------
+    step : int
+        The last committed step that is left.
+    lost : int
+        How many are lost.
+    """
+
+    default_code = "ABORTED.STEPS_LOST"
+
+    @property
+    def step(self) -> int:
+        """The last committed step that is left."""
+        return int(self.details.get("expected", 1)) - 1
+
+    @property
+    def lost(self) -> int:
+        """How many are lost."""
+        return int(self.details.get("got", 1)) - 1 - self.step
 
 
 class QualityRefused(MeshMotionError):
@@ -144,6 +173,7 @@ class ServerFault(MeshMotionError):
 
 _BY_CODE: dict[str, type[MeshMotionError]] = {
     "FAILED_PRECONDITION.QUALITY": QualityRefused,
+    "ABORTED.STEPS_LOST": StepsLost,
     "INVALID_ARGUMENT": InvalidInput,
     "FAILED_PRECONDITION": SessionError,
     "ABORTED": SessionError,

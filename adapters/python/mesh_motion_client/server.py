@@ -47,11 +47,14 @@ class Server:
     ----------
     endpoint : str
     welcome : Welcome
-        The server's version, limits and name.
+        The server's version, limits and name, and the levels of durability that it offers.
     """
 
-    def __init__(self, endpoint: str, *, timeout: float, compute_timeout: float, keys: Keys | None = None) -> None:
+    def __init__(
+        self, endpoint: str, *, timeout: float, compute_timeout: float, keys: Keys | None = None, durability: str = ""
+    ) -> None:
         self.endpoint = endpoint
+        self._durability = durability
         self._keys = keys
         self._timeout = timeout
         self._compute_timeout = compute_timeout
@@ -79,6 +82,7 @@ class Server:
         partitions: int = 1,
         partition: int = 0,
         label: str = "",
+        durability: str | None = None,
         announce: Callable[[Credentials], None] | None = None,
     ) -> Session:
         """Open a session and upload its mesh.
@@ -93,6 +97,10 @@ class Server:
             How many partitions the session has, and which this one is.
         label : str
             Shown in logs and lists.
+        durability : {"full", "replay", "relaxed", ""}, optional
+            What a commit waits for; "" is the server's default, None what :func:`connect` was given. "full" and
+            "replay" lose nothing that was committed; "relaxed" may lose the steps behind ``session.durable_step``,
+            and says so by :class:`~.errors.StepsLost`.
         announce : callable, optional
             Called with the credentials before the upload: with several partitions, hand them to the others, who call
             :meth:`join`; the upload ends when all have sent their part.
@@ -108,7 +116,7 @@ class Server:
         while True:
             attempts -= 1
             try:
-                return self._open(mesh, settings, partitions, partition, label, announce)
+                return self._open(mesh, settings, partitions, partition, label, durability, announce)
             except (Unavailable, SessionError) as error:
                 # NOT_FOUND of what was just opened: the server was started again before it was built
                 gone = isinstance(error, Unavailable) or error.code == "NOT_FOUND"
@@ -122,6 +130,7 @@ class Server:
         partitions: int,
         partition: int,
         label: str,
+        durability: str | None,
         announce: Callable[[Credentials], None] | None,
     ) -> Session:
         opened = self._control.ask(
@@ -133,6 +142,7 @@ class Server:
             settings=dict(settings or {}),
             label=label,
             bytes_reserved=mesh.nbytes if partitions == 1 else 0,
+            durability=self._durability if durability is None else durability,
         )
         session = self._session(Credentials(opened.session, opened.token), partition)
         with _closing_on_error(session, "discard"):
@@ -169,6 +179,7 @@ class Server:
         session = self._session(credentials, partition)
         with _closing_on_error(session, "keep"):
             session.join(resumed.endpoint, resumed.epoch)
+            session.durable_step = resumed.step
         return session
 
     def sessions(self) -> list[dict[str, Any]]:
@@ -212,11 +223,12 @@ class Server:
         timeout: float,
         compute_timeout: float,
         options: Sequence[str] = (),
+        durability: str = "",
     ) -> Server:
         """A private server in a process of its own."""
         embedded = EmbeddedServer(state, timeout, options)
         try:
-            server = cls(embedded.endpoint, timeout=timeout, compute_timeout=compute_timeout)
+            server = cls(embedded.endpoint, timeout=timeout, compute_timeout=compute_timeout, durability=durability)
         except MeshMotionError:
             embedded.stop()
             raise
@@ -232,6 +244,7 @@ def connect(
     state: str | os.PathLike[str] | None = None,
     server_options: Sequence[str] = (),
     keys: Keys | None = None,
+    durability: str = "",
 ) -> Server:
     """Connect to a server.
 
@@ -250,6 +263,8 @@ def connect(
     keys : Keys, optional
         For a server that asks for them; None: those that the environment names, if it names any. A private server needs
         none.
+    durability : {"full", "replay", "relaxed", ""}
+        Of the sessions opened here, see :meth:`Server.open`; "": the server's default.
 
     Raises
     ------
@@ -265,9 +280,11 @@ def connect(
     ...     session.commit()
     """
     if endpoint is None:
-        return Server.embedded(state, timeout=timeout, compute_timeout=compute_timeout, options=server_options)
+        return Server.embedded(
+            state, timeout=timeout, compute_timeout=compute_timeout, options=server_options, durability=durability
+        )
     keys = keys if keys is not None else Keys.from_environment()
-    return Server(endpoint, timeout=timeout, compute_timeout=compute_timeout, keys=keys)
+    return Server(endpoint, timeout=timeout, compute_timeout=compute_timeout, keys=keys, durability=durability)
 
 
 @contextlib.contextmanager

@@ -48,6 +48,9 @@ class Session:
     partition : int
     step : int
         The last committed step.
+    durable_step : int
+        The step that no crash and no power loss takes the session back behind, as the last commit was told: with
+        durability "relaxed" it follows :attr:`step` at a distance. :meth:`status` tells the newest.
     iteration : int
         Moves of the step under way, 0 = none.
     moving_nodes : (k,) int array
@@ -63,8 +66,7 @@ class Session:
     ) -> None:
         self.credentials = credentials
         self.partition = partition
-        self.step = 0
-        self.iteration = 0
+        self.durable_step = 0
         self.dimension = 0
         self.moving_nodes: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self.settings: dict[str, Any] = {}
@@ -76,6 +78,16 @@ class Session:
         self._timeout = timeout
         self._compute_timeout = compute_timeout
         self._closed = False
+
+    @property
+    def step(self) -> int:
+        """The last committed step."""
+        return self._courier.step
+
+    @property
+    def iteration(self) -> int:
+        """Moves of the step under way, 0 = none."""
+        return self._courier.iteration
 
     # --- the verbs ---------------------------------------------------------------------------------------------------
 
@@ -110,21 +122,28 @@ class Session:
         """
         move = Move(**self._courier.address, step=self.step + 1, frame=frame, displacement=self._rows(displacements))
         moved = self._courier.deliver(move, Moved, timeout or self._compute_timeout)
-        self._courier.trial, self.iteration = move, moved.iteration
+        self._courier.trial, self._courier.iteration = move, moved.iteration
         return moved
 
     def commit(self, *, timeout: float | None = None) -> Committed:
-        """Make the trial the committed state; it is durable when this returns."""
+        """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
+
+        Raises
+        ------
+        StepsLost
+            With durability "relaxed", as any call: the server crashed, and committed steps with it.
+        """
         commit = Commit(**self._courier.address, step=self.step + 1)
         committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
-        self.step, self.iteration, self._courier.trial = committed.step, 0, None
+        self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, None
+        self.durable_step = committed.durable_step
         return committed
 
     def rollback(self, *, timeout: float | None = None) -> None:
         """Drop the trial."""
         rollback = Rollback(**self._courier.address, step=self.step + 1)
         self._courier.deliver(rollback, RolledBack, timeout or self._compute_timeout)
-        self.iteration, self._courier.trial = 0, None
+        self._courier.iteration, self._courier.trial = 0, None
 
     def points(self, what: Frame = "committed", *, timeout: float | None = None) -> NDArray[np.float64]:
         """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
@@ -168,7 +187,7 @@ class Session:
     def join(self, endpoint: str, epoch: int) -> Joined:
         """Connect to the worker; a session that is built is then ready for use."""
         joined = self._courier.join(endpoint, epoch, self._timeout)
-        self.dimension, self.step, self.iteration = joined.dimension, joined.step, joined.iteration
+        self.dimension, self._courier.step, self._courier.iteration = joined.dimension, joined.step, joined.iteration
         if joined.moving_nodes is not None:
             self.moving_nodes = joined.moving_nodes
             self._courier.may_resume = joined.partitions == 1

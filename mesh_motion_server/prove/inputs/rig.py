@@ -29,7 +29,9 @@ __all__ = ["LIMITS", "Rig", "frames", "opened", "quietly"]
 
 _TOKEN = bytes(range(32))
 #: Small, so that a case can pass them.
-LIMITS = ServerSettings(max_partitions=4, max_session_bytes=1 << 16, max_label_characters=40)
+LIMITS = ServerSettings(
+    max_partitions=4, max_session_bytes=1 << 16, max_label_characters=40, durability=["full", "replay"]
+)
 
 
 def frames(kind: str, sequence: int, fields: dict[str, Any], arrays: dict[str, Rows]) -> list[Any]:

@@ -65,6 +65,12 @@ def die_before(server: ScriptedServer, socket: Any, peer: bytes, request: Messag
     server.close_data()
 
 
+def die_forgetting(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+    """Not executed, and the worker ends with the last ``steps``, which were committed and not durable."""
+    die_before(server, socket, peer, request, given)
+    server.session.forget(given["steps"])
+
+
 def fence(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
     """Somebody else resumes the session just before this request."""
     del given
@@ -151,7 +157,7 @@ def misframed(server: ScriptedServer, socket: Any, peer: bytes, request: Message
 ACTIONS: dict[str, Action] = {
     action.__name__.replace("_", "-"): action
     for action in (
-        delay, lose, drop, cut, cut_before, die, die_before, fence, fence_silently, twice, refuse, fields, header,
-        foreign_first, garbage, narrow, spelled, misframed,
+        delay, lose, drop, cut, cut_before, die, die_before, die_forgetting, fence, fence_silently, twice, refuse,
+        fields, header, foreign_first, garbage, narrow, spelled, misframed,
     )
 }  # fmt: skip

@@ -52,6 +52,8 @@ class ScriptedSession:
         self.state, self.step, self.iteration, self.epoch = "NEW", 0, 0, 1
         self.points = POINTS.copy()
         self._trial: Array | None = None
+        self._before: list[Array] = []
+        self._forgotten = False
         self._lost_trial = False
         self._stored: dict[tuple[bytes, int], tuple[Any, Reply]] = {}
 
@@ -65,7 +67,9 @@ class ScriptedSession:
             known, stored = self._stored[key]
             return stored if known == content else error("ABORTED.CONFLICT", self.state)
         if kind in ("COMMIT", "MOVE", "ROLLBACK") and fields["step"] != self.step + 1:
-            return error("FAILED_PRECONDITION.STEP", self.state)
+            lost = self._forgotten and fields["step"] > self.step + 1
+            code = "ABORTED.STEPS_LOST" if lost else "FAILED_PRECONDITION.STEP"
+            return error(code, self.state, expected=self.step + 1, got=fields["step"])
         allowed = tables().states[self.state].get(kind, self.state)
         if allowed is None:
             lost = kind == "COMMIT" and self._lost_trial
@@ -81,6 +85,13 @@ class ScriptedSession:
         """Only what was journaled is left: the committed state and the replies to COMMITs."""
         self._drop_trial()
         self._stored = {key: entry for key, entry in self._stored.items() if entry[1].kind == "COMMITTED"}
+
+    def forget(self, steps: int) -> None:
+        """The last committed steps did not survive, nor did the replies to their COMMITs."""
+        self.lose_worker()
+        self._forgotten, self.step = True, self.step - steps
+        self.points, self._before = self._before[self.step], self._before[: self.step]
+        self._stored = {k: entry for k, entry in self._stored.items() if entry[1].fields["step"] <= self.step}
 
     def resume(self) -> Reply:
         """RESUMED, under the next epoch."""
@@ -126,6 +137,7 @@ class ScriptedSession:
         return Reply("MOVED", fields, {"displacement": displacement, "enrichment_points": np.empty((0, 2))})
 
     def _commit(self, _: Message) -> Reply:
+        self._before.append(self.points)
         if self._trial is not None:
             self.points = self._trial
         self.step, self._trial, self.iteration = self.step + 1, None, 0

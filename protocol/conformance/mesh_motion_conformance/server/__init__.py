@@ -19,6 +19,7 @@ from mesh_motion_conformance.server import (
     section_14_settings,
     section_15_reports,
     section_17_errors,
+    section_21_durability,
     vectors,
 )
 from mesh_motion_conformance.server.stage import Stage
@@ -41,6 +42,7 @@ _SUITES = (
     section_14_settings.suite,
     section_15_reports.suite,
     section_17_errors.suite,
+    section_21_durability.suite,
     vectors.suite,
 )
 

@@ -105,7 +105,9 @@ class Stage:
 
     # --- sessions ----------------------------------------------------------------------------------------------------
 
-    def open(self, *parts: Part, settings: dict[str, Any] | None = None, label: str = "conformance") -> Session:
+    def open(
+        self, *parts: Part, settings: dict[str, Any] | None = None, label: str = "conformance", durability: str = ""
+    ) -> Session:
         """A session of its own, in state NEW and joined by all of its partitions."""
         if self._failed_openings >= _FAILED_OPENINGS:
             raise Unmet("a session", f"none after {self._failed_openings} tries to open one")
@@ -115,6 +117,8 @@ class Stage:
             fields["partitions"] = len(parts)
         if settings is not None:
             fields["settings"] = settings
+        if durability:
+            fields["durability"] = durability
         try:
             reply = answered(self.ask(Request("OPEN", fields), seconds=self.opening_seconds), "OPENED")
             session = Session(self, reply, parts)

@@ -1,0 +1,198 @@
+"""The levels of durability: what a commit waits for, and what a session finds again.
+
+``full``
+    Every commit stores its state: a slot and a record, two syncs.
+``replay``
+    A commit stores what its state is computed from, in a record: one sync, and bytes as the boundary has nodes. Every
+    ``snapshot_steps`` commits, or once ``log_bytes`` were logged, one stores its state instead. Whoever opens the
+    journal computes the states behind the last stored one again (:mod:`~mesh_motion_server.session.replay`). Nothing
+    that was answered is lost, as with ``full``. Closing stores the state, so that a planned restart, and another
+    version of the server, finds nothing to compute.
+``relaxed``
+    A commit is answered at once; states are stored behind it (:mod:`~mesh_motion_server.session.relaxed`). What was
+    answered and is behind the durable step may be lost.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.ledger import BoundaryInput, Commit
+from mesh_motion_server.session.relaxed import RelaxedKeeper
+
+__all__ = ["FullKeeper", "Keeper", "ReplayKeeper", "keeper_of", "log_bytes", "logged_failure"]
+
+_LOG = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+#: Least and most bytes of commits that are logged before a state is stored: opening reads them all.
+_LEAST_LOG, _MOST_LOG = 1 << 20, 32 << 20
+
+
+def log_bytes(state_bytes: int) -> int:
+    """After how many bytes of logged commits a state of this size is stored: half of its own."""
+    return min(max(state_bytes // 2, _LEAST_LOG), _MOST_LOG)
+
+
+class Keeper(Protocol):
+    """Keeps the commits of a session, at one of the levels.
+
+    Attributes
+    ----------
+    journal : Journal
+    """
+
+    journal: Journal
+
+    @property
+    def commits(self) -> tuple[Commit, ...]:
+        """The latest commits, durable or not."""
+        ...
+
+    @property
+    def durable_step(self) -> int:
+        """No power loss takes the session back behind this step."""
+        ...
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the disk failed, possibly unasked."""
+        ...
+
+    def durable_after(self, step: int) -> int:
+        """The durable step that is told to whoever commits ``step``."""
+        ...
+
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """Take a commit: its state (n, d), ascending by global id, which nobody changes, and what determines it.
+
+        Raises
+        ------
+        JournalError
+            If the disk failed, or has failed before.
+        """
+
+    def catch_up(self) -> None:
+        """Return when all commits are durable.
+
+        Raises
+        ------
+        JournalError
+            If the disk failed, or has failed before.
+        """
+
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """Catch up, and leave nothing to be computed: the session is about to be closed.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`catch_up`.
+        """
+
+    def close(self) -> None:
+        """Give the files back; what is not durable yet is lost. Idempotent."""
+
+
+class FullKeeper:
+    """Level ``full``.
+
+    Parameters
+    ----------
+    journal : Journal
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self.journal = journal
+
+    @property
+    def commits(self) -> tuple[Commit, ...]:
+        """See :class:`Keeper`."""
+        return self.journal.ledger.commits
+
+    @property
+    def durable_step(self) -> int:
+        """See :class:`Keeper`."""
+        return self.journal.ledger.step
+
+    @property
+    def frozen(self) -> bool:
+        """See :class:`Keeper`."""
+        return self.journal.frozen
+
+    def durable_after(self, step: int) -> int:
+        """See :class:`Keeper`."""
+        return step
+
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """See :class:`Keeper`."""
+        del boundary
+        self.journal.store(entry, state)
+
+    def catch_up(self) -> None:
+        """See :class:`Keeper`."""
+
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """See :class:`Keeper`."""
+
+    def close(self) -> None:
+        """See :class:`Keeper`."""
+        self.journal.close()
+
+
+class ReplayKeeper(FullKeeper):
+    """Level ``replay``."""
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__(journal)
+        self._logged_bytes = sum(_bytes_of(commit) for commit in journal.ledger.logged)
+
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """See :class:`Keeper`."""
+        ledger, foundation = self.journal.ledger, self.journal.ledger.foundation
+        logged = replace(entry, boundary=boundary())
+        total = self._logged_bytes + _bytes_of(logged)
+        if len(ledger.logged) + 1 < foundation.snapshot_steps and total <= foundation.log_bytes:
+            self.journal.log(logged)
+            self._logged_bytes = total
+        else:
+            self.journal.store(entry, state)
+            self._logged_bytes = 0
+
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """See :class:`Keeper`."""
+        if self.journal.ledger.logged:
+            self.journal.snapshot(state())
+            self._logged_bytes = 0
+
+
+def _bytes_of(commit: Commit) -> int:
+    """What a logged commit takes in a checkpoint: its input, and a generous share for all the rest."""
+    rows = commit.boundary.rows if commit.boundary is not None else b""
+    return len(rows) + len(commit.receipt) + 128 * len(commit.requests) + 512
+
+
+def keeper_of(journal: Journal) -> Keeper:
+    """The keeper of a journal's level."""
+    durability = journal.ledger.foundation.durability
+    if durability == "relaxed":
+        return RelaxedKeeper(journal)
+    return ReplayKeeper(journal) if durability == "replay" else FullKeeper(journal)
+
+
+@contextmanager
+def logged_failure(session: str) -> Iterator[None]:
+    """Nobody waits for an answer: what fails is logged, and the next request is told."""
+    try:
+        yield
+    except JournalError as error:
+        _LOG.error("session %s could not be stored: %s", session, error)

@@ -1,0 +1,154 @@
+"""Level ``relaxed``: a commit is answered before the disk has it, a thread of the session's process stores it.
+
+The thread stores one state at a time, always the newest, with the replies to all commits since the last one stored
+(:class:`Backlog`). So the disk's queue never grows: at most two states wait, and the durable step is behind by what was
+committed during the last two writes. A crash of the process loses as much as a loss of power.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.journal_files import KEPT_COMMITS
+from mesh_motion_server.session.ledger import BoundaryInput, Commit
+
+__all__ = ["Backlog", "RelaxedKeeper"]
+
+Floats = NDArray[np.float64]
+
+
+class Backlog:
+    """Commits that were answered and are not stored: of the states the newest, of the replies those that are kept.
+
+    Parameters
+    ----------
+    journal : Journal
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._commits: tuple[Commit, ...] = ()
+        self._state: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self._commits)
+
+    def accept(self, entry: Commit, state: Floats) -> None:
+        """One more commit; its state (n, d) is not changed by anybody."""
+        self._commits, self._state = (*self._commits, entry)[-KEPT_COMMITS:], state
+
+    def take(self) -> Callable[[], None]:
+        """Empty the backlog; what stores all that was in it."""
+        (*earlier, entry), state = self._commits, self._state
+        self._commits, self._state = (), None
+        if state is None:
+            raise JournalError("there is nothing to store", code="INTERNAL")
+        return lambda: self._journal.store(entry, state, earlier)
+
+
+class RelaxedKeeper:
+    """See :class:`~mesh_motion_server.session.durability.Keeper`; its methods are called by one thread.
+
+    Parameters
+    ----------
+    journal : Journal
+        Touched by this keeper's thread alone while there is something to store.
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self.journal = journal
+        self._commits = journal.ledger.commits
+        self._backlog = Backlog(journal)
+        self._failure: JournalError | None = None
+        self._storing = self._over = False
+        self._news = threading.Condition()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def commits(self) -> tuple[Commit, ...]:
+        """See ``Keeper``."""
+        return self._commits
+
+    @property
+    def durable_step(self) -> int:
+        """See ``Keeper``: the ledger is exchanged as a whole, once what it says is synced."""
+        return self.journal.ledger.step
+
+    @property
+    def frozen(self) -> bool:
+        """See ``Keeper``."""
+        return self.journal.frozen
+
+    def durable_after(self, step: int) -> int:
+        """See ``Keeper``."""
+        del step
+        return self.durable_step
+
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """See ``Keeper``."""
+        del boundary
+        with self._news:
+            self._require_working()
+            self._backlog.accept(entry, state)
+            self._news.notify_all()
+        self._commits = (*self._commits, entry)[-KEPT_COMMITS:]
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="relaxed commits", daemon=True)
+            self._thread.start()
+
+    def catch_up(self) -> None:
+        """See ``Keeper``."""
+        with self._news:
+            self._news.wait_for(lambda: self._failure is not None or not (self._backlog or self._storing))
+            self._require_working()
+
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """See ``Keeper``."""
+        del state
+        self.catch_up()
+
+    def close(self) -> None:
+        """See ``Keeper``."""
+        with self._news:
+            self._over = True
+            self._news.notify_all()
+        if self._thread is not None:
+            self._thread.join()
+        self.journal.close()
+
+    def _require_working(self) -> None:
+        if self._failure is not None:
+            failure = self._failure
+            raise JournalError(failure.message, code=failure.code, hint=failure.hint, details=failure.details)
+
+    def _run(self) -> None:
+        """Store what has come, until the session is closed or the disk fails."""
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._over or self._backlog)
+                if self._over:
+                    return
+                store, self._storing = self._backlog.take(), True
+            failure = _failure_of(store)
+            with self._news:
+                self._storing, self._failure = False, failure
+                self._news.notify_all()
+            if failure is not None:
+                return
+
+
+def _failure_of(store: Callable[[], None]) -> JournalError | None:
+    """What becomes of storing."""
+    try:
+        store()
+    except JournalError as error:
+        return error
+    except Exception as error:
+        return JournalError(f"unexpected {type(error).__name__}: {error}", code="INTERNAL")
+    return None

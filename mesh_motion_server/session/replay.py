@@ -1,0 +1,132 @@
+"""States that were logged, not stored: what is logged of a Move, and the states computed from it again.
+
+The recomputation must give the digest that was journaled, bit for bit, or nothing is opened. It is the same function of
+the same bytes, so it does on the same machine with the same software. Another version of the server or of its numerical
+libraries, or a processor for which these choose other instructions, may round otherwise. Threads, caches and coupling
+iterations before the committed one do not matter; of a cluster's size this is not promised. The log says for each step
+what computed it, and a session that was closed needs no recomputation (:mod:`~mesh_motion_server.session.durability`).
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+from mesh_motion_protocol.digests import state_digest
+from numpy.typing import NDArray
+
+from mesh_motion_server import __version__
+from mesh_motion_server.errors import JournalError, MeshMotionError
+from mesh_motion_server.session.factors import FactorCache
+from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.ledger import BoundaryInput, Commit
+from mesh_motion_server.session.model import Model
+from mesh_motion_server.session.motions import Origin, compute
+from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.state import CommittedState
+
+__all__ = ["boundary_input", "maker", "recompute", "restore"]
+
+Floats = NDArray[np.float64]
+
+
+def boundary_input(mesh: MergedMesh, origin: Origin) -> BoundaryInput:
+    """What is logged of a Move."""
+    rows = np.ascontiguousarray(origin.told[_by_global_id(mesh)], dtype="<f8")
+    return BoundaryInput(origin.frame, rows.tobytes(), maker())
+
+
+def restore(journal: Journal, model: Model, mesh: MergedMesh, factors: FactorCache) -> CommittedState:
+    """The last committed state of a journal, read or computed.
+
+    Raises
+    ------
+    JournalError
+        If it does not verify; as :func:`recompute`.
+    """
+    snapshot = journal.ledger.snapshot
+    stored = CommittedState(0, mesh.points)
+    if snapshot is not None:
+        points = np.empty_like(mesh.points)
+        points[mesh.id_order] = journal.read_state()
+        points.flags.writeable = False
+        stored = CommittedState(snapshot.step, points)
+    return recompute(model, mesh, factors, stored, journal.ledger.logged)
+
+
+@cache
+def maker() -> str:
+    """Versions and processor of this process, for people: what has to be alike where a recomputation fails."""
+    libraries = (f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "numba"))
+    return ", ".join([f"mesh-motion-server {__version__}", *libraries, _processor()])[:200]
+
+
+def recompute(
+    model: Model, mesh: MergedMesh, factors: FactorCache, start: CommittedState, logged: Sequence[Commit]
+) -> CommittedState:
+    """The last committed state.
+
+    Parameters
+    ----------
+    start : CommittedState
+        That of the last snapshot.
+    logged : sequence of Commit
+        The commits behind it.
+
+    Raises
+    ------
+    JournalError
+        DATA_LOSS.RECOVERY_DIVERGED if a step does not give its digest again.
+    """
+    model = model.without_distributions()
+    for commit in logged:
+        points = _points_after(model, mesh, factors, start, commit)
+        found = state_digest(commit.step, np.take(points, mesh.id_order, axis=0))
+        if found != commit.digest:
+            raise _diverged(commit, f"digest {found.hex()[:16]}… instead of {commit.digest.hex()[:16]}…")
+        start = CommittedState(commit.step, points)
+    return start
+
+
+def _points_after(
+    model: Model, mesh: MergedMesh, factors: FactorCache, before: CommittedState, commit: Commit
+) -> Floats:
+    """The coordinates (n, d) of a logged commit, in canonical order."""
+    boundary, order = commit.boundary, _by_global_id(mesh)
+    if boundary is None or len(boundary.rows) != 8 * order.size * mesh.points.shape[1]:
+        raise _diverged(commit, "displacements that are not those of this mesh's moving nodes")
+    told = np.empty((order.size, mesh.points.shape[1]))
+    told[order] = np.frombuffer(boundary.rows, dtype="<f8").reshape(told.shape)
+    try:
+        return compute(model, mesh, before.points, Origin(boundary.frame, told), factors, told_apart=False).points
+    except MeshMotionError as error:
+        raise _diverged(commit, f"{error.code} ({error.message})") from error
+
+
+def _by_global_id(mesh: MergedMesh) -> NDArray[np.int64]:
+    """(k,) order that sorts the moving nodes by global id."""
+    return np.argsort(mesh.global_ids[mesh.moving])
+
+
+def _diverged(commit: Commit, what: str) -> JournalError:
+    made_by = commit.boundary.maker if commit.boundary is not None else "unknown"
+    return JournalError(
+        f"computing step {commit.step} again gave {what}; the session is not opened",
+        code="DATA_LOSS.RECOVERY_DIVERGED",
+        hint=f"made by {made_by}; this is {maker()}: resume it there and close it, then it can be resumed here",
+        details={"step": commit.step, "expected": commit.digest.hex(), "made_by": made_by},
+    )
+
+
+def _processor() -> str:
+    """The processor's name, as far as the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.machine())

@@ -1,0 +1,76 @@
+"""What a session swaps as a whole, and what its operations hand back: values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.session.durability import Keeper
+from mesh_motion_server.session.model import Model
+from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.state import CommittedState, State, Trial
+
+__all__ = ["Built", "CommitOutcome", "MoveOutcome", "Standing"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where the session stands; swapped as a whole. ``trial_lost``: a trial may have been dropped unasked."""
+
+    state: State
+    committed: CommittedState | None = None
+    trial: Trial | None = None
+    trial_lost: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """What BUILD makes and nothing changes afterwards, and what keeps the commits."""
+
+    mesh: MergedMesh
+    model: Model
+    keeper: Keeper
+
+
+@dataclass(frozen=True, eq=False)
+class MoveOutcome:
+    """What a Move found.
+
+    Attributes
+    ----------
+    step, iteration : int
+    motion : Motion
+        Of the numerics.
+    displacements : one (n_p, d) array per partition, mesh length unit
+        Of all its nodes, in its own order and in the frame of the request.
+    """
+
+    step: int
+    iteration: int
+    motion: Any
+    displacements: list[Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class CommitOutcome:
+    """What a Commit makes durable, at once or later.
+
+    Attributes
+    ----------
+    step, durable_step : int
+        That of the commit, and the one that no power loss goes behind once it is answered.
+    digest : bytes
+        State digest, see :mod:`mesh_motion_protocol.digests`.
+    quality : QualitySummary
+        Of the committed coordinates.
+    """
+
+    step: int
+    durable_step: int
+    digest: bytes
+    quality: Any
