@@ -167,7 +167,6 @@ class Journal:
         """
         self._require_usable()
         with self._freezing(f"committing step {entry.step}"):
-            failpoint("journal.commit.start")
             self._append(self._fitting_record(entry.as_body()))
 
     def snapshot(self, state: Floats) -> None:

@@ -202,6 +202,13 @@ def server(tmp_path):
         yield running
 
 
+@pytest.fixture
+def server_with(tmp_path):
+    """Starts a server with these settings."""
+    with contextlib.ExitStack() as stack:
+        yield lambda **settings: stack.enter_context(running_server(tmp_path, **settings))
+
+
 @pytest.fixture(scope="module")
 def keyed_server(tmp_path_factory):
     """A server with keys that admits alice, an eye and an admin; ``keys_of(name)`` makes and loads a client's."""
