@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -285,7 +286,8 @@ class Session:
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
         after = Standing(state, CommittedState(trial.step, trial.points))
-        self._write(lambda: built.keeper.commit(entry, durable, lambda: boundary_input(built.mesh, trial.origin)), after)
+        boundary = partial(boundary_input, built.mesh, trial.origin)
+        self._write(lambda: built.keeper.commit(entry, durable, boundary), after)
         return outcome
 
     def rollback(self) -> None:
