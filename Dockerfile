@@ -33,4 +33,4 @@ RUN pip install --no-cache-dir '.[server]' \
 USER mesh
 WORKDIR /home/mesh
 ENTRYPOINT ["sh", "-c", "cp -r /opt/mesh-motion/kernels /tmp/ && exec mesh-motion \"$@\"", "mesh-motion"]
-CMD ["serve", "--endpoint", "ipc:///run/mesh-motion/control", "--state", "/var/lib/mesh-motion"]
+CMD ["serve", "--endpoint", "ipc:///run/mesh-motion/control", "--state", "/var/lib/mesh-motion", "--metrics", "127.0.0.1:9464"]

@@ -1,0 +1,112 @@
+"""What docs/operations.md shows is run, or checked against what it is about."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from mesh_motion_server.cli import ExitStatus
+from mesh_motion_server.operation.metrics import METRICS, PREFIX
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport import log_bounds
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
+TOOLS = ("curl", "flock")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+
+
+def free_address() -> str:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{free.getsockname()[1]}"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not all(map(shutil.which, TOOLS)), reason="needs curl and flock")
+def test_the_first_block_runs(tmp_path: Path) -> None:
+    program = tmp_path / "bin" / "mesh-motion"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m mesh_motion_server "$@"\n')
+    program.chmod(0o755)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (block,), (client,) = blocks("sh"), blocks("python")
+    endpoint, metrics = free_address(), free_address()
+    (tmp_path / "client.py").write_text(client.replace("127.0.0.1:7440", endpoint))
+    script = block.replace("127.0.0.1:7440", endpoint).replace("127.0.0.1:9464", metrics)
+    script = script.replace("python client.py", f"{sys.executable} client.py")
+    script = "set -e\n" + script.replace("server.log &", "server.log & trap 'kill $! 2> /dev/null || true' EXIT", 1)
+    run = subprocess.run(
+        ["sh", "-c", script],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": f"{program.parent}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    commits = re.search(r"^mesh_motion_commits_total (\S+)$", run.stdout, re.MULTILINE)
+    assert commits is not None
+    assert float(commits[1]) == 3
+    assert "in use" not in run.stdout
+    stored = sorted(path.name for path in (tmp_path / "sessions" / "sessions").iterdir())
+    assert len(stored) == 1
+    assert sorted(path.name for path in (tmp_path / "backup" / "sessions").iterdir()) == stored
+
+
+def test_the_settings_are_known_and_their_defaults_right(tmp_path: Path) -> None:
+    (block,) = blocks("toml")
+    settings = ServerSettings.from_mapping(tomllib.loads(block))
+    assert settings.metrics == "127.0.0.1:9464"
+    rows = re.findall(r"^\| `([a-z_]+)` \| ([0-9.]+) \|", PAGE, re.MULTILINE)
+    assert len(rows) > 8
+    assert [(name, float(default)) for name, default in rows] == [
+        (name, float(getattr(ServerSettings(), name))) for name, _ in rows
+    ]
+
+
+def test_rules_and_probes_name_what_there_is() -> None:
+    yaml = pytest.importorskip("yaml")
+    scrape, rules, probes = (yaml.safe_load(block) for block in blocks("yaml"))
+    assert scrape["scrape_configs"][0]["static_configs"][0]["targets"] == ["127.0.0.1:9464"]
+    endings = {"counter": ("_total",), "gauge": ("",), "histogram": ("_bucket", "_count", "_sum")}
+    known = {PREFIX + metric.name + ending for metric in METRICS.values() for ending in endings[metric.kind]}
+    for rule in rules["groups"][0]["rules"]:
+        used = re.findall(rf"{PREFIX}[a-z_]+", rule["expr"])
+        assert used or rule["alert"] == "MeshMotionDown"
+        assert [name for name in used if name not in known] == []
+    for probe in (probes["livenessProbe"], probes["readinessProbe"]):
+        compile(probe["exec"]["command"][2], "probe", "exec")
+
+
+def test_figures_of_the_logs_are_those_of_the_code() -> None:
+    (line,) = blocks("json")
+    assert {"event", "level", "timestamp", "role", "session"} <= json.loads(line).keys()
+    assert f"at most {log_bounds._BURST:.0f} lines come at once and then one a second" in PAGE
+    assert log_bounds._RATE == 1
+    assert f"cut at {log_bounds._LONGEST} characters" in PAGE
+
+
+def test_the_statuses_are_those_of_the_program() -> None:
+    section = PAGE[PAGE.index("## Exit statuses") :]
+    told = {int(status) for status in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)}
+    assert told == {ExitStatus.DONE, ExitStatus.UNAVAILABLE, ExitStatus.DEFECT, ExitStatus.CONFIGURATION}
+
+
+def test_every_link_leads_somewhere() -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", PAGE)
+    assert links
+    assert [link for link in links if not (ROOT / "docs" / link).exists()] == []
