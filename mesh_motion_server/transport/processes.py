@@ -48,6 +48,13 @@ class Child:
         """End it at once; its channel then reads as closed."""
         self.process.kill()
 
+    def exit_descriptor(self) -> int | None:
+        """A descriptor that becomes readable when it has ended; None where the system has none."""
+        try:
+            return os.pidfd_open(self.pid)
+        except (AttributeError, OSError):
+            return None
+
     def reap(self) -> int:
         """Collect the exit status of a child that has ended or is about to."""
         self.channel.close()

@@ -41,6 +41,8 @@ _GATEWAY_STARTS = 20
 _GATEWAY_PAUSE = 0.2
 #: Workers that end one after the other before they have said a word: what they import or warm up is broken.
 _WORKER_STARTS = 3
+#: A worker that has closed its line ends within this time, seconds.
+_LEAVE_SECONDS = 5.0
 #: ``EX_SOFTWARE`` of sysexits.h: the server cannot do its work, and starting it again will not help.
 _DEFECT = 70
 
@@ -78,6 +80,7 @@ class Supervisor:
         self._gateway_starts = 0
         self._spare: Child | None = None
         self._silent_ends = 0
+        self._leaving: dict[Child, float] = {}
         self._killed_at: float | None = None
         self._signals = 0
         self._watch = Watch(settings, level, manager or ServiceManager(""))
@@ -123,6 +126,7 @@ class Supervisor:
             now = time.monotonic()
             self._control.keep_time(now)
             if now >= self._watch.next_beat:
+                self._hurry(now)
                 self._watch.beat(self._control.registry, self._gateway, self._spare, draining=self._control.draining)
             if self._killed_at is not None and now >= self._killed_at:
                 self._kill_workers()
@@ -299,23 +303,53 @@ class Supervisor:
             return None
 
     def _worker_spoke(self, child: Child) -> None:
-        live = self._control.registry.of(child)
         message = child.channel.receive()
-        if message is not None:
-            self._silent_ends, child.spoke = 0, True
-            self._watch.worker_warm()
-            TALLY.add(message.pop("tally", None))
-            if live is not None:
-                failpoint("supervisor.heard")
-                self._control.heard(live, message)
+        if message is None:
+            self._selector.unregister(child.channel)
+            self._await_end(child)
             return
-        code = self._end(child)
+        self._silent_ends, child.spoke = 0, True
+        self._watch.worker_warm()
+        TALLY.add(message.pop("tally", None))
+        live = self._control.registry.of(child)
+        if live is not None:
+            failpoint("supervisor.heard")
+            self._control.heard(live, message)
+
+    def _await_end(self, child: Child) -> None:
+        """Its line has ended, and soon its process will have; so long nobody else waits."""
+        spare = child is self._spare
+        if spare:
+            self._spare = None
+        descriptor = child.exit_descriptor()
+        if descriptor is None:
+            self._worker_ended(child, spare=spare)
+            return
+
+        def ended(_source: Any) -> None:
+            self._selector.unregister(descriptor)
+            os.close(descriptor)
+            self._leaving.pop(child, None)
+            self._worker_ended(child, spare=spare)
+
+        self._leaving[child] = time.monotonic() + _LEAVE_SECONDS
+        self._listen(descriptor, ended)
+
+    def _hurry(self, now: float) -> None:
+        """Kill workers that have closed their line but do not end."""
+        for child, deadline in self._leaving.items():
+            if deadline <= now:
+                child.kill()
+
+    def _worker_ended(self, child: Child, *, spare: bool) -> None:
+        code = child.reap()
         failpoint("supervisor.worker-ended")
         self._watch.worker_ended(code)
         self._silent_ends += not child.spoke
+        live = self._control.registry.of(child)
         if live is not None:
             self._control.gone(live, code)
-        elif child is self._spare:
+        elif spare:
             log().error("spare_ended", code=code)
             self._spare = None if self._workers_fail or self._control.draining else self._next_spare()
         if self._workers_fail and not self._control.draining:

@@ -2,11 +2,12 @@
 
 Its state is one small file per session. Labels ask for trouble: ``slow`` holds MOVE until a file named ``go`` lies in
 the state folder, ``crash`` ends the process in MOVE, ``broken`` fails to open, ``bad-reply`` answers with a message
-that cannot be encoded.
+that cannot be encoded, ``lingers`` closes its line to the supervisor and does not end.
 """
 
 import json
 import os
+import sys
 import time
 from types import SimpleNamespace
 
@@ -180,3 +181,8 @@ class SessionHost:
 
     def close(self):
         (self.store.root / f"closed-{self.session}").touch()
+        if self.label == "lingers":
+            with open(os.devnull) as nothing:
+                os.dup2(nothing.fileno(), int(sys.argv[1]))
+            (self.store.root / f"lingers-{self.session}").touch()
+            time.sleep(3600)

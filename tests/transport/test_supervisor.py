@@ -326,3 +326,16 @@ def test_sessions_with_long_labels_are_listed_in_pages_that_fit(start, connect):
         found += [session["session"] for session in page.sessions]
         more = page.more
     assert found == names
+
+
+def test_a_worker_that_is_slow_to_end_holds_nobody_up(start, connect, open_session):
+    server = start()
+    opened, data, at = open_session(server, label="lingers")
+    pid = worker_pid(data, at)
+    assert data.ask(Close, **at).type == "CLOSED"
+    server.wait_until((server.state / f"lingers-{opened.session}").exists, "it has closed its line")
+    control = connect(server.endpoint)
+    assert control.ask(List).sessions[0]["session"] == opened.session
+    assert server.alive(pid)
+    server.wait_until(lambda: not server.alive(pid), "it is killed")
+    server.wait_until(lambda: server.logs("worker_ended"), "the log tells")
