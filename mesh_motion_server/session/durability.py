@@ -4,7 +4,8 @@
     Every commit stores its state: a slot and a record, two syncs.
 ``replay``
     A commit stores what its state is computed from, in a record: one sync, and bytes as the boundary has nodes. Every
-    ``snapshot_steps`` commits, or once ``log_bytes`` were logged, one stores its state instead. Whoever opens the
+    ``snapshot_steps`` commits, or once ``log_bytes`` were logged, one stores its state instead; so does each whose
+    input is so large beside the state that logging it would cost the disk as much. Whoever opens the
     journal computes the states behind the last stored one again (:mod:`~mesh_motion_server.session.replay`). Nothing
     that was answered is lost, as with ``full``. Closing stores the state, so that a planned restart, and another
     version of the server, finds nothing to compute.
@@ -36,6 +37,8 @@ _LOG = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
 #: Least and most bytes of commits that are logged before a state is stored: opening reads them all.
 _LEAST_LOG, _MOST_LOG = 1 << 20, 32 << 20
+#: An input is logged if it has so many bytes at most, or is at most this part of the state (benchmarks.durability).
+_SMALL_INPUT, _SMALL_PART = 256 << 10, 1 / 32
 
 
 def log_bytes(state_bytes: int) -> int:
@@ -160,8 +163,9 @@ class ReplayKeeper(FullKeeper):
         """See :class:`Keeper`."""
         ledger, foundation = self.journal.ledger, self.journal.ledger.foundation
         logged = replace(entry, boundary=boundary())
-        total = self._logged_bytes + _bytes_of(logged)
-        if len(ledger.logged) + 1 < foundation.snapshot_steps and total <= foundation.log_bytes:
+        total, largest = self._logged_bytes + _bytes_of(logged), max(_SMALL_INPUT, _SMALL_PART * state.nbytes)
+        small = _bytes_of(logged) <= largest and total <= foundation.log_bytes
+        if small and len(ledger.logged) + 1 < foundation.snapshot_steps:
             self.journal.log(logged)
             self._logged_bytes = total
         else:

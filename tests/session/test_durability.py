@@ -129,6 +129,14 @@ def test_the_log_is_bounded_by_steps_and_bytes(opened: Any, monkeypatch: pytest.
     assert read_journal(opened.folder, PosixFileSystem()).ledger.logged == ()
 
 
+def test_an_input_as_costly_as_the_state_is_not_logged(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mesh_motion_server.session.durability._SMALL_INPUT", 0)
+    driver = opened.open("replay")
+    for step in (1, 2):
+        driver.advance(step)
+    assert records(opened.folder) == ["epoch 1", "step 1", "step 2"]
+
+
 def diverging(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """A session whose log another version computes a little differently; what is found when it is taken up."""
     driver = opened.open("replay")
