@@ -1626,7 +1626,7 @@ static outcome check_has_credentials(mm_session *session)
 
 mm_result mm_join(mm_session *session)
 {
-    BEGIN_UNOPENED(session);
+    BEGIN_SESSION(session);
     mm_context *context = session->context;
     double deadline = now() + context->timeout;
     answer probed = {0};
@@ -1645,6 +1645,7 @@ mm_result mm_join(mm_session *session)
     }
     if (how == DONE) {
         session->part = session->part_row = 0;
+        session->has_trial = 0;
         join_by(session, &probed);
     }
     free_answer(&probed);

@@ -2,37 +2,50 @@
 
 import ctypes
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from mesh_motion_conformance.client.scripted_server import ScriptedServer
 
-N, STEPS, ITERATIONS = 7, 3, 2
+N, STEPS, ITERATIONS = 6, 3, 2
+UNAVAILABLE = 14
 
 
 class Driver:
-    """A square whose left side moves, by the installed library."""
+    """A square whose left side moves, or the half of it that one of two ranks has, by the installed library."""
 
-    def __init__(self, installed, endpoint):
+    def __init__(self, installed, endpoint, rank=None, announced=None):
         self.library = library = ctypes.CDLL(str(installed / "lib" / "libmesh_motion.so"))
-        for name in ("mm_context_new", "mm_session_new", "mm_digest"):
+        for name in ("mm_context_new", "mm_session_new", "mm_digest", "mm_token"):
             getattr(library, name).restype = ctypes.c_void_p
         for name in ("mm_error_code", "mm_error_message", "mm_id"):
             getattr(library, name).restype = ctypes.c_char_p
         self.server = ctypes.c_void_p(library.mm_context_new())
+        rows = {None: (0, N), 0: (0, N // 2), 1: (N // 2, N)}[rank]
         j, i = np.divmod(np.arange((N + 1) ** 2), N + 1)
-        number = np.arange((N + 1) ** 2).reshape(N + 1, N + 1)
-        quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
-        self.points = np.stack([i, j], axis=1) / N
-        self.kept = [np.ascontiguousarray(a, dtype=np.int64) for a in (quads, number[:, 0], number[:, -1])]
+        here = (j >= rows[0]) & (j <= rows[1])
+        self.points, ids = np.stack([i, j], axis=1)[here] / N, np.flatnonzero(here)
+        number = np.arange(len(ids)).reshape(-1, N + 1)
+        quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1)
+        arrays = quads.reshape(-1, 4), number[:, 0], number[:, -1], ids
+        self.kept = [np.ascontiguousarray(array, dtype=np.int64) for array in arrays]
         library.mm_set_timeouts(self.server, ctypes.c_double(60), ctypes.c_double(60))
         self.call("mm_connect", self.server, endpoint.encode())
         self.session = ctypes.c_void_p(library.mm_session_new(self.server))
         self.call("mm_points", self.session, 2, self.size(len(self.points)), self.address(self.points))
-        self.call("mm_cells", self.session, b"quad", self.size(N * N), self.address(self.kept[0]))
+        self.call("mm_cells", self.session, b"quad", self.size(len(self.kept[0])), self.address(self.kept[0]))
         for name, role, nodes in ((b"left", b"moving", self.kept[1]), (b"right", b"fixed", self.kept[2])):
-            self.call("mm_patch", self.session, name, role, self.size(N + 1), self.address(nodes))
-        self.call("mm_open", self.session)
-        self.call("mm_build", self.session)
+            self.call("mm_patch", self.session, name, role, self.size(len(nodes)), self.address(nodes))
+        if rank is not None:
+            self.call("mm_global_ids", self.session, self.address(self.kept[3]))
+            self.call("mm_set_partition", self.session, rank, 2)
+        if announced is None:
+            self.call("mm_open", self.session)
+        else:
+            token = ctypes.c_void_p(library.mm_token(announced.session))
+            self.call("mm_set_credentials", self.session, announced.id.encode(), token)
+            self.call("mm_join", self.session)
 
     size = staticmethod(ctypes.c_size_t)
 
@@ -44,6 +57,10 @@ class Driver:
         result = getattr(self.library, name)(*arguments)
         assert result == 0, (name, self.library.mm_error_code(self.server), self.library.mm_error_message(self.server))
 
+    def build(self):
+        self.call("mm_build", self.session)
+        return self
+
     @property
     def id(self):
         return self.library.mm_id(self.session).decode()
@@ -52,12 +69,15 @@ class Driver:
         y = self.points[self.kept[1], 1]
         rows = 0.02 * iteration * np.stack([np.sin(y + step), y], axis=1)
         answer = np.zeros_like(self.points)
-        sizes = self.size(N + 1), self.address(rows), self.size(len(answer)), self.address(answer)
+        sizes = self.size(len(y)), self.address(rows), self.size(len(answer)), self.address(answer)
         self.call("mm_move", self.session, 0, *sizes)
         return answer.tobytes()
 
     def commit(self):
         self.call("mm_commit", self.session)
+        return self.digest()
+
+    def digest(self):
         return ctypes.string_at(self.library.mm_digest(self.session), 32)
 
     def close(self):
@@ -67,7 +87,7 @@ class Driver:
 
 def play(installed, endpoint, disturb):
     """All replies of a run; ``disturb(session, step, at)`` is called before each request."""
-    driver, replies = Driver(installed, endpoint), []
+    driver, replies = Driver(installed, endpoint).build(), []
     for step in range(1, STEPS + 1):
         for iteration in range(1, ITERATIONS + 1):
             disturb(driver.id, step, iteration)
@@ -102,3 +122,50 @@ def test_killed_again_and_again(installed, server):
 
     assert play(installed, server.endpoint, kill) == undisturbed
     assert play(installed, server.endpoint, restart) == undisturbed
+
+
+def test_two_threads_lose_their_worker(installed, server):
+    """Two ranks, each with a context and a thread of its own; told of the loss, one resumes and the other joins."""
+    alone = Driver(installed, server.endpoint).build()
+    expected = [(alone.move(step, 1), alone.commit())[1] for step in (1, 2)]
+    alone.close()
+    with ThreadPoolExecutor(2) as threads:
+
+        def each(what):
+            return list(threads.map(what, ranks))
+
+        first = Driver(installed, server.endpoint, 0)
+        ranks = [first, Driver(installed, server.endpoint, 1, announced=first)]
+        each(Driver.build)
+        each(lambda rank: rank.move(1, 1))
+        assert each(Driver.commit) == [expected[0]] * 2
+        server.kill_worker(first.id)
+        failures = each(lambda rank: rank.library.mm_commit(rank.session))
+        assert failures == [UNAVAILABLE, UNAVAILABLE]
+        assert first.library.mm_error_code(first.server) == b"UNAVAILABLE.WORKER"
+        for rank, verb in zip(ranks, ("mm_resume", "mm_join"), strict=True):
+            rank.library.mm_clear_error(rank.server)
+            rank.call(verb, rank.session)
+        each(lambda rank: rank.move(2, 1))
+        assert each(Driver.commit) == [expected[1]] * 2
+        each(Driver.close)
+
+
+def test_arrays_of_many_frames(installed):
+    """Up in parts of two chunks, without a copy; down in three chunks, the last one cut short."""
+    scripted = ScriptedServer([], {})
+    try:
+        driver = Driver(installed, scripted.endpoint)
+        points = np.random.default_rng(1).random((2_200_000, 2))
+        driver.call("mm_points", driver.session, 2, driver.size(len(points)), driver.address(points))
+        driver.build()
+        sent = [seen.message for seen in scripted.seen if seen.message.fields.get("item") == "nodes"]
+        assert [len(message.arrays["rows"]) for message in sent] == [2 << 20, len(points) - (2 << 20)]
+        np.testing.assert_array_equal(np.concatenate([message.arrays["rows"] for message in sent]), points)
+        scripted.session.points = points[::-1].copy()
+        answer = np.zeros_like(points)
+        driver.call("mm_fetch", driver.session, 0, driver.size(len(points)), driver.address(answer))
+        np.testing.assert_array_equal(answer, points[::-1])
+        driver.close()
+    finally:
+        scripted.close()
