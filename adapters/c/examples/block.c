@@ -11,7 +11,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { CELLS = 16, LOW = 6, HIGH = 10, STEPS = 4, ITERATIONS = 3, MOST = (CELLS + 1) * (CELLS + 1) };
+#define CELLS 16
+#define LOW 6 /* the block's cells: LOW to HIGH in both directions */
+#define HIGH 10
+#define STEPS 4
+#define ITERATIONS 3
+#define MOST ((CELLS + 1) * (CELLS + 1))
 
 static double points[2 * MOST];
 static int64_t quads[4 * CELLS * CELLS], block[MOST], walls[MOST];

@@ -376,10 +376,12 @@ static outcome check_connected(mm_context *context, connection *connection)
         uint32_t value;
         take_event(connection->events, &event, &value);
         if (event == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) {
+            disconnect(connection); /* for the next call to try anew */
             return fail(context, "UNAUTHENTICATED", "its operator admits a key with `mesh-motion keys allow`",
                         "the server at %s does not admit this key", connection->endpoint);
         }
         if (event == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL && value == ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH) {
+            disconnect(connection);
             return fail(context, "UNAUTHENTICATED",
                         "give keys for a server that was started with --keys, and none for any other",
                         "the server at %s and this client do not agree whether there are keys", connection->endpoint);
@@ -468,10 +470,16 @@ static void number(line *line, request *request)
     line->unanswered = is_kept(request) ? 0 : line->unanswered;
 }
 
-/* Where nobody has answered, the caller may ask again. */
+/* Nobody has answered, or not in words that we know: it is not known what was done. */
+static int is_unheard(const mm_context *context)
+{
+    return context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE || context->error == MM_INTERNAL;
+}
+
+/* So that the caller may ask again. */
 static void remember_unanswered(mm_context *context, line *line, const request *request)
 {
-    if (is_kept(request) && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
+    if (is_kept(request) && is_unheard(context)) {
         line->unanswered = request->sequence;
         line->content = content_of(request);
     }
@@ -612,6 +620,14 @@ static zmq_msg_t *new_frame(answer *to)
     return &to->frames[to->count];
 }
 
+/* What came is no message; what follows it on that connection cannot be trusted either. */
+static outcome damaged(mm_context *context, connection *connection, const char *wrong)
+{
+    disconnect(connection);
+    return fail(context, "INTERNAL", "the same call may be made again: it is done once",
+                "the server's reply is no message: %s", wrong);
+}
+
 /* All frames of the next message; ZeroMQ hands out whole messages only. */
 static outcome receive(mm_context *context, connection *connection, answer *to)
 {
@@ -637,13 +653,10 @@ static outcome receive(mm_context *context, connection *connection, answer *to)
     }
     const uint8_t *header = zmq_msg_data(&to->frames[0]);
     const char *wrong = mmi_read_header(&to->reply, header, to->sizes[0]);
-    if (wrong) {
-        return fail(context, "INTERNAL", "", "the server's reply is no message: %s", wrong);
-    }
-    return DONE;
+    return wrong ? damaged(context, connection, wrong) : DONE;
 }
 
-static outcome watch(mm_session *session);
+static outcome watch(mm_session *session, double deadline);
 
 /* Until there is a message. `watched` is the session whose worker may be gone without the connection's end. */
 static outcome wait_for_message(mm_context *context, connection *connection, const request *request, double deadline,
@@ -658,11 +671,12 @@ static outcome wait_for_message(mm_context *context, connection *connection, con
         }
         outcome how = check_connected(context, connection);
         if (how == DONE && seconds_left(deadline) == 0.0) {
+            disconnect(connection); /* it may be dead without a word */
             how = fail(context, "DEADLINE_EXCEEDED", "the same call may be made again: it is done once",
                        "no answer to %s from %s within the time allowed", request->type, connection->endpoint);
         }
         if (how == DONE && watched) {
-            how = watch(watched);
+            how = watch(watched, deadline);
         }
         if (how != DONE) {
             return how;
@@ -672,11 +686,11 @@ static outcome wait_for_message(mm_context *context, connection *connection, con
 }
 
 /* The message is the reply to this request: is it the right one? */
-static outcome judge(mm_context *context, const request *request, answer *got)
+static outcome judge(mm_context *context, connection *connection, const request *request, answer *got)
 {
     const char *wrong = mmi_read_body(&got->reply, got->sizes, got->count);
     if (wrong) {
-        return fail(context, "INTERNAL", "", "the server's reply to %s is no message: %s", request->type, wrong);
+        return damaged(context, connection, wrong);
     }
     if (strcmp(got->reply.type, "ERROR") == 0) {
         return fail_as(context, got);
@@ -702,7 +716,7 @@ static outcome await_reply(mm_context *context, connection *connection, const re
         /* others are late replies to earlier requests */
         if (got->reply.sequence == request->sequence
             && memcmp(got->reply.client, request->client, MMI_CLIENT_BYTES) == 0) {
-            return judge(context, request, got);
+            return judge(context, connection, request, got);
         }
     }
 }
@@ -794,12 +808,34 @@ static outcome ask(mm_context *context, request *request, double seconds, answer
     return how;
 }
 
-static outcome ask_about(mm_session *session, const char *type, const char *reply, double seconds, answer *got)
+static request request_about(const mm_session *session, const char *type, const char *reply)
 {
     request about = new_request(type, reply);
     add_text(&about, "session", session->id);
     add_bytes(&about, "token", session->token, MM_TOKEN_BYTES);
+    return about;
+}
+
+static outcome probe(mm_session *session, double seconds, answer *got)
+{
+    request about = request_about(session, "PROBE", "PROBED");
     return ask(session->context, &about, seconds, got);
+}
+
+static outcome resume(mm_session *session, double seconds, answer *got)
+{
+    request about = request_about(session, "RESUME", "RESUMED");
+    return ask(session->context, &about, seconds, got);
+}
+
+/* A RESUME of ours has not been answered: the epoch may be higher than we know, and yet the session be ours. */
+static int is_resuming(const mm_session *session)
+{
+    const line *line = &session->context->line;
+    request about = request_about(session, "RESUME", "RESUMED");
+    int is = line->unanswered && line->content == content_of(&about);
+    mmi_writer_free(&about.fields);
+    return is;
 }
 
 /* A host of all addresses stands for the one by which the control endpoint is reached (SPEC 2.3). */
@@ -860,11 +896,12 @@ static outcome check_unfenced(mm_session *session, const answer *probed)
 }
 
 /* While a request is computed: does the worker still live, and for us? */
-static outcome watch(mm_session *session)
+static outcome watch(mm_session *session, double deadline)
 {
     mm_context *context = session->context;
     answer probed = {0};
-    outcome how = ask_about(session, "PROBE", "PROBED", PROBE_SECONDS, &probed);
+    double left = seconds_left(deadline);
+    outcome how = probe(session, left < PROBE_SECONDS ? left : PROBE_SECONDS, &probed);
     if (how == DONE) {
         const mm_report *report = &probed.reply.report;
         uint32_t worker = field(&probed, "worker");
@@ -881,45 +918,59 @@ static outcome watch(mm_session *session)
     return how;
 }
 
-/* Connect again: to the same worker, or to another one that resumes from the journal (SPEC 11.1). */
-static outcome recover(mm_session *session, double deadline)
+/* What PROBE tells of the worker, once it does not start any more. */
+static outcome probe_started(mm_session *session, double deadline, char *worker, size_t size, answer *got)
 {
-    mm_context *context = session->context;
-    answer got = {0}, joined = {0};
-    char endpoint[ENDPOINT_BYTES], worker[16];
-    outcome how;
     for (;;) {
-        double left = seconds_left(deadline);
-        how = ask_about(session, "PROBE", "PROBED", left > PROBE_SECONDS ? left : PROBE_SECONDS, &got);
-        worker[0] = '\0';
-        if (how == DONE) {
-            mm_report_text(&got.reply.report, "worker", worker, sizeof worker);
+        outcome how = probe(session, seconds_left(deadline), got);
+        if (how != DONE) {
+            return how;
         }
-        if (how != DONE || strcmp(worker, "starting") != 0) {
-            break;
+        mm_report_text(&got->reply.report, "worker", worker, size);
+        if (strcmp(worker, "starting") != 0) {
+            return DONE;
         }
         if (seconds_left(deadline) == 0.0) {
-            how = fail(context, "UNAVAILABLE.STARTING", "try again", "the session's worker is still starting");
-            break;
+            return fail(session->context, "UNAVAILABLE.STARTING", "try again",
+                        "the session's worker is still starting");
         }
         pause_for(PAUSE_SECONDS / 2);
     }
-    if (how == DONE && strcmp(worker, "alive") == 0) {
-        how = check_unfenced(session, &got);
-    } else if (how == DONE && session->may_resume) {
-        how = ask_about(session, "RESUME", "RESUMED", seconds_left(deadline), &got);
-    } else if (how == DONE) {
-        how =
-            fail(context, "UNAVAILABLE.WORKER",
-                 "resume the session from one partition and join it from the others; one that was never built is to be "
-                 "opened again",
-                 "the session's worker is %s", worker);
+}
+
+/* Where the session is now (SPEC 11.1): with the same worker, or with another one that resumes from the journal. */
+static outcome find_worker(mm_session *session, double deadline, answer *got)
+{
+    char worker[16] = "";
+    if (is_resuming(session)) {
+        return resume(session, seconds_left(deadline), got);
     }
+    outcome how = probe_started(session, deadline, worker, sizeof worker, got);
+    if (how != DONE) {
+        return how;
+    }
+    if (strcmp(worker, "alive") == 0) {
+        return check_unfenced(session, got);
+    }
+    if (session->may_resume) {
+        return resume(session, seconds_left(deadline), got);
+    }
+    return fail(session->context, "UNAVAILABLE.WORKER",
+                "resume the session from one partition and join it from the others; one that was never built is to be "
+                "opened again",
+                "the session's worker is %s", worker);
+}
+
+static outcome recover(mm_session *session, double deadline)
+{
+    char endpoint[ENDPOINT_BYTES];
+    answer found = {0}, joined = {0};
+    outcome how = find_worker(session, deadline, &found);
     if (how == DONE) {
-        data_endpoint(context, &got, endpoint, sizeof endpoint);
-        how = join_worker(session, endpoint, integer_field(&got, "epoch"), seconds_left(deadline), &joined);
+        data_endpoint(session->context, &found, endpoint, sizeof endpoint);
+        how = join_worker(session, endpoint, integer_field(&found, "epoch"), seconds_left(deadline), &joined);
     }
-    free_answer(&got);
+    free_answer(&found);
     free_answer(&joined);
     return how;
 }
@@ -1633,7 +1684,7 @@ mm_result mm_join(mm_session *session)
     outcome how = check_has_credentials(session);
     while (how == DONE) {
         double left = seconds_left(deadline);
-        how = ask_about(session, "PROBE", "PROBED", left > 1.0 ? left : 1.0, &probed);
+        how = probe(session, left > 1.0 ? left : 1.0, &probed);
         if (how != DONE || mmi_is_text(&probed.reply.report, field(&probed, "worker"), "alive")) {
             break;
         }
@@ -1657,7 +1708,7 @@ mm_result mm_resume(mm_session *session)
     BEGIN_SESSION(session);
     answer resumed = {0};
     if (check_has_credentials(session) == DONE
-        && ask_about(session, "RESUME", "RESUMED", session->context->compute_timeout, &resumed) == DONE) {
+        && resume(session, session->context->compute_timeout, &resumed) == DONE) {
         session->has_trial = 0;
         join_by(session, &resumed);
     }
@@ -1802,8 +1853,7 @@ mm_result mm_build(mm_session *session)
             break;
         }
     }
-    if (how != DONE && session->partitions == 1 && session->joined && context->error != MM_DEADLINE_EXCEEDED
-        && context->error != MM_UNAVAILABLE) {
+    if (how != DONE && session->partitions == 1 && session->joined && !is_unheard(context)) {
         discard_quietly(session);
     }
     return context->error;

@@ -10,7 +10,9 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { N = 8, ROWS = N / 2 + 1, NODES = ROWS * (N + 1) };
+#define N 8
+#define ROWS (N / 2 + 1)
+#define NODES (ROWS * (N + 1))
 
 int main(int count, char **arguments) {
   static double points[2 * NODES], rows[2 * ROWS], displacement[2 * NODES];
