@@ -118,7 +118,8 @@ MM_API mm_result mm_set_flag(mm_session *session, const char *key, int value);
 MM_API mm_result mm_set_text(mm_session *session, const char *key, const char *value);
 /* Shown in logs and lists. */
 MM_API mm_result mm_set_label(mm_session *session, const char *label);
-/* "full", "replay" or "relaxed", of those that WELCOME's durability names. */
+/* What mm_commit waits for: "full", "replay" or "relaxed" (SPEC.md, section 21), of those that WELCOME names. With
+ * "relaxed" steps behind mm_durable_step may be lost; the next call then says ABORTED.STEPS_LOST. */
 MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
 /* Which partition this is, of how many: 0, 1 unless set. One partition is one rank of a parallel driver. */
 MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);

@@ -961,6 +961,35 @@ static outcome find_worker(mm_session *session, double deadline, answer *got)
                 "the session's worker is %s", worker);
 }
 
+/* Where the session stands, which with durability "relaxed" may be behind what was answered before (SPEC 21.5). */
+static outcome take_step(mm_session *session, int64_t step)
+{
+    mm_context *context = session->context;
+    int64_t known = session->step;
+    session->step = step;
+    if (step >= known) {
+        return DONE;
+    }
+    mmi_writer details = {0};
+    session->iteration = session->has_trial = 0;
+    session->line.unanswered = 0;
+    fail(context, "ABORTED.STEPS_LOST",
+         "go on from mm_step: the same moves and commits give the same coordinates again",
+         "step %" PRId64 " was committed, but after a restart the session stands at step %" PRId64, known, step);
+    mmi_put_map(&details, 1);
+    mmi_put_text(&details, "details");
+    mmi_put_map(&details, 2);
+    mmi_put_text(&details, "expected");
+    mmi_put_integer(&details, step + 1);
+    mmi_put_text(&details, "got");
+    mmi_put_integer(&details, known + 1);
+    if (!details.failed && !mmi_parse(&context->told.details, details.data, details.size)) {
+        context->told.details.root = mmi_find(&context->told.details, 0, "details", 7);
+    }
+    mmi_writer_free(&details);
+    return FAILED;
+}
+
 static outcome recover(mm_session *session, double deadline)
 {
     char endpoint[ENDPOINT_BYTES];
@@ -969,6 +998,9 @@ static outcome recover(mm_session *session, double deadline)
     if (how == DONE) {
         data_endpoint(session->context, &found, endpoint, sizeof endpoint);
         how = join_worker(session, endpoint, integer_field(&found, "epoch"), seconds_left(deadline), &joined);
+    }
+    if (how == DONE && integer_field(&joined, "step") < session->step) {
+        how = take_step(session, integer_field(&joined, "step"));
     }
     free_answer(&found);
     free_answer(&joined);
@@ -1585,7 +1617,6 @@ static outcome join_by(mm_session *session, const answer *from)
     if (how == DONE) {
         int64_t dimension = integer_field(&joined, "dimension"), nodes = integer_field(&joined, "nodes");
         mm_report_text(&joined.reply.report, "state", session->state, sizeof session->state);
-        session->step = session->durable_step = integer_field(&joined, "step");
         session->iteration = integer_field(&joined, "iteration");
         session->joined = 1;
         if (dimension >= 1 && dimension <= 3) {
@@ -1597,6 +1628,7 @@ static outcome join_by(mm_session *session, const answer *from)
         session->may_resume =
             mmi_find_array(&joined.reply, "moving_nodes") && integer_field(&joined, "partitions") == 1;
         how = take_moving_nodes(session, &joined);
+        how = how == DONE ? take_step(session, integer_field(&joined, "step")) : how;
     }
     free_answer(&joined);
     return how;
@@ -1625,6 +1657,7 @@ static outcome open_session(mm_session *session)
     add_text(&ask_open, "durability", session->durability);
     session->may_resume = session->joined = session->has_trial = 0;
     session->part = session->part_row = 0;
+    session->step = session->durable_step = 0;
     outcome how = ask(context, &ask_open, seconds > context->timeout ? seconds : context->timeout, &opened);
     if (how == DONE
         && mm_report_text(&opened.reply.report, "session", session->id, sizeof session->id) != MM_ID_SIZE - 1) {
@@ -1710,6 +1743,7 @@ mm_result mm_resume(mm_session *session)
     if (check_has_credentials(session) == DONE
         && resume(session, session->context->compute_timeout, &resumed) == DONE) {
         session->has_trial = 0;
+        session->durable_step = integer_field(&resumed, "step"); /* SPEC 21.3 */
         join_by(session, &resumed);
     }
     free_answer(&resumed);
@@ -1846,7 +1880,8 @@ mm_result mm_build(mm_session *session)
         how = upload(session);
         how = how == DONE ? build(session) : how;
         /* SPEC 11.6: a session that was not built is gone with its worker, another one is opened */
-        if (how == DONE || context->error != MM_UNAVAILABLE || session->partitions > 1 || attempt == OPEN_ATTEMPTS) {
+        int is_gone = context->error == MM_UNAVAILABLE || context->error == MM_NOT_FOUND;
+        if (!is_gone || session->partitions > 1 || attempt == OPEN_ATTEMPTS) {
             break;
         }
         if (open_patiently(session) != DONE) {
@@ -2074,6 +2109,7 @@ mm_result mm_status(mm_session *session)
     request ask_status = session_request(session, "STATUS", "STATUS_REPORT");
     if (deliver(session, &ask_status, session->context->timeout, &told) == DONE) {
         mm_report_text(&told.reply.report, "state", session->state, sizeof session->state);
+        session->durable_step = mm_report_integer(&told.reply.report, "durable_step", session->durable_step);
         keep_report(&session->status, &told);
     }
     free_answer(&told);
