@@ -37,16 +37,16 @@ class Played:
     Parameters
     ----------
     server : InProcessServer
-    partitions : int
+    ranks : Ranks
     kept : int
         The server's ``stored_replies``.
     """
 
-    def __init__(self, server: InProcessServer, partitions: int, kept: int) -> None:
+    def __init__(self, server: InProcessServer, ranks: Ranks, kept: int) -> None:
         self.server = server
         self.operations = 0
         self.visited: set[tuple[str, str]] = set()
-        self._ranks = Ranks(partitions)
+        self._ranks = ranks
         self._kept = kept
         self._resume: tuple[Asked, Any] | None = None
         self.model = self._open()
@@ -93,7 +93,8 @@ class Played:
 
     def _open(self) -> MortalSession:
         """A session, as the owner opens it."""
-        asked = self._ranks.control(wire.Open, Action("OPEN"), dimension=2, partitions=self.partitions)
+        about = {"partitions": self.partitions, "durability": self._ranks.level}
+        asked = self._ranks.control(wire.Open, Action("OPEN"), dimension=2, **about)
         opened = self._control(asked)
         require(opened.type == "OPENED" and opened.epoch == 1, f"OPEN was answered {opened}")
         self._resume = None

@@ -59,9 +59,12 @@ class Ranks:
     Parameters
     ----------
     partitions : int
+    level : str
+        Of durability.
     """
 
-    def __init__(self, partitions: int) -> None:
+    def __init__(self, partitions: int, level: str = "full") -> None:
+        self.level = level
         self._meshes = shared_mesh(partitions)
         self._uploads = [uploads_of(mesh, partitions) for mesh in self._meshes]
         self._sequences = [0] * partitions

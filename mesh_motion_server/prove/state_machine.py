@@ -3,7 +3,7 @@
 A life is a sequence of actions (:mod:`.actions`): requests of one to three partitions, right and wrong ones, repeats,
 other users, ends of leases, kills, power cuts, failing disks. Actions are drawn so that the session gets on, and with a
 preference for cells of the state × operation table that were not visited yet. A sequence that fails is shortened until
-nothing more can be left out, and can be played again: ``replay("partitions=2 JOIN/*//0 …")``.
+nothing more can be left out, and can be played again: ``replay("partitions=2 level=full …")``.
 
 The generator is this module's own: a server that is installed has no hypothesis, and a row repeats by seed and count.
 The tests play the same actions by hypothesis too, which shrinks by values as well.
@@ -14,7 +14,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -23,6 +23,7 @@ from mesh_motion_server.prove.actions import ALL, EVENTS, REQUESTS, TWISTS, Acti
 from mesh_motion_server.prove.check import Budget, Check, Result
 from mesh_motion_server.prove.in_process import InProcessServer, allow_everybody_listed, quiet
 from mesh_motion_server.prove.played import Played
+from mesh_motion_server.prove.ranks import Ranks
 from mesh_motion_server.prove.session_model import ADMITTED, OPERATIONS
 from mesh_motion_server.prove.stand_in import StandIn
 from mesh_motion_server.settings import ServerSettings
@@ -36,6 +37,8 @@ Visited = set[tuple[str, str]]
 CELLS = frozenset((state, operation) for state in ADMITTED for operation in OPERATIONS)
 #: ``stored_replies`` of the servers: so few that sequences reach beyond them.
 KEPT = 4
+#: Levels of durability: a session of "relaxed" writes when it likes, so that a sequence would not repeat.
+LEVELS = ("full", "replay")
 #: Actions of a sequence.
 _LENGTH = 60
 #: One sequence in so many is played with the numerics themselves.
@@ -43,16 +46,17 @@ _REAL_EVERY = 10
 #: What brings a session on.
 _ONWARD = {
     "": "RESUME", "CLOSED": "RESUME", "NEW": "UPLOAD", "OPENING": "UPLOAD", "READY": "MOVE",
-    "TRIAL": "COMMIT COMMIT MOVE ROLLBACK", "SUSPENDED": "JOIN", "FROZEN": "CLOSE RESUME", "FAILED": "CLOSE RESUME",
+    "TRIAL": "COMMIT COMMIT MOVE ROLLBACK", "SUSPENDED": "JOIN JOIN COMMIT",
+    "FROZEN": "CLOSE RESUME COMMIT MOVE", "FAILED": "CLOSE RESUME COMMIT",
 }  # fmt: skip
 _TWISTED = [(kind, twist) for kind in REQUESTS for twist in TWISTS[kind]]
-_SETTINGS = ServerSettings(stored_replies=KEPT)
+_SETTINGS = ServerSettings(stored_replies=KEPT, snapshot_steps=3)
 
 
-def begin(protection: Protection, partitions: int, *, real: bool = False) -> Played:
-    """A new server with a new session, played with the stand-in unless the numerics are asked for."""
+def begin(protection: Protection, partitions: int, level: str = "full", *, real: bool = False) -> Played:
+    """A new server with a new session of a level of durability; the stand-in unless the numerics are asked for."""
     build_model: Any = None if real else StandIn
-    return Played(InProcessServer(protection, build_model, _SETTINGS), partitions, KEPT)
+    return Played(InProcessServer(protection, build_model, _SETTINGS), Ranks(partitions, level), KEPT)
 
 
 def replay(text: str) -> None:
@@ -69,24 +73,27 @@ def replay(text: str) -> None:
 
 @dataclass
 class Life:
-    """A sequence and what it is played with: partitions, and whether the numerics themselves or the stand-in."""
+    """A sequence and what it is played with: partitions, level of durability, the numerics or the stand-in."""
 
     partitions: int
+    level: str
     real: bool
     actions: list[Action] = field(default_factory=list)
 
     @classmethod
     def of(cls, text: str) -> Life:
         """The inverse of ``str``."""
-        partitions, real, *words = text.split()
-        return cls(int(partitions.partition("=")[2]), real == "numerics=real", read_story(" ".join(words)))
+        about, words = text.split()[:3], text.split()[3:]
+        partitions, level, numerics = (word.partition("=")[2] for word in about)
+        return cls(int(partitions), level, numerics == "real", read_story(" ".join(words)))
 
     def __str__(self) -> str:
-        return f"partitions={self.partitions} numerics={'real' if self.real else 'stand-in'} {story(self.actions)}"
+        numerics = "real" if self.real else "stand-in"
+        return f"partitions={self.partitions} level={self.level} numerics={numerics} {story(self.actions)}"
 
     def play(self, protection: Protection) -> None:
         """From the beginning to the end."""
-        played = begin(protection, self.partitions, real=self.real)
+        played = begin(protection, self.partitions, self.level, real=self.real)
         for action in self.actions:
             played.act(action)
         played.finish()
@@ -101,7 +108,7 @@ class Life:
 
     def grow(self, protection: Protection, random: Random, visited: Visited) -> int:
         """Draw actions, and play each; how many requests and accidents that were."""
-        played = begin(protection, self.partitions, real=self.real)
+        played = begin(protection, self.partitions, self.level, real=self.real)
         played.visited = played.model.visited = visited
         for _ in range(_LENGTH):
             self.actions.append(next_action(played, random))
@@ -115,7 +122,7 @@ class Life:
         while piece:
             start = 0
             while start < len(life.actions) and tries:
-                without = Life(life.partitions, life.real, [*life.actions[:start], *life.actions[start + piece :]])
+                without = replace(life, actions=[*life.actions[:start], *life.actions[start + piece :]])
                 tries -= 1
                 if without.fails(protection):
                     life = without
@@ -128,7 +135,8 @@ class Life:
 def nth_life(seed: int, number: int) -> tuple[Life, Random]:
     """The life of this number, not begun, and what its actions are drawn from."""
     random = Random(f"state machine {seed} {number}")
-    return Life(random.choice((1, 1, 2, 2, 3)), real=number % _REAL_EVERY == _REAL_EVERY - 1), random
+    real = number % _REAL_EVERY == _REAL_EVERY - 1
+    return Life(random.choice((1, 1, 2, 2, 3)), random.choice(LEVELS), real=real), random
 
 
 def next_action(played: Played, random: Random) -> Action:
@@ -207,7 +215,7 @@ def run(seed: int, budget: Budget) -> Result:
                 operations += life.grow(protection, random, visited)
             except Exception as error:
                 raise _tell(life, protection, error, list(found)) from None
-            kinds.update([f"{life.partitions} partitions", "the numerics" if life.real else "the stand-in"])
+            kinds.update([f"{life.partitions} partitions", "the numerics" if life.real else "the stand-in", life.level])
             done += 1
     cells = visited & CELLS
     details = {
