@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
+from typing import Any, cast
 
 from mesh_motion_server.prove.stand_in import StandIn
 from mesh_motion_server.service.dispatch import SessionHost as RealHost
@@ -18,5 +17,12 @@ _BUILD_MODEL: Any = StandIn
 class SessionHost(RealHost):
     """The real one; its model is the stand-in."""
 
-    create = partial(RealHost.create, build_model=_BUILD_MODEL)
-    resume = partial(RealHost.resume, build_model=_BUILD_MODEL)
+    @classmethod
+    def create(cls, *arguments: Any, **options: Any) -> SessionHost:
+        """As the real one."""
+        return cast("SessionHost", super().create(*arguments, build_model=_BUILD_MODEL, **options))
+
+    @classmethod
+    def resume(cls, *arguments: Any, **options: Any) -> SessionHost:
+        """As the real one."""
+        return cast("SessionHost", super().resume(*arguments, build_model=_BUILD_MODEL, **options))

@@ -9,6 +9,7 @@ from mesh_motion_server.prove import (
     decoder_fuzz,
     handler_fuzz,
     io_faults,
+    isolation,
     journal_damage,
     kill_nine,
     many_sessions,
@@ -38,6 +39,7 @@ CHECKS: tuple[Check, ...] = (
     attacked_server.CHECK,
     authorisation_matrix.CHECK,
     network_faults.CHECK,
+    isolation.CHECK,
     numerical_input.CHECK,
     # how many, how long
     many_sessions.CHECK,
