@@ -18,7 +18,7 @@ import sys
 import time
 import types
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -31,13 +31,13 @@ from _pytest.runner import runtestprotocol
 __all__ = ["Outcome", "Trial", "run"]
 
 #: Processor seconds that the tests of one mutant may take beyond those without one; and how many times these.
-_PATIENCE, _FACTOR = 5.0, 10.0
+_PATIENCE, _FACTOR = 2.0, 3.0
 #: What waits for ever takes no processor's time: seconds on the wall.
 _LONGEST = 120.0
 #: A set among the builtins while functions tell when they are called.
 _TOLD = "__called__"
-#: Tests that take longer are left out, processor seconds.
-_QUICK = 1.5
+#: Of a function's tests those of the module's own file are run, and the quickest others, processor seconds together.
+_OTHERS = 1.0
 
 
 @dataclass
@@ -85,6 +85,7 @@ class Trial:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Called once the tests are collected."""
         files = {name: _file(name) for name in self.modules}
+        sources = {name: Path(path).read_text(encoding="utf-8") for name, path in files.items()}
         known = _functions(set(files.values()))
         gc.freeze()  # children then leave this process' memory as it is
         calls, seconds, failed = _in_child(lambda: _watch(session.items, files.values(), known))
@@ -94,14 +95,14 @@ class Trial:
         by_name = {item.nodeid: item for item in session.items}
         for name, path in files.items():
             self.outcomes[name] = outcome = Outcome()
-            for mutant in self._chosen(Path(path).read_text(encoding="utf-8")):
-                tests = [test for test in calls.get(f"{path}:{mutant.line}", []) if seconds[test] < _QUICK]
-                tests.sort(key=lambda test: seconds[test])
+            for mutant in self._chosen(sources[name]):
+                tests = _telling(name, calls.get(f"{path}:{mutant.line}", []), seconds)
                 limit = _PATIENCE + _FACTOR * sum(seconds[test] for test in tests)
                 if _noticed(mutant, path, known, [by_name[test] for test in tests], limit):
                     outcome.killed += 1
                 else:
                     outcome.survived.append(mutant.key)
+                    _tell(f"{name}: {mutant.key}")
             _tell(f"{name}: {outcome.killed} of {outcome.total} noticed")
         return True
 
@@ -114,12 +115,23 @@ class Trial:
 
 def run(trial: Trial, tests: Sequence[str]) -> Trial:
     """Collect the tests and let the trial have them."""
-    pytest.main(["-q", "-p", "no:cacheprovider", *tests], plugins=[trial])
+    pytest.main(["-q", "-p", "no:cacheprovider", "-m", "not slow", *tests], plugins=[trial])
     return trial
 
 
 def _tell(line: str) -> None:
     sys.stderr.write(line + "\n")
+
+
+def _telling(module: str, tests: Iterable[str], seconds: Mapping[str, float]) -> list[str]:
+    """Of the tests that call a function those to be run, the quickest first."""
+    own, left, chosen = f"test_{module.rpartition('.')[2]}.py", _OTHERS, []
+    for test in sorted(tests, key=lambda test: seconds[test]):
+        if own not in test:
+            left -= seconds[test]
+        if own in test or left > 0:
+            chosen.append(test)
+    return chosen
 
 
 def _file(module: str) -> str:

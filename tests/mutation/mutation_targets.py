@@ -7,20 +7,28 @@ from types import MappingProxyType
 
 __all__ = ["TARGETS"]
 
-_SESSION = (
+_STORED = (
     "tests/session/test_records.py",
     "tests/session/test_recovery.py",
     "tests/session/test_journal.py",
+    "tests/session/test_golden_journals.py",
+    "tests/session/test_durability.py",
+    "tests/session/test_store.py",
+)
+_SESSION = (
     "tests/session/test_replies.py",
     "tests/session/test_state.py",
     "tests/session/test_session.py",
+    "tests/session/test_durability.py",
     "tests/session/test_store.py",
-    "tests/session/test_mesh_store.py",
-    "tests/session/test_faults.py",
-    "tests/session/test_inspection.py",
     "tests/service/test_dispatch.py",
 )
-_PROTOCOL = ("tests/protocol/test_codec.py", "tests/protocol/test_vectors.py", "tests/protocol/test_digests.py")
+_PROTOCOL = (
+    "tests/protocol/test_codec.py",
+    "tests/protocol/test_header.py",
+    "tests/protocol/test_vectors.py",
+    "tests/protocol/test_digests.py",
+)
 
 _MODULES = {
     **dict.fromkeys(
@@ -30,10 +38,15 @@ _MODULES = {
             "mesh_motion_server.session.recovery",
             "mesh_motion_server.session.ledger",
             "mesh_motion_server.session.records",
+            "mesh_motion_server.session.store",
+        ),
+        _STORED,
+    ),
+    **dict.fromkeys(
+        (
             "mesh_motion_server.session.replies",
             "mesh_motion_server.session.state",
             "mesh_motion_server.session.session",
-            "mesh_motion_server.session.store",
         ),
         _SESSION,
     ),
