@@ -97,14 +97,19 @@ class Served:
             self.process.wait()
             raise
 
-    def get(self, page, timeout=10):
-        """Status and text of a page."""
+    def get(self, page):
+        """Status and text of a page; asked again where a busy machine does not serve it within its five seconds."""
+        return wait_until(lambda: self._get(page), f"{page} is answered")
+
+    def _get(self, page):
         try:
-            with urllib.request.urlopen(self.pages + page, timeout=timeout) as reply:
+            with urllib.request.urlopen(self.pages + page, timeout=PATIENCE) as reply:
                 return reply.status, reply.read().decode()
         except urllib.error.HTTPError as refusal:
             with refusal:
                 return refusal.code, refusal.read().decode()
+        except OSError:
+            return None
 
     def metrics(self):
         """Sample name, or name and label's value → number."""
