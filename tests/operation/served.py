@@ -49,6 +49,7 @@ class Served:
         self.endpoint, self.process, self._lifeline = "tcp://127.0.0.1:0", None, -1
         self.real, self.level = settings.pop("real", False), settings.pop("level", "info")
         self.environment = settings.pop("environment", {})
+        self.log_path = Path(settings.pop("log", self.log_path))
         self.settings = {"metrics": "127.0.0.1:0", "threads": 1, "state_folder": str(self.state)} | settings
 
     def start(self, *, ready=True):
