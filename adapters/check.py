@@ -16,6 +16,7 @@ ADAPTERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "C": (_C, ("tests/adapters/c",), _CHOSEN_C),
     "C++": (("g++", *_C), ("tests/adapters/c",), "cpp"),
     "Fortran": (("gfortran", *_C), ("tests/adapters/c",), "f90"),
+    "OpenFOAM": (("moveDynamicMesh", "g++", *_C), ("tests/adapters/openfoam",), ""),
     "conformance of those built": (_C, ("tests/adapters/c",), "every_scenario"),
 }
 

@@ -14,7 +14,7 @@ from served import Served
 
 @pytest.fixture
 def serve(tmp_path):
-    """Starts servers."""
+    """Starts servers as `mesh-motion serve` does."""
     servers = []
 
     def start(**settings):

@@ -1,0 +1,339 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "remoteMesh.H"
+#include "emptyPolyPatch.H"
+#include "globalIndex.H"
+#include "globalMeshData.H"
+#include "syncTools.H"
+
+namespace
+{
+
+Foam::vector meanOf(const Foam::face& f, const Foam::vectorField& values)
+{
+    Foam::vector sum(Foam::Zero);
+    for (const Foam::label pointi : f)
+    {
+        sum += values[pointi];
+    }
+    return sum/f.size();
+}
+
+} // End anonymous namespace
+
+
+void Foam::remoteMesh::findDimension()
+{
+    const Vector<label>& directions = mesh_.geometricD();
+    DynamicList<label> axes(3);
+    for (direction cmpt = 0; cmpt < vector::nComponents; ++cmpt)
+    {
+        if (directions[cmpt] > 0)
+        {
+            axes.append(cmpt);
+        }
+    }
+    if (axes.size() < 2)
+    {
+        FatalErrorInFunction
+            << "the mesh has " << axes.size() << " dimension(s): "
+            << "remoteMeshMotion moves meshes of two or three"
+            << exit(FatalError);
+    }
+    axes_.transfer(axes);
+}
+
+
+Foam::labelList Foam::remoteMesh::planeFaces() const
+{
+    DynamicList<label> faces(mesh_.nCells());
+    for (const polyPatch& pp : mesh_.boundaryMesh())
+    {
+        forAll(pp, i)
+        {
+            const label facei = pp.start() + i;
+            if
+            (
+                isA<emptyPolyPatch>(pp)
+             && mesh_.faceAreas()[facei][thinAxis()] > 0
+            )
+            {
+                faces.append(facei);
+            }
+        }
+    }
+    return faces;
+}
+
+
+void Foam::remoteMesh::numberPlane()
+{
+    const labelList plane(planeFaces());
+    pointNode_ = -1;
+    boolList isFront(mesh_.nPoints(), false);
+    for (const label facei : plane)
+    {
+        UIndirectList<bool>(isFront, mesh_.faces()[facei]) = true;
+    }
+    forAll(isFront, pointi)
+    {
+        if (isFront[pointi])
+        {
+            pointNode_[pointi] = nodePoint_.size();
+            nodePoint_.append(pointi);
+        }
+    }
+    label nPairs = 0;
+    for (const edge& e : mesh_.edges())
+    {
+        if (isFront[e[0]] != isFront[e[1]])
+        {
+            const label front = isFront[e[0]] ? e[0] : e[1];
+            pointNode_[e.otherVertex(front)] = pointNode_[front];
+            ++nPairs;
+        }
+    }
+    if
+    (
+        plane.size() != mesh_.nCells()
+     || nPairs != nodePoint_.size()
+     || pointNode_.found(-1)
+    )
+    {
+        FatalErrorInFunction
+            << "a 2D mesh must have one layer of cells between its empty "
+            << "patches, with every point on either; got " << plane.size()
+            << " empty faces on one side of " << mesh_.nCells()
+            << " cells, and " << nPairs << " edges across it for "
+            << mesh_.nPoints() << " points" << exit(FatalError);
+    }
+}
+
+
+Foam::label Foam::remoteMesh::addMiddle(const label facei)
+{
+    if (faceNode_.insert(facei, nodePoint_.size() + middles_.size()))
+    {
+        middles_.append(facei);
+    }
+    return faceNode_[facei];
+}
+
+
+bool Foam::remoteMesh::isLong(const label facei) const
+{
+    return mesh_.faces()[facei].size() > 4;
+}
+
+
+void Foam::remoteMesh::numberGlobally()
+{
+    labelList pointIds, mine;
+    const globalIndex points(mesh_.globalData().mergePoints(pointIds, mine)());
+    const globalIndex faces(mesh_.nFaces()), cells(mesh_.nCells());
+    // a face between two ranks has one number: the lower of the two
+    labelList faceIds(mesh_.nFaces());
+    forAll(faceIds, facei)
+    {
+        faceIds[facei] = faces.toGlobal(facei);
+    }
+    syncTools::syncFaceList(mesh_, faceIds, minEqOp<label>());
+
+    const int64_t firstFace = points.size();
+    const int64_t firstCell = firstFace + faces.size();
+    globalIds_.resize(nodePoint_.size() + middles_.size() + cellNode_.size());
+    forAll(nodePoint_, node)
+    {
+        globalIds_[node] = pointIds[nodePoint_[node]];
+    }
+    forAllConstIters(faceNode_, iter)
+    {
+        globalIds_[iter.val()] = firstFace + faceIds[iter.key()];
+    }
+    forAllConstIters(cellNode_, iter)
+    {
+        globalIds_[iter.val()] = firstCell + cells.toGlobal(iter.key());
+    }
+}
+
+
+void Foam::remoteMesh::setPoints(const pointField& base)
+{
+    const label nNodes = nodePoint_.size() + middles_.size() + cellNode_.size();
+    points_.resize(std::size_t(nNodes)*axes_.size());
+    const auto set = [&](const label node, const point& p)
+    {
+        forAll(axes_, i)
+        {
+            points_[std::size_t(node)*axes_.size() + i] = p[axes_[i]];
+        }
+    };
+    forAll(nodePoint_, node)
+    {
+        set(node, base[nodePoint_[node]]);
+    }
+    // the mean of the points, unlike the centroid, goes where they take it;
+    // added up in another order by the other rank it may differ in a bit
+    pointField middles(mesh_.nBoundaryFaces(), Zero);
+    for (const label facei : middles_)
+    {
+        const point middle = meanOf(mesh_.faces()[facei], base);
+        set(faceNode_[facei], middle);
+        if (!mesh_.isInternalFace(facei))
+        {
+            middles[facei - mesh_.nInternalFaces()] = middle;
+        }
+    }
+    if (Pstream::parRun() && dimension() == 3)
+    {
+        syncTools::syncBoundaryFacePositions(mesh_, middles, minEqOp<point>());
+        for (const label facei : middles_)
+        {
+            if (!mesh_.isInternalFace(facei))
+            {
+                set
+                (
+                    faceNode_[facei],
+                    middles[facei - mesh_.nInternalFaces()]
+                );
+            }
+        }
+    }
+    forAllConstIters(cellNode_, iter)
+    {
+        set(iter.val(), mesh_.cellCentres()[iter.key()]);
+    }
+}
+
+
+Foam::boolList Foam::remoteMesh::pointsOf(const polyPatch& pp) const
+{
+    boolList on(mesh_.nPoints(), false);
+    UIndirectList<bool>(on, pp.meshPoints()) = true;
+    if (Pstream::parRun())
+    {
+        // a rank may hold a point of the patch without a face of it
+        syncTools::syncPointList(mesh_, on, orEqOp<bool>(), false);
+    }
+    return on;
+}
+
+
+void Foam::remoteMesh::addPatches(const remotePatches& roles)
+{
+    forAll(mesh_.boundaryMesh(), patchi)
+    {
+        const polyPatch& pp = mesh_.boundaryMesh()[patchi];
+        if (roles.role(patchi).empty())
+        {
+            continue;
+        }
+        patch added{pp.name(), roles.role(patchi), {}};
+        const boolList on(pointsOf(pp));
+        boolList done(nodePoint_.size(), false);
+        forAll(on, pointi)
+        {
+            const label node = pointNode_[pointi];
+            if (on[pointi] && !done[node])
+            {
+                done[node] = true;
+                added.nodes.push_back(node);
+            }
+        }
+        forAll(pp, i)
+        {
+            const auto middle = faceNode_.cfind(pp.start() + i);
+            if (middle.found())
+            {
+                added.nodes.push_back(middle.val());
+            }
+        }
+        patches_.push_back(std::move(added));
+    }
+}
+
+
+Foam::remoteMesh::remoteMesh
+(
+    const polyMesh& mesh,
+    const pointField& base,
+    const remotePatches& roles
+)
+:
+    mesh_(mesh),
+    pointNode_(identity(mesh.nPoints()))
+{
+    findDimension();
+    if (dimension() == 2)
+    {
+        numberPlane();
+    }
+    else
+    {
+        nodePoint_ = pointNode_;
+    }
+    numberCentres();
+    if (Pstream::parRun())
+    {
+        numberGlobally();
+    }
+    setPoints(base);
+    addCells();
+    addPatches(roles);
+}
+
+
+void Foam::remoteMesh::toNodes
+(
+    const vectorField& pointValues,
+    const label nNodes,
+    const int64_t* nodes,
+    scalarField& rows
+) const
+{
+    rows.setSize(nNodes*dimension());
+    for (label i = 0; i < nNodes; ++i)
+    {
+        const label node = label(nodes[i]);
+        const vector value
+        (
+            node < nodePoint_.size()
+          ? pointValues[nodePoint_[node]]
+          : meanOf(mesh_.faces()[middles_[node - nodePoint_.size()]], pointValues)
+        );
+        forAll(axes_, j)
+        {
+            rows[i*dimension() + j] = value[axes_[j]];
+        }
+    }
+}
+
+
+void Foam::remoteMesh::toPoints
+(
+    const scalarField& rows,
+    vectorField& pointValues
+) const
+{
+    forAll(pointNode_, pointi)
+    {
+        forAll(axes_, j)
+        {
+            pointValues[pointi][axes_[j]] =
+                rows[pointNode_[pointi]*dimension() + j];
+        }
+    }
+}
+
+
+Foam::label Foam::remoteMesh::cellOf
+(
+    const std::string& type,
+    const int64_t index
+) const
+{
+    const auto found = cells_.find(type);
+    const bool known =
+        found != cells_.end() && index >= 0
+     && std::size_t(index) < found->second.cells.size();
+    return known ? found->second.cells[index] : -1;
+}

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "remoteMesh.H"
+#include "cellModel.H"
+#include "cellShape.H"
+
+namespace
+{
+
+//- The server's name for a cell of this shape, or null if it has none. The
+//  order of the points is the server's in each.
+const char* typeOf(const Foam::cellShape& shape)
+{
+    switch (shape.model().index())
+    {
+        case Foam::cellModel::HEX: return "hexahedron";
+        case Foam::cellModel::PRISM: return "wedge";
+        case Foam::cellModel::PYR: return "pyramid";
+        case Foam::cellModel::TET: return "tetra";
+        default: return nullptr;
+    }
+}
+
+} // End anonymous namespace
+
+
+void Foam::remoteMesh::numberCentres()
+{
+    if (dimension() == 2)
+    {
+        for (const label facei : planeFaces())
+        {
+            if (isLong(facei))
+            {
+                addMiddle(facei);
+            }
+        }
+        return;
+    }
+    DynamicList<label> divided;
+    forAll(mesh_.cells(), celli)
+    {
+        if (!typeOf(mesh_.cellShapes()[celli]))
+        {
+            divided.append(celli);
+            for (const label facei : mesh_.cells()[celli])
+            {
+                if (isLong(facei))
+                {
+                    addMiddle(facei);
+                }
+            }
+        }
+    }
+    for (const label celli : divided)
+    {
+        cellNode_.insert
+        (
+            celli,
+            nodePoint_.size() + middles_.size() + cellNode_.size()
+        );
+    }
+}
+
+
+void Foam::remoteMesh::addCell
+(
+    const char* type,
+    const labelUList& nodes,
+    const label celli
+)
+{
+    block& cells = cells_[type];
+    cells.nodes.insert(cells.nodes.end(), nodes.begin(), nodes.end());
+    cells.cells.push_back(celli);
+}
+
+
+void Foam::remoteMesh::addPieces(const label celli)
+{
+    const label centre = cellNode_[celli];
+    for (const label facei : mesh_.cells()[celli])
+    {
+        // anticlockwise as seen from the centre
+        const face& out = mesh_.faces()[facei];
+        const face f
+        (
+            mesh_.faceOwner()[facei] == celli ? out.reverseFace() : out
+        );
+        if (f.size() == 3)
+        {
+            addCell("tetra", labelList({f[0], f[1], f[2], centre}), celli);
+        }
+        else if (f.size() == 4)
+        {
+            const labelList pyramid({f[0], f[1], f[2], f[3], centre});
+            addCell("pyramid", pyramid, celli);
+        }
+        else
+        {
+            const label middle = faceNode_[facei];
+            forAll(f, i)
+            {
+                const labelList tetra({f[i], f.nextLabel(i), middle, centre});
+                addCell("tetra", tetra, celli);
+            }
+        }
+    }
+}
+
+
+void Foam::remoteMesh::addPolygon(const label facei)
+{
+    const label celli = mesh_.faceOwner()[facei];
+    face f(mesh_.faces()[facei]);
+    if (axes_[1] - axes_[0] == 2)
+    {
+        f.flip(); // anticlockwise about y is clockwise in (x z)
+    }
+    inplaceRenumber(pointNode_, f);
+    if (f.size() <= 4)
+    {
+        addCell(f.size() == 3 ? "triangle" : "quad", f, celli);
+        return;
+    }
+    forAll(f, i)
+    {
+        const labelList piece({f[i], f.nextLabel(i), faceNode_[facei]});
+        addCell("triangle", piece, celli);
+    }
+}
+
+
+void Foam::remoteMesh::addCells()
+{
+    if (dimension() == 2)
+    {
+        for (const label facei : planeFaces())
+        {
+            addPolygon(facei);
+        }
+        return;
+    }
+    forAll(mesh_.cells(), celli)
+    {
+        const cellShape& shape = mesh_.cellShapes()[celli];
+        const char* type = typeOf(shape);
+        if (type)
+        {
+            addCell(type, shape, celli);
+        }
+        else
+        {
+            addPieces(celli);
+        }
+    }
+}

@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "remoteMeshMotion.H"
+#include "IFstream.H"
+#include "OFstream.H"
+#include "OSspecific.H"
+#include "SHA1Digest.H"
+#include "Time.H"
+#include "addToRunTimeSelectionTable.H"
+
+namespace Foam
+{
+    defineTypeNameAndDebug(remoteMeshMotion, 0);
+
+    addToRunTimeSelectionTable
+    (
+        motionSolver,
+        remoteMeshMotion,
+        dictionary
+    );
+}
+
+
+Foam::fileName Foam::remoteMeshMotion::folder(const word& instance) const
+{
+    return mesh().time().path()/instance/"uniform"/"remoteMeshMotion";
+}
+
+
+Foam::string Foam::remoteMeshMotion::digest() const
+{
+    dictionary sent;
+    sent.add("patches", coeffDict().subDict("patches"));
+    sent.add("method", coeffDict().subOrEmptyDict("method"));
+    return sent.digest().str();
+}
+
+
+void Foam::remoteMeshMotion::open()
+{
+    offset_ = mesh().points() - points0();
+    const string name(mesh().time().globalCaseName());
+    session_->open
+    (
+        remoteMesh_,
+        coeffDict().lookupOrDefault<string>("label", name)
+    );
+    Info<< "remoteMeshMotion: a new session" << endl;
+}
+
+
+bool Foam::remoteMeshMotion::isWhereItWas()
+{
+    scalarField rows;
+    session_->committed(rows);
+    pointField now(mesh().points());
+    remoteMesh_.toPoints(rows, now);
+    // a time that was written with few digits is still the same time
+    const scalar allowed = 1e-5*mesh().bounds().mag();
+    const scalar most = gMax(mag(now - mesh().points())());
+    return most <= allowed;
+}
+
+
+bool Foam::remoteMeshMotion::resume()
+{
+    const fileName path(folder(mesh().time().timeName()));
+    bool found = isFile(path/"state");
+    Pstream::scatter(found);
+    if (!found)
+    {
+        return false;
+    }
+    label step = 0, ranks = 0;
+    string settings;
+    if (Pstream::master())
+    {
+        const dictionary saved(IFstream(path/"state")());
+        step = saved.get<label>("step");
+        ranks = saved.get<label>("processors");
+        settings = saved.get<string>("settings");
+    }
+    Pstream::scatter(step);
+    Pstream::scatter(ranks);
+    Pstream::scatter(settings);
+    const bool same = ranks == Pstream::nProcs() && settings == digest();
+    if
+    (
+        !same
+     || !session_->resume(path/"credentials", step, remoteMesh_)
+     || !isWhereItWas()
+    )
+    {
+        WarningInFunction
+            << "the session of " << path << " cannot be resumed: "
+            << (
+                   same
+                 ? "it has gone on since, or is deleted"
+                 : "its settings, patches or processors were others"
+               )
+            << nl << "    A new one begins with the mesh of this time, "
+            << "against which sizes of cells are judged from now on" << endl;
+        session_.reset(new remoteSession(coeffDict()));
+        return false;
+    }
+    scalarField rows;
+    session_->reference(rows);
+    pointField reference(points0());
+    remoteMesh_.toPoints(rows, reference);
+    offset_ = reference - points0();
+    Info<< "remoteMeshMotion: the session goes on behind step " << step << endl;
+    return true;
+}
+
+
+void Foam::remoteMeshMotion::commit() const
+{
+    if (trial_ >= 0)
+    {
+        session_->commit();
+        trial_ = -1;
+    }
+}
+
+
+Foam::remoteMeshMotion::remoteMeshMotion
+(
+    const polyMesh& mesh,
+    const IOdictionary& dict
+)
+:
+    displacementMotionSolver(mesh, dict, typeName),
+    patches_(mesh, coeffDict()),
+    remoteMesh_(mesh, mesh.points(), patches_),
+    session_(),
+    trial_(-1),
+    commitEveryMove_(false)
+{
+    const word commits(coeffDict().lookupOrDefault<word>("commit", "timeStep"));
+    if (commits != "timeStep" && commits != "everyMove")
+    {
+        FatalIOErrorInFunction(coeffDict())
+            << "commit is timeStep or everyMove; got " << commits
+            << exit(FatalIOError);
+    }
+    commitEveryMove_ = commits == "everyMove";
+    patches_.check(pointDisplacement_, coeffDict());
+    session_.reset(new remoteSession(coeffDict()));
+    if (!resume())
+    {
+        open();
+    }
+}
+
+
+Foam::tmp<Foam::pointField> Foam::remoteMeshMotion::curPoints() const
+{
+    return points0() + pointDisplacement_.primitiveField();
+}
+
+
+void Foam::remoteMeshMotion::solve()
+{
+    const label now = mesh().time().timeIndex();
+    if (trial_ >= 0 && trial_ != now)
+    {
+        commit();
+    }
+    pointDisplacement_.correctBoundaryConditions();
+    patches_.checkFixed(pointDisplacement_);
+
+    label nMoving = 0;
+    const int64_t* moving = session_->movingNodes(nMoving);
+    scalarField rows, answer;
+    const vectorField moved(patches_.moved(pointDisplacement_) - offset_);
+    remoteMesh_.toNodes(moved, nMoving, moving, rows);
+    session_->move(rows, answer);
+    session_->report();
+
+    vectorField& displacement = pointDisplacement_.primitiveFieldRef();
+    displacement = Zero;
+    remoteMesh_.toPoints(answer, displacement);
+    displacement += offset_;
+    trial_ = now;
+    if (commitEveryMove_)
+    {
+        commit();
+    }
+}
+
+
+void Foam::remoteMeshMotion::updateMesh(const mapPolyMesh&)
+{
+    FatalErrorInFunction
+        << "the topology of the mesh has changed, which remoteMeshMotion "
+        << "cannot follow: restart from a written time" << exit(FatalError);
+}
+
+
+bool Foam::remoteMeshMotion::writeObject
+(
+    IOstream::streamFormat,
+    IOstream::versionNumber,
+    IOstream::compressionType,
+    const bool
+) const
+{
+    commit();
+    const fileName path(folder(mesh().time().timeName()));
+    if (Pstream::master())
+    {
+        mkDir(path);
+        OFstream state(path/"state");
+        state.writeEntry("step", session_->step());
+        state.writeEntry("processors", Pstream::nProcs());
+        state.writeEntry("settings", digest());
+    }
+    session_->save(path/"credentials");
+    return true;
+}

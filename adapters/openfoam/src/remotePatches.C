@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "remotePatches.H"
+#include "cyclicPolyPatch.H"
+#include "emptyPolyPatch.H"
+#include "processorPolyPatch.H"
+#include "symmetryPlanePolyPatch.H"
+#include "symmetryPolyPatch.H"
+#include "syncTools.H"
+#include "valuePointPatchField.H"
+#include "wedgePolyPatch.H"
+
+namespace
+{
+
+const Foam::wordList& roleNames()
+{
+    static const Foam::wordList names
+    ({
+        "moving", "fixed", "slip", "symmetry", "periodic", "free", "empty"
+    });
+    return names;
+}
+
+
+Foam::wordList physicalNames(const Foam::polyBoundaryMesh& boundary)
+{
+    Foam::wordList names(boundary.names());
+    names.setSize(boundary.nNonProcessor());
+    return names;
+}
+
+} // End anonymous namespace
+
+
+Foam::word Foam::remotePatches::roleOf
+(
+    const polyPatch& pp,
+    const dictionary& given
+)
+{
+    if (isA<processorPolyPatch>(pp))
+    {
+        return word();
+    }
+    if (isA<wedgePolyPatch>(pp))
+    {
+        FatalIOErrorInFunction(given)
+            << "patch " << pp.name() << " is a wedge: remoteMeshMotion moves "
+            << "meshes of three dimensions, or of two between empty patches"
+            << exit(FatalIOError);
+    }
+    word role;
+    if (isA<symmetryPolyPatch>(pp) || isA<symmetryPlanePolyPatch>(pp))
+    {
+        role = "symmetry";
+    }
+    else if (isA<cyclicPolyPatch>(pp))
+    {
+        role = "periodic";
+    }
+    else if (isA<emptyPolyPatch>(pp))
+    {
+        role = "empty";
+    }
+    const word standard(role);
+    if (!given.readIfPresent(pp.name(), role) && role.empty())
+    {
+        FatalIOErrorInFunction(given)
+            << "patch " << pp.name() << " has no role" << nl
+            << "    give it one of " << flatOutput(roleNames())
+            << exit(FatalIOError);
+    }
+    const bool constrained = standard == "empty" || standard == "periodic";
+    if
+    (
+        !roleNames().found(role)
+     || (constrained ? role != standard : role == "empty" || role == "periodic")
+    )
+    {
+        FatalIOErrorInFunction(given)
+            << "patch " << pp.name() << " of type " << pp.type()
+            << " cannot have the role " << role << nl
+            << "    roles are " << flatOutput(roleNames())
+            << ", empty and periodic for patches of type empty and cyclic"
+            << exit(FatalIOError);
+    }
+    if (role == "periodic" && Pstream::parRun())
+    {
+        FatalIOErrorInFunction(given)
+            << "patch " << pp.name()
+            << " is periodic, which remoteMeshMotion offers in serial only"
+            << exit(FatalIOError);
+    }
+    return role == "empty" || role == "free" ? word() : role;
+}
+
+
+void Foam::remotePatches::checkNames
+(
+    const polyBoundaryMesh& boundary,
+    const dictionary& given
+)
+{
+    for (const entry& e : given)
+    {
+        if (!e.keyword().isPattern() && boundary.findPatchID(e.keyword()) < 0)
+        {
+            FatalIOErrorInFunction(given)
+                << "there is no patch " << e.keyword() << nl
+                << "    patches are " << flatOutput(physicalNames(boundary))
+                << exit(FatalIOError);
+        }
+    }
+}
+
+
+Foam::remotePatches::remotePatches
+(
+    const polyMesh& mesh,
+    const dictionary& coeffs
+)
+:
+    roles_(mesh.boundaryMesh().size())
+{
+    const dictionary& given = coeffs.subDict("patches");
+    checkNames(mesh.boundaryMesh(), given);
+    forAll(roles_, patchi)
+    {
+        roles_[patchi] = roleOf(mesh.boundaryMesh()[patchi], given);
+    }
+    if (!roles_.found("moving"))
+    {
+        FatalIOErrorInFunction(given)
+            << "no patch has the role moving" << nl << "    patches are "
+            << flatOutput(physicalNames(mesh.boundaryMesh()))
+            << exit(FatalIOError);
+    }
+}
+
+
+void Foam::remotePatches::check
+(
+    const pointVectorField& displacement,
+    const dictionary& coeffs
+) const
+{
+    forAll(roles_, patchi)
+    {
+        const auto& pf = displacement.boundaryField()[patchi];
+        if
+        (
+            roles_[patchi] == "moving"
+         && !isA<valuePointPatchField<vector>>(pf)
+        )
+        {
+            FatalIOErrorInFunction(coeffs)
+                << "patch " << pf.patch().name() << " has the role moving, "
+                << "but its boundary condition " << pf.type() << " of "
+                << displacement.name() << " does not say where it goes" << nl
+                << "    use fixedValue, or one of those in libfvMotionSolvers"
+                << exit(FatalIOError);
+        }
+    }
+}
+
+
+Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
+(
+    const pointVectorField& displacement
+) const
+{
+    tmp<vectorField> tvalues(new vectorField(displacement.size(), Zero));
+    vectorField& values = tvalues.ref();
+    forAll(roles_, patchi)
+    {
+        if (roles_[patchi] == "moving")
+        {
+            const auto& pf = displacement.boundaryField()[patchi];
+            const auto& value = refCast<const valuePointPatchField<vector>>(pf);
+            UIndirectList<vector>(values, pf.patch().meshPoints()) = value;
+        }
+    }
+    if (Pstream::parRun())
+    {
+        // a rank may hold a point of a moving patch without a face of it
+        syncTools::syncPointList
+        (
+            displacement.mesh()(),
+            values,
+            maxMagSqrEqOp<vector>(),
+            vector(Zero)
+        );
+    }
+    return tvalues;
+}
+
+
+void Foam::remotePatches::checkFixed(const pointVectorField& displacement) const
+{
+    forAll(roles_, patchi)
+    {
+        const auto& pf = displacement.boundaryField()[patchi];
+        if (roles_[patchi] == "fixed" && isA<valuePointPatchField<vector>>(pf))
+        {
+            const vectorField& value =
+                refCast<const valuePointPatchField<vector>>(pf);
+            const scalar most = value.empty() ? 0 : max(mag(value));
+            if (most > 0)
+            {
+                FatalErrorInFunction
+                    << "patch " << pf.patch().name() << " has the role fixed, "
+                    << "but " << displacement.name() << " moves it by " << most
+                    << nl << "    give it the role moving in dynamicMeshDict"
+                    << exit(FatalError);
+            }
+        }
+    }
+}

@@ -1,0 +1,471 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "remoteSession.H"
+#include "OSspecific.H"
+#include "OStringStream.H"
+#include "Pstream.H"
+#include "clockTime.H"
+
+#include <cmath>
+
+namespace
+{
+
+Foam::string textOf(const mm_report* report, const std::string& path)
+{
+    char text[512];
+    mm_report_text(report, path.c_str(), text, sizeof text);
+    return Foam::string(text);
+}
+
+} // End anonymous namespace
+
+
+void Foam::remoteSession::readPatience()
+{
+    const entry* e = coeffs_.findEntry("onServerLoss");
+    if (!e)
+    {
+        return;
+    }
+    ITstream& is = e->stream();
+    const word choice(is);
+    if (choice == "wait")
+    {
+        patience_ = readScalar(is);
+    }
+    else if (choice != "fail")
+    {
+        FatalIOErrorInFunction(coeffs_)
+            << "onServerLoss is fail, or wait and the seconds; got "
+            << choice << exit(FatalIOError);
+    }
+}
+
+
+void Foam::remoteSession::setTimeouts(const scalar atLeast)
+{
+    const scalar computing =
+        coeffs_.lookupOrDefault<scalar>("computeTimeout", 1800);
+    mm_set_timeouts
+    (
+        context_,
+        coeffs_.lookupOrDefault<scalar>("timeout", 60),
+        max(computing, atLeast)
+    );
+}
+
+
+void Foam::remoteSession::connect()
+{
+    setTimeouts(300);
+    if (coeffs_.found("secretKey"))
+    {
+        fileName secret(coeffs_.get<fileName>("secretKey"));
+        string server(coeffs_.get<string>("serverKey"));
+        secret.expand();
+        server.expand();
+        mm_set_keys(context_, secret.c_str(), server.c_str());
+    }
+    call("to connect", [&]{ return mm_connect(context_, endpoint_.c_str()); });
+}
+
+
+Foam::remoteSession::remoteSession(const dictionary& coeffs)
+:
+    coeffs_(coeffs),
+    endpoint_(string(coeffs.get<string>("endpoint")).expand()),
+    patience_(0),
+    context_(mm_context_new()),
+    session_(nullptr),
+    mesh_(nullptr)
+{
+    readPatience();
+    connect();
+    session_ = mm_session_new(context_);
+    mm_set_partition(session_, Pstream::myProcNo(), Pstream::nProcs());
+    setMethod();
+}
+
+
+Foam::remoteSession::~remoteSession()
+{
+    const word atEnd(coeffs_.lookupOrDefault<word>("atEnd", "keep"));
+    mm_clear_error(context_);
+    mm_close(session_, atEnd == "discard" ? MM_DISCARD : MM_KEEP);
+    mm_session_free(session_);
+    mm_context_free(context_);
+}
+
+
+void Foam::remoteSession::setMethodEntry(const entry& e)
+{
+    const char* key = e.keyword().c_str();
+    ITstream& is = e.stream();
+    const token value(is);
+    if (value.isLabel())
+    {
+        mm_set_integer(session_, key, value.labelToken());
+    }
+    else if (value.isNumber())
+    {
+        mm_set_number(session_, key, value.number());
+    }
+    else if (value.isWord() || value.isString())
+    {
+        const string text
+        (
+            value.isWord() ? string(value.wordToken()) : value.stringToken()
+        );
+        if (text == "true" || text == "yes" || text == "on")
+        {
+            mm_set_flag(session_, key, 1);
+        }
+        else if (text == "false" || text == "no" || text == "off")
+        {
+            mm_set_flag(session_, key, 0);
+        }
+        else
+        {
+            mm_set_text(session_, key, text.c_str());
+        }
+    }
+    else
+    {
+        FatalIOErrorInFunction(coeffs_)
+            << "method: " << key << " must be a number, a word or a switch"
+            << exit(FatalIOError);
+    }
+}
+
+
+void Foam::remoteSession::setMethod()
+{
+    for (const entry& e : coeffs_.subOrEmptyDict("method"))
+    {
+        setMethodEntry(e);
+    }
+    const word durability
+    (
+        coeffs_.lookupOrDefault<word>("durability", word())
+    );
+    if (!durability.empty())
+    {
+        mm_set_durability(session_, durability.c_str());
+    }
+    if (mm_error(context_))
+    {
+        fail("the settings");
+    }
+}
+
+
+bool Foam::remoteSession::isAway() const
+{
+    const mm_result error = mm_error(context_);
+    return error == MM_UNAVAILABLE || error == MM_DEADLINE_EXCEEDED;
+}
+
+
+void Foam::remoteSession::call
+(
+    const char* doing,
+    const std::function<mm_result()>& made
+)
+{
+    clockTime waiting;
+    bool told = false;
+    while (made() != MM_OK)
+    {
+        if (!isAway() || waiting.elapsedTime() >= patience_)
+        {
+            fail(doing);
+        }
+        if (!told)
+        {
+            Info<< "remoteMeshMotion: " << mm_error_message(context_) << nl
+                << "    waiting " << patience_ << " s for the server at "
+                << endpoint_.c_str() << endl;
+            told = true;
+        }
+        mm_clear_error(context_);
+        sleep(1);
+    }
+}
+
+
+Foam::string Foam::remoteSession::worstCells
+(
+    const char* path,
+    const mm_report* report
+) const
+{
+    OStringStream out;
+    const label count = label(mm_report_count(report, path));
+    for (label i = 0; i < count && mesh_; ++i)
+    {
+        const std::string item = std::string(path) + "." + std::to_string(i);
+        const int64_t rank = mm_report_integer
+        (
+            report, (item + ".partition").c_str(), 0
+        );
+        const int64_t cell = mm_report_integer
+        (
+            report, (item + ".cell").c_str(), -1
+        );
+        if (rank == Pstream::myProcNo())
+        {
+            out << ' ' << mesh_->cellOf(textOf(report, item + ".type"), cell);
+        }
+        else
+        {
+            out << " one of processor" << rank;
+        }
+    }
+    return out.str();
+}
+
+
+void Foam::remoteSession::fail(const char* doing) const
+{
+    const mm_report* details = mm_error_details(context_);
+    const scalar fraction = mm_report_number(details, "fraction");
+    const string worst(worstCells("worst", details));
+    const string hint(mm_error_hint(context_));
+    auto& out = FatalErrorInFunction;
+    out << "the mesh-motion server at " << endpoint_.c_str() << " could not "
+        << "be asked " << doing << ':' << nl << "    "
+        << mm_error_message(context_) << " ("
+        << mm_error_code(context_) << ')' << nl;
+    if (!worst.empty())
+    {
+        out << "    worst cells:" << worst.c_str() << nl;
+    }
+    if (!std::isnan(fraction))
+    {
+        out << "    " << 100*fraction
+            << " % of the displacement would be acceptable" << nl;
+    }
+    if (!hint.empty())
+    {
+        out << "    hint: " << hint.c_str() << nl;
+    }
+    out << exit(FatalError);
+}
+
+
+void Foam::remoteSession::share()
+{
+    string id(mm_id(session_));
+    List<label> bytes(MM_TOKEN_BYTES, Zero);
+    forAll(bytes, i)
+    {
+        bytes[i] = mm_token(session_)[i];
+    }
+    Pstream::scatter(id);
+    Pstream::scatter(bytes);
+    if (!Pstream::master())
+    {
+        uint8_t token[MM_TOKEN_BYTES];
+        forAll(bytes, i)
+        {
+            token[i] = uint8_t(bytes[i]);
+        }
+        mm_set_credentials(session_, id.c_str(), token);
+        call("to let a rank join", [&]{ return mm_join(session_); });
+    }
+}
+
+
+void Foam::remoteSession::open(const remoteMesh& mesh, const string& name)
+{
+    mesh_ = &mesh;
+    mm_set_label(session_, name.c_str());
+    mm_points
+    (
+        session_, mesh.dimension(), mesh.size(), mesh.points().data()
+    );
+    for (const auto& cells : mesh.cells())
+    {
+        mm_cells
+        (
+            session_,
+            cells.first.c_str(),
+            cells.second.cells.size(),
+            cells.second.nodes.data()
+        );
+    }
+    for (const remoteMesh::patch& patch : mesh.patches())
+    {
+        mm_patch
+        (
+            session_,
+            patch.name.c_str(),
+            patch.role.c_str(),
+            patch.nodes.size(),
+            patch.nodes.data()
+        );
+    }
+    if (mesh.globalIds().size())
+    {
+        mm_global_ids(session_, mesh.globalIds().data());
+    }
+    if (Pstream::master())
+    {
+        call("for a session", [&]{ return mm_open(session_); });
+    }
+    share();
+    call("to take the mesh", [&]{ return mm_build(session_); });
+    setTimeouts(0);
+}
+
+
+bool Foam::remoteSession::resume
+(
+    const fileName& path,
+    const label step,
+    const remoteMesh& mesh
+)
+{
+    mesh_ = &mesh;
+    bool there = false;
+    if (Pstream::master())
+    {
+        mm_load_credentials(session_, path.c_str());
+        call
+        (
+            "to resume a session",
+            [&]
+            {
+                const mm_result got = mm_resume(session_);
+                return got == MM_NOT_FOUND ? MM_OK : got;
+            }
+        );
+        there = mm_error(context_) == MM_OK && mm_step(session_) == step;
+        mm_clear_error(context_);
+    }
+    Pstream::scatter(there);
+    if (there)
+    {
+        share();
+        there = mm_node_count(session_) == std::size_t(mesh.size());
+        reduce(there, andOp<bool>());
+    }
+    setTimeouts(0);
+    return there;
+}
+
+
+void Foam::remoteSession::move(const scalarField& rows, scalarField& answer)
+{
+    answer.setSize(mesh_->size()*mesh_->dimension());
+    if (!mm_iteration(session_))
+    {
+        call("whether it is there", [&]{ return mm_ping(context_); });
+    }
+    call
+    (
+        "to move the mesh",
+        [&]
+        {
+            return mm_move
+            (
+                session_,
+                MM_SINCE_REFERENCE,
+                rows.size()/mesh_->dimension(),
+                rows.cdata(),
+                mesh_->size(),
+                answer.data()
+            );
+        }
+    );
+}
+
+
+void Foam::remoteSession::commit()
+{
+    call("to commit the motion", [&]{ return mm_commit(session_); });
+}
+
+
+void Foam::remoteSession::rollback()
+{
+    call("to forget the motion", [&]{ return mm_rollback(session_); });
+}
+
+
+void Foam::remoteSession::reference(scalarField& points)
+{
+    points.setSize(mesh_->size()*mesh_->dimension());
+    call
+    (
+        "for the reference mesh",
+        [&]
+        {
+            return mm_fetch
+            (
+                session_, MM_SINCE_REFERENCE, mesh_->size(), points.data()
+            );
+        }
+    );
+}
+
+
+void Foam::remoteSession::committed(scalarField& points)
+{
+    points.setSize(mesh_->size()*mesh_->dimension());
+    call
+    (
+        "for the committed mesh",
+        [&]
+        {
+            return mm_fetch
+            (
+                session_, MM_SINCE_COMMITTED, mesh_->size(), points.data()
+            );
+        }
+    );
+}
+
+
+void Foam::remoteSession::save(const fileName& path)
+{
+    if (Pstream::master())
+    {
+        mm_save_credentials(session_, path.c_str());
+        if (mm_error(context_))
+        {
+            fail("to be resumed later");
+        }
+    }
+}
+
+
+const int64_t* Foam::remoteSession::movingNodes(label& count) const
+{
+    std::size_t found = 0;
+    const int64_t* nodes = mm_moving_nodes(session_, &found);
+    count = label(found);
+    return nodes;
+}
+
+
+void Foam::remoteSession::report() const
+{
+    const mm_report* moved = mm_moved(session_);
+    const auto number = [&](const char* path)
+    {
+        return mm_report_number(moved, path);
+    };
+    Info<< "remoteMeshMotion: step " << step() + 1 << ", iteration "
+        << label(mm_iteration(session_)) << ": least quality "
+        << number("quality.corrected.metric.min") << " (interpolated alone "
+        << number("quality.standard.metric.min") << "), "
+        << label(mm_report_integer(moved, "correction.enrichment_points", 0))
+        << " enrichment points, " << number("seconds.total") << " s" << endl;
+    const label count = label(mm_report_count(moved, "warnings"));
+    for (label i = 0; i < count; ++i)
+    {
+        const std::string path = "warnings." + std::to_string(i);
+        Info<< "    " << textOf(moved, path).c_str() << endl;
+    }
+}

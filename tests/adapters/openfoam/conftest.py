@@ -1,0 +1,127 @@
+"""The motion solver built against the installed OpenFOAM, a server for it, and cases to run."""
+
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_motion_client.embedded import EmbeddedServer
+
+ADAPTER = Path(__file__).resolve().parents[3] / "adapters" / "openfoam"
+TUTORIAL = ADAPTER / "tutorial" / "pitchingPlate"
+PATIENCE = 240.0
+
+
+@pytest.fixture(scope="session")
+def foam_environment():
+    """What OpenFOAM's programs need in the environment; builds the library first."""
+    if shutil.which("moveDynamicMesh") is None:
+        pytest.skip("OpenFOAM is not installed (Debian: openfoam)")
+    built = subprocess.run(["./Allwmake"], cwd=ADAPTER, capture_output=True, text=True, check=False, timeout=PATIENCE)
+    if built.returncode == 69:
+        pytest.skip(built.stderr.strip().splitlines()[-1])
+    assert built.returncode == 0, built.stderr[-3000:]
+    root = os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")
+    return os.environ | {
+        "FOAM_ETC": f"{root}/etc",
+        "WM_PROJECT_DIR": root,
+        "LD_LIBRARY_PATH": f"{ADAPTER / 'build'}:{os.environ.get('LD_LIBRARY_PATH', '')}",
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    }
+
+
+@pytest.fixture(scope="session")
+def mesh_motion_server():
+    server = EmbeddedServer(None, 120.0, ["--threads", "1"])
+    yield server
+    server.stop()
+
+
+@dataclass
+class Case:
+    """A copy of the tutorial case, and what is done with it."""
+
+    folder: Path
+    environment: dict[str, str]
+    output: str = field(default="")
+
+    def set(self, name, **values):
+        """Entries of one dictionary, which it has already."""
+        path = self.folder / name
+        text = path.read_text()
+        for key, value in values.items():
+            text, count = re.subn(rf"(?m)^(\s*{key}\s+)[^;{{]*;", rf"\g<1>{value};", text)
+            assert count == 1, f"{key} in {name}"
+        path.write_text(text)
+
+    def method(self, text, further=""):
+        """The settings, and what stands beside them."""
+        path = self.folder / "constant" / "dynamicMeshDict"
+        head = path.read_text().split("    method")[0]
+        path.write_text(f"{head}    method {{ {text} }}\n    {further}\n}}\n")
+
+    def run(self, *command, ranks=1, expect=0):
+        """A program in the case's folder; what it printed."""
+        if ranks > 1:
+            command = ["mpirun", "--oversubscribe", "-np", str(ranks), *command, "-parallel"]
+        done = subprocess.run(
+            command, cwd=self.folder, env=self.environment, capture_output=True, text=True, check=False,
+            timeout=PATIENCE,
+        )  # fmt: skip
+        self.output = done.stdout + done.stderr
+        assert (done.returncode == 0) == (expect == 0), f"{command}\n{self.output[-4000:]}"
+        return self.output
+
+    def start(self, program, log):
+        """The same without waiting for its end."""
+        return subprocess.Popen([program], cwd=self.folder, env=self.environment, stdout=log, stderr=log)
+
+    def numbers(self, name, columns):
+        """The list in an ASCII file, one row an item."""
+        body = re.search(r"\n\s*(\d+)\s*\n\((.*?)\n\)", (self.folder / name).read_text(), re.DOTALL)
+        values = np.array(re.sub(r"[()]", " ", body[2]).split(), dtype=float).reshape(-1, columns)
+        assert len(values) == int(body[1])
+        return values
+
+    def points(self, time):
+        return self.numbers(f"{time}/polyMesh/points", 3)
+
+    def faces(self):
+        """Point labels of each face."""
+        body = (self.folder / "constant/polyMesh/faces").read_text()
+        return [[int(label) for label in face.split()] for face in re.findall(r"\d\(([\d ]+)\)", body)]
+
+    def patch(self, name):
+        """The labels of the faces of a patch."""
+        body = (self.folder / "constant/polyMesh/boundary").read_text()
+        found = re.search(rf"\b{name}\s*\{{.*?nFaces\s+(\d+);.*?startFace\s+(\d+);", body, re.DOTALL)
+        return range(int(found[2]), int(found[2]) + int(found[1]))
+
+
+@pytest.fixture(scope="session")
+def meshed_case(tmp_path_factory, foam_environment):
+    """The tutorial case after blockMesh, for copies."""
+    case = Case(tmp_path_factory.mktemp("foam") / "case", foam_environment)
+    shutil.copytree(TUTORIAL, case.folder)
+    case.run("blockMesh")
+    return case
+
+
+@pytest.fixture
+def make_case(meshed_case, mesh_motion_server, tmp_path):
+    """Copies of the meshed case, which ask the server of the tests."""
+
+    def make(name="case", endpoint=None, steps=4):
+        folder = tmp_path / name
+        shutil.copytree(meshed_case.folder, folder)
+        where = endpoint or mesh_motion_server.endpoint
+        case = Case(folder, meshed_case.environment | {"MESH_MOTION_ENDPOINT": where})
+        case.set("system/controlDict", deltaT="0.05", endTime=f"{0.05 * steps:.2f}", writeInterval="2")
+        return case
+
+    return make

@@ -1,0 +1,217 @@
+"""The tutorial case, a 2D mesh: the Python client's answer, ranks, restarts, faults."""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_motion_client import Mesh, Patch, connect
+from scipy.spatial import cKDTree
+
+PATIENCE = 240.0
+STEP, AMPLITUDE, ORIGIN = 0.05, 0.7, np.array([0.85, 0.5])
+
+
+def plane_of(case):
+    """The plane in front as a mesh for the Python client; its points, and those behind them."""
+    points, faces = case.numbers("constant/polyMesh/points", 3), case.faces()
+    front, back = np.flatnonzero(points[:, 2] > 0.05), np.flatnonzero(points[:, 2] < 0.05)
+    behind = back[cKDTree(points[back, :2]).query(points[front, :2])[1]]
+    number = dict(zip(front.tolist(), range(len(front)), strict=True))
+    quads = [[number[p] for p in faces[i]] for i in case.patch("frontAndBack") if faces[i][0] in number]
+    roles = {"plate": "moving", "inlet": "fixed", "outlet": "fixed", "walls": "slip"}
+    patches = {
+        name: Patch(role, np.unique([number[p] for i in case.patch(name) for p in faces[i] if p in number]))
+        for name, role in roles.items()
+    }
+    return Mesh(points[front, :2], {"quad": np.array(quads)}, patches), front, behind
+
+
+def turned(points, moment):
+    """Where the boundary condition takes points of the plate."""
+    angle = AMPLITUDE * np.sin(2 * np.pi * moment)
+    matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return (points - ORIGIN) @ matrix.T + ORIGIN - points
+
+
+def test_the_mesh_is_that_of_the_python_client(make_case, mesh_motion_server):
+    case = make_case()
+    output = case.run("moveDynamicMesh")
+    assert output.count("iteration 3: least quality") == 4  # the outer correctors of PIMPLE
+    mesh, front, behind = plane_of(case)
+    with connect(mesh_motion_server.endpoint) as server, server.open(mesh, {"quality_threshold": 0.3}) as session:
+        start = mesh.points[session.moving_nodes]
+        for step in range(1, 5):
+            for _ in range(3):
+                session.move(turned(start, step * STEP), frame="reference")
+            session.commit()
+            if step % 2 == 0:
+                moved = case.points(f"{step * STEP:g}")
+                np.testing.assert_allclose(moved[front, :2], session.points(), rtol=0, atol=1e-11)
+                np.testing.assert_allclose(moved[front, :2], moved[behind, :2], rtol=0, atol=1e-15)
+                assert np.ptp(moved[front, 2]) < 1e-15
+        session.close("discard")
+    displacement = case.numbers("0.2/pointDisplacement", 3)
+    start = case.numbers("constant/polyMesh/points", 3)
+    np.testing.assert_allclose(start + displacement, case.points("0.2"), rtol=0, atol=1e-14)
+
+
+def test_two_ranks_move_the_mesh_as_one(make_case):
+    serial, parallel = make_case("serial", steps=2), make_case("parallel", steps=2)
+    serial.run("moveDynamicMesh")
+    parallel.run("decomposePar")
+    parallel.run("moveDynamicMesh", ranks=2)
+    expected = serial.points("0.1")
+    met = np.zeros(len(expected), dtype=int)
+    for rank in range(2):
+        address = parallel.numbers(f"processor{rank}/constant/polyMesh/pointProcAddressing", 1)[:, 0].astype(int)
+        points = parallel.numbers(f"processor{rank}/0.1/polyMesh/points", 3)
+        np.testing.assert_allclose(points, expected[address], rtol=0, atol=1e-10)
+        met[address] += 1
+    assert met.min() == 1
+    assert met.max() == 2
+
+
+def test_pimple_foam_with_outer_correctors(make_case):
+    case = make_case(steps=2)
+    case.set("system/controlDict", deltaT="0.01", endTime="0.02")
+    output = case.run("pimpleFoam")
+    assert re.findall(r"step (\d), iteration (\d)", output) == [(s, i) for s in "12" for i in "123"]
+    case.run("checkMesh", "-latestTime")
+    assert "Mesh OK." in case.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept):
+    whole, parts = make_case("whole"), make_case("parts")
+    # without enrichment and with a radius given, a session that begins with the deformed mesh goes the same way
+    for case in (whole, parts):
+        case.method("correction none; support_radius 0.5;")
+        case.set("system/controlDict", writePrecision="17")
+    whole.run("moveDynamicMesh")
+    parts.set("system/controlDict", endTime="0.1")
+    parts.run("moveDynamicMesh")
+    if not kept:
+        shutil.rmtree(parts.folder / "0.1/uniform/remoteMeshMotion")
+    parts.set("system/controlDict", endTime="0.2")
+    output = parts.run("moveDynamicMesh")
+    assert ("goes on behind step 2" in output) == kept
+    assert ("a new session" in output) != kept
+    if kept:
+        assert (parts.folder / "0.2/uniform/remoteMeshMotion/credentials").stat().st_mode & 0o777 == 0o600
+        # the session is the same to the bit, OpenFOAM's time and boundary condition are to rounding
+        np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=1e-14)
+    else:
+        np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_restart_from_an_earlier_time_begins_a_new_session(make_case):
+    case = make_case()
+    case.run("moveDynamicMesh")
+    shutil.rmtree(case.folder / "0.2")
+    output = case.run("moveDynamicMesh")
+    assert "cannot be resumed: it has gone on since" in output
+    assert "a new session" in output
+    case.run("checkMesh", "-latestTime")
+    assert "Mesh OK." in case.output
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "words"),
+    [
+        ("plate   moving;", "plat    moving;", ["there is no patch plat", "(plate inlet outlet walls frontAndBack)"]),
+        ("walls   slip;", "", ["patch walls has no role", "moving fixed slip"]),
+        ("walls   slip;", "walls sliding;", ["patch walls of type wall cannot have the role sliding"]),
+        ("plate   moving;", "plate fixed;", ["no patch has the role moving"]),
+        ("walls   slip;", "walls moving;", ["patch walls has the role moving, but its boundary condition slip"]),
+        ("inlet   fixed;", "inlet fixed; frontAndBack slip;", ["frontAndBack of type empty cannot have the role slip"]),
+        ("quality_threshold 0.3;", "quality_treshold 0.3;", ["quality_treshold", "hint"]),
+    ],
+)
+def test_faults_of_the_dictionary_are_named(make_case, was, becomes, words):
+    case = make_case()
+    path = case.folder / "constant" / "dynamicMeshDict"
+    assert was in path.read_text()
+    path.write_text(path.read_text().replace(was, becomes))
+    case.run("moveDynamicMesh", expect=1)
+    assert "FOAM FATAL" in case.output
+    for word in words:
+        assert word in case.output
+
+
+def test_a_motion_that_is_refused(make_case):
+    case = make_case()
+    case.set("0/pointDisplacement", amplitude="3", omega="31.4")
+    case.method("correction none; sub_steps never;")
+    case.run("moveDynamicMesh", expect=1)
+    assert "FOAM FATAL ERROR" in case.output
+    assert "FAILED_PRECONDITION.QUALITY" in case.output
+    assert re.search(r"worst cells: \d+", case.output)
+    assert "% of the displacement would be acceptable" in case.output
+
+
+def test_a_server_that_is_not_there(make_case, tmp_path):
+    case = make_case(endpoint=f"ipc://{tmp_path}/nobody")
+    case.method("", "timeout 1;")
+    case.run("moveDynamicMesh", expect=1)
+    assert "FOAM FATAL ERROR" in case.output
+    assert "no server answers at ipc://" in case.output
+
+
+def start_server(folder):
+    """A server on an endpoint of this folder, with its state there."""
+    ready = folder / "ready.json"
+    ready.unlink(missing_ok=True)
+    endpoint = f"ipc://{folder}/control"
+    options = ["--endpoint", endpoint, "--state", folder / "state", "--ready-file", ready, "--threads", "1"]
+    process = subprocess.Popen([sys.executable, "-m", "mesh_motion_server", "serve", *map(str, options)],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+    while not ready.exists():
+        assert process.poll() is None
+        time.sleep(0.05)
+    return process, endpoint
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_server_that_is_killed(make_case, waits):
+    with tempfile.TemporaryDirectory() as name:  # short, for the path of a socket
+        server, endpoint = start_server(Path(name))
+        case = make_case(endpoint=endpoint)
+        case.set("system/controlDict", deltaT="0.002", endTime="0.08", writeInterval="40", writePrecision="17")
+        case.method("", f"timeout 2; computeTimeout 15; onServerLoss {'wait 200' if waits else 'fail'};")
+        log = case.folder / "log"
+        with log.open("w") as out:
+            solver = subprocess.Popen(
+                ["moveDynamicMesh"], cwd=case.folder, env=case.environment, stdout=out, stderr=out
+            )
+            while "step 3, iteration 1" not in log.read_text():
+                assert solver.poll() is None, log.read_text()[-3000:]
+                time.sleep(0.01)
+            server.kill()
+            server.wait()
+            if waits:
+                while "waiting 200 s for the server" not in log.read_text():
+                    assert solver.poll() is None, log.read_text()[-3000:]
+                    time.sleep(0.05)
+                server, _ = start_server(Path(name))
+            assert (solver.wait(PATIENCE) == 0) == waits, log.read_text()[-3000:]
+        if waits:
+            assert "step 40, iteration 3" in log.read_text()
+            other = make_case("undisturbed", endpoint=endpoint)
+            shutil.copy(case.folder / "system/controlDict", other.folder / "system/controlDict")
+            other.method("")
+            other.run("moveDynamicMesh")
+            np.testing.assert_array_equal(case.points("0.08"), other.points("0.08"))
+        else:
+            assert "FOAM FATAL ERROR" in log.read_text()
+            assert re.search(r"the mesh-motion server at ipc://\S+ could not be asked", log.read_text())
+        server.terminate()
+        server.wait(PATIENCE)
