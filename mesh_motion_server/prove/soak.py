@@ -36,6 +36,8 @@ _READINGS, _LEAST_STEPS = 60, 25
 _TARGET_SLOPE = 10.0
 #: By so much the readings of a process that leaks nothing may drift over the steps that are fitted, bytes.
 _RESOLUTION = 192 << 10
+#: What is bounded by a number of bytes is to have reached it long before the readings that count.
+_SETTINGS: dict[str, Any] = {"stored_reply_bytes": 1 << 16, "factor_cache_bytes": 1 << 20, "idle_seconds": 60.0}
 #: Files of the state folder may take so much more than at the first reading: a manifest's successor, a session.
 _MOST_STORED = 8 << 20
 
@@ -65,7 +67,7 @@ class Soak:
 
     def __init__(self, folder: Path, seed: int) -> None:
         self._state = folder / "state"
-        self._server = Served(folder, lease_seconds=60.0, idle_seconds=60.0)
+        self._server = Served(folder, **_SETTINGS)
         self.done: dict[str, int] = {}
         self.readings: dict[str, list[Reading]] = {}
         self.stored: list[int] = []
@@ -118,7 +120,8 @@ class Soak:
 
     def close(self) -> None:
         """End both."""
-        self._client.stdin.close() if self._client.stdin is not None else None
+        if self._client.stdin is not None:
+            self._client.stdin.close()
         try:
             self._client.wait(30)
         except subprocess.TimeoutExpired:

@@ -55,7 +55,8 @@ class Execution:
         self._session = session
         self._timeout = limits.collective_timeout_seconds
         self._clock = clock
-        self._stored: ReplyTable[Message] = ReplyTable(limits.stored_replies, limits.stored_reply_bytes)
+        holders = session.spec.partitions
+        self._stored: ReplyTable[Message] = ReplyTable(limits.stored_replies, limits.stored_reply_bytes, holders)
         self._gathering: Gathering | None = None
         for entry in session.commits:
             for request_id, reply in commit.replies_of(entry):

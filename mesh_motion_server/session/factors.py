@@ -37,6 +37,7 @@ class FactorCache:
     def __init__(self, byte_budget: int) -> None:
         self._budget = byte_budget
         self._kept: OrderedDict[tuple[str, bytes], _Sized] = OrderedDict()
+        self._used: set[tuple[str, bytes]] = set()
         self.made: Counter[str] = Counter()
         self.reused: Counter[str] = Counter()
 
@@ -66,6 +67,7 @@ class FactorCache:
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
         """What belongs to ``key`` among its kind, and whether it was reused."""
         place = (kind, key)
+        self._used.add(place)
         if place in self._kept:
             self._kept.move_to_end(place)
             self.reused[kind] += 1
@@ -78,9 +80,16 @@ class FactorCache:
         self._shrink(self._budget, keep=1)
         return made, False
 
+    def next_step(self) -> None:
+        """A step is committed: drop what it has not used, for that belongs to states that never come back."""
+        for place in self._kept.keys() - self._used:
+            del self._kept[place]
+        self._used = set()
+
     def clear(self) -> None:
         """Drop all."""
         self._kept.clear()
+        self._used = set()
 
     def _shrink(self, budget: int, keep: int = 0) -> None:
         """Drop the least recently used until ``budget`` bytes or ``keep`` entries are left."""

@@ -64,12 +64,15 @@ class ReplyTable(Generic[T]):
     per_client : int
         How many replies are kept per client.
     byte_budget : int
-        What all replies may take together; the newest one of a client is always kept.
+        What all replies may take together; the newest one of each holder is kept all the same.
+    holders : int
+        So many clients hold the session: those that were answered last.
     """
 
-    def __init__(self, per_client: int, byte_budget: int) -> None:
+    def __init__(self, per_client: int, byte_budget: int, holders: int = 1) -> None:
         self._per_client = per_client
         self._budget = byte_budget
+        self._holders = holders
         self._clients: OrderedDict[bytes, _Client[T]] = OrderedDict()
         self._nbytes = 0
 
@@ -128,9 +131,16 @@ class ReplyTable(Generic[T]):
         while len(self._clients) > _MAX_CLIENTS:
             _, forgotten = self._clients.popitem(last=False)
             self._nbytes -= sum(entry.nbytes for entry in forgotten.stored.values())
-        for client in self._clients.values():
-            while self._nbytes > self._budget and len(client.stored) > 1:
-                self._drop_first(client)
+        if self._nbytes > self._budget:
+            self._keep_to_budget()
+
+    def _keep_to_budget(self) -> None:
+        """Drop all replies of clients that hold the session no more, the longest silent first; then all but newest."""
+        clients = list(self._clients.values())
+        for left, some in ((0, clients[: -self._holders]), (1, clients[-self._holders :])):
+            for client in some:
+                while self._nbytes > self._budget and len(client.stored) > left:
+                    self._drop_first(client)
 
     def _drop_first(self, client: _Client[T]) -> None:
         sequence, entry = client.stored.popitem(last=False)

@@ -288,6 +288,7 @@ class Session:
         after = Standing(state, CommittedState(trial.step, trial.points))
         boundary = partial(boundary_input, built.mesh, trial.origin)
         self._write(lambda: built.keeper.commit(entry, durable, boundary), after)
+        self.factors.next_step()
         return outcome
 
     def rollback(self) -> None:

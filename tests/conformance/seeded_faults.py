@@ -109,7 +109,7 @@ def opens_again_for_each_repeat(patch):
 @fault("6-more-replies-than-stored")
 def keeps_fewer_replies_than_it_says(patch):
     init = ReplyTable.__init__
-    patch.setattr(ReplyTable, "__init__", lambda self, per_client, budget: init(self, 2, budget))
+    patch.setattr(ReplyTable, "__init__", lambda self, per_client, *rest: init(self, 2, *rest))
 
 
 # --- who may ---

@@ -28,6 +28,18 @@ def test_the_same_key_is_made_once() -> None:
     assert (cache.made["factorization"], cache.reused["factorization"]) == (1, 1)
 
 
+def test_what_a_step_has_not_used_is_dropped_when_it_is_committed() -> None:
+    cache = FactorCache(1000)
+    for step in range(10):
+        for iteration in range(2):
+            _, reused = cache.get_or_make(b"of the reference mesh", lambda: Sized(10))
+            assert reused == bool(step or iteration)
+            _, reused = cache.get_or_make(b"of state %d" % step, lambda: Sized(10))
+            assert reused == bool(iteration)
+        cache.next_step()
+        assert len(cache) == 2
+
+
 def test_kinds_share_one_budget_and_are_told_apart() -> None:
     cache = FactorCache(100)
     factorization, _ = cache.get_or_make(b"a", lambda: Sized(40))

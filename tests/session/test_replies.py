@@ -52,13 +52,26 @@ def test_behind_the_largest_number_there_is_none() -> None:
     assert caught.value.details == {"sequence": 6, "oldest": 2**63 - 1}
 
 
-def test_bytes_are_bounded_but_each_client_keeps_its_newest() -> None:
-    table: ReplyTable[str] = ReplyTable(10, 100)
+def test_bytes_are_bounded_but_each_holder_keeps_its_newest() -> None:
+    table: ReplyTable[str] = ReplyTable(10, 100, holders=3)
     for sequence in range(1, 8):
         for client in (b"c", b"d", b"e"):
             table.store(ask(sequence, client=client), "reply", 40)
     assert table.nbytes == 120
     assert all(table.find(ask(7, client=client)) == "reply" for client in (b"c", b"d", b"e"))
+
+
+def test_clients_that_hold_the_session_no_more_keep_nothing_beyond_the_budget() -> None:
+    table: ReplyTable[str] = ReplyTable(2, 100)
+    for number in range(50):
+        for sequence in (1, 2):
+            table.store(ask(sequence, client=b"%d" % number), "reply", 40)
+    assert table.nbytes == 80
+    assert table.find(ask(2, client=b"49")) == "reply"
+    with pytest.raises(SessionError, match="older than the replies kept"):
+        table.find(ask(2, client=b"48"))
+    table.store(ask(3, client=b"49"), "long", 1000)
+    assert (table.nbytes, table.find(ask(3, client=b"49"))) == (1000, "long")
 
 
 def test_clients_are_bounded() -> None:
