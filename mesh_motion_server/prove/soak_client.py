@@ -22,12 +22,13 @@ from mesh_motion_server.prove.check import require
 from mesh_motion_server.prove.holder import Holder, seeded_mesh, seeded_rows
 from mesh_motion_server.prove.stand_in_host import REAL
 
-__all__ = ["SHORT_LIVED", "Soaker"]
+__all__ = ["Soaker"]
 
 #: What comes once in so many steps: another connection, another epoch, a session that comes and goes, a list.
-REJOINS, RESUMES, SHORT_LIVED, LISTS = 40, 100, 500, 200
+REJOINS, RESUMES, SHORT_LIVED, LISTS = 40, 50, 500, 200
 #: A session rests, and comes back in another worker, once in so many short-lived ones.
 _RESTS = 2
+_REHEARSED = 50
 _OPEN_SECONDS = 300.0
 
 
@@ -57,6 +58,14 @@ class Soaker:
             (self._step_by_hand, 45),
             (self._real_step, 5),
         )
+
+    def rehearse(self) -> None:
+        """Everything once and some steps: what is loaded or made once is there before memory is looked at."""
+        for act in (self._short_lived, self._short_lived, self._rejoin, self._resume, self._look, self._real_step):
+            act()
+        for _ in range(_REHEARSED):
+            self._client_step()
+            self._step_by_hand()
 
     def go(self, steps: int) -> None:
         """So many steps, and what comes between them."""
@@ -151,6 +160,7 @@ def _mesh_of(seed: int) -> Mesh:
 def main(endpoint: str, seed: str) -> None:
     """Obey standard input."""
     soaker = Soaker(endpoint, int(seed))
+    soaker.rehearse()
     _say(soaker.done)
     for line in sys.stdin:
         soaker.go(int(line))

@@ -17,6 +17,7 @@ from mesh_motion_server.prove import (
     network_faults,
     numerical_input,
     power_loss,
+    soak,
     state_machine,
 )
 from mesh_motion_server.prove.check import Check
@@ -43,4 +44,5 @@ CHECKS: tuple[Check, ...] = (
     numerical_input.CHECK,
     # how many, how long
     many_sessions.CHECK,
+    soak.CHECK,
 )

@@ -18,7 +18,7 @@ __all__ = ["ReplyTable", "RequestId"]
 T = TypeVar("T")
 
 #: Clients remembered at once; the longest silent one is forgotten first.
-_MAX_CLIENTS = 4096
+_MAX_CLIENTS = 1024
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class RequestId:
     content: bytes
 
 
-@dataclass
+@dataclass(slots=True)
 class _Stored(Generic[T]):
     """A request's content, and its reply once there is one."""
 
@@ -48,11 +48,11 @@ class _Stored(Generic[T]):
     nbytes: int = 0
 
 
-@dataclass
+@dataclass(slots=True)
 class _Client(Generic[T]):
     """One client's recent requests by sequence; ``floor``: the highest sequence that was dropped."""
 
-    stored: OrderedDict[int, _Stored[T]] = field(default_factory=OrderedDict)
+    stored: dict[int, _Stored[T]] = field(default_factory=dict)
     floor: int = 0
 
 
@@ -143,6 +143,7 @@ class ReplyTable(Generic[T]):
                     self._drop_first(client)
 
     def _drop_first(self, client: _Client[T]) -> None:
-        sequence, entry = client.stored.popitem(last=False)
+        sequence = next(iter(client.stored))
+        entry = client.stored.pop(sequence)
         client.floor = max(client.floor, sequence)
         self._nbytes -= entry.nbytes

@@ -260,5 +260,45 @@ def the_reference_mesh_after_a_resume() -> None:
     session._restore = lambda journal, mesh: CommittedState(journal.ledger.step, mesh.points)
 
 
+# --- soak ---
+
+
+@fault
+def a_list_that_grows_with_each_commit() -> None:
+    import os
+
+    from mesh_motion_server.session.session import Session
+
+    commit, kept = Session.commit, []
+
+    def keep(self, *given):
+        kept.append(os.urandom(int(os.environ["SEEDED_BYTES"])))
+        return commit(self, *given)
+
+    Session.commit = keep
+
+
+@fault
+def a_descriptor_kept_for_each_join() -> None:
+    import os
+
+    from mesh_motion_server.service.holders import Holders
+
+    join = Holders.join
+
+    def keep(self, *given):
+        os.dup(0)
+        join(self, *given)
+
+    Holders.join = keep
+
+
+@fault
+def replies_that_are_never_dropped() -> None:
+    from mesh_motion_server.session.replies import ReplyTable
+
+    ReplyTable._shrink = lambda self, newest: None
+
+
 for name in filter(None, os.environ.get("SEEDED_FAULTS", "").split(",")):
     FAULTS[name]()
