@@ -25,7 +25,7 @@ from mesh_motion_server.prove.stand_in_host import REAL
 __all__ = ["Soaker"]
 
 #: What comes once in so many steps: another connection, another epoch, a session that comes and goes, a list.
-REJOINS, RESUMES, SHORT_LIVED, LISTS = 40, 50, 500, 200
+REJOINS, RESUMES, SHORT_LIVED, LISTS = 80, 80, 500, 200
 #: A session rests, and comes back in another worker, once in so many short-lived ones.
 _RESTS = 2
 _REHEARSED = 50

@@ -145,5 +145,7 @@ class ReplyTable(Generic[T]):
     def _drop_first(self, client: _Client[T]) -> None:
         sequence = next(iter(client.stored))
         entry = client.stored.pop(sequence)
+        if not client.stored:
+            client.stored = {}  # an emptied one keeps its size
         client.floor = max(client.floor, sequence)
         self._nbytes -= entry.nbytes

@@ -62,8 +62,9 @@ def readings(slope_bytes: float, *, steps: int = 100_000, files: float = 0.0) ->
 
 def test_slopes_are_robust_and_bounded() -> None:
     assert slope([0, 1, 2, 3, 4], [0, 2, 4, 600, 8]) == 2
-    assert allowed_slope(50_000) == allowed_slope(500_000) == 10.0
-    assert allowed_slope(2000) == pytest.approx(65.5, abs=0.1)
+    assert allowed_slope(50_000, 100_000) == allowed_slope(500_000, 1_000_000) == 10.0
+    assert allowed_slope(20_000, 40_000) == 40.0  # tables are still filled
+    assert allowed_slope(2000, 4000) == pytest.approx(65.5, abs=0.1)
     assert judge({"worker": readings(8.0)}, [0, 0])["worker"] == pytest.approx(8.0, abs=4.0)
     with pytest.raises(BrokenPromise, match="worker grows by"):
         judge({"worker": readings(100.0)}, [0, 0])
