@@ -15,7 +15,7 @@ from mesh_motion_server.prove.extreme_inputs import prove_extreme_inputs
 from mesh_motion_server.prove.inputs.extremes import EXTREMES
 from mesh_motion_server.prove.numerical_input import CHECK
 from mesh_motion_server.service import move
-from mesh_motion_server.session import partitions, session, uploads
+from mesh_motion_server.session import motions, partitions, session, uploads
 
 
 def rows(*starts: str) -> list[Any]:
@@ -78,7 +78,7 @@ def test_a_forgotten_check_is_found(monkeypatch: Any, owner: Any, check: str, na
 
 
 def test_a_wrong_number_of_the_offender_is_found(monkeypatch: Any) -> None:
-    monkeypatch.setattr(session, "in_senders_numbers", lambda error, mesh: InvalidInput("node 7", code=error.code))
+    monkeypatch.setattr(motions, "in_senders_numbers", lambda error, mesh: InvalidInput("node 7", code=error.code))
     assert prove_bad_inputs(0, rows("periodic images")).right == 0
 
 
