@@ -19,6 +19,10 @@ from mesh_motion_server.session.partitions import PartitionMesh
 __all__ = ["StandIn", "grid_mesh", "split_mesh"]
 
 
+#: As SPEC.md's section 13 has it for the longest side: the squares of larger ones overflow.
+_FARTHEST = 1e30
+
+
 @dataclass(frozen=True)
 class Correction:
     """What the stand-in's motion says about its correction."""
@@ -37,6 +41,8 @@ class StandIn:
         self.roles = BoundaryRoles.from_patches(patches)
         self.method = replace(method, support_radius=method.support_radius or 1.0)
         self.warnings: tuple[str, ...] = ()
+        if not np.abs(points).max() <= _FARTHEST:
+            raise InvalidInput(f"coordinates beyond {_FARTHEST}", code="INVALID_ARGUMENT.MESH")
         flat = np.flatnonzero(self._areas(points) <= 0)
         if len(flat):
             raise InvalidInput(f"cell {flat[0]} is inverted", details={"cell": int(flat[0])})
