@@ -65,7 +65,7 @@ def test_a_point_that_no_task_passes_fails_the_row(monkeypatch: pytest.MonkeyPat
         ("a reply before its record", "step", "worker.received=kill@7", "step 2 was acknowledged"),
         ("an epoch in memory", "take over", "worker.sent=kill@3", "RESUME gives epoch"),
         ("a record without its reply", "step", "worker.received=kill@7", r"COMMIT is answered .*\.STEP"),
-        ("an error that is answered as none", "step", "journal.commit.slot-synced=raise:EIO@1", "was acknowledged"),
+        ("an error that is answered as none", "step", "journal.commit.start=raise:EIO@1", "was acknowledged"),
         ("a spare that is given away twice", "look", "worker.received=kill@1", "nothing within|again and again"),
         ("a worker that hangs where it fails", "step", "request.execute=raise:RuntimeError@1", "nothing within"),
     ],

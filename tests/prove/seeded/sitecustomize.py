@@ -134,14 +134,14 @@ def a_reply_before_its_record() -> None:
     from mesh_motion_server.service.dispatch import SessionHost
     from mesh_motion_server.session.journal import Journal
 
-    write, handle, late = Journal.commit, SessionHost.handle, []
+    write, handle, late = Journal.store, SessionHost.handle, []
 
     def write_late_and_handle(self, envelope):
         while late:
             write(*late.pop())
         return handle(self, envelope)
 
-    Journal.commit = lambda self, entry, state: late.append((self, entry, np.array(state)))
+    Journal.store = lambda self, entry, state: late.append((self, entry, np.array(state)))
     SessionHost.handle = write_late_and_handle
 
 
@@ -171,11 +171,11 @@ def an_error_that_is_answered_as_none() -> None:
     from mesh_motion_server.errors import JournalError
     from mesh_motion_server.session.session import Session
 
-    write = Session._write
+    attempt = Session._write
 
-    def careless(self, journal, entry, durable, after):
+    def careless(self, write, after):
         try:
-            write(self, journal, entry, durable, after)
+            attempt(self, write, after)
         except JournalError:
             self._now = after
 
