@@ -210,7 +210,7 @@ def _share(budget: Budget, done: int, part: float) -> Budget:
 
 CHECK = Check(
     "kill-9",
-    "{count} kills, 3 levels: no promised step lost, all bitwise, recovery p95 ≤ 2 s",
+    "{count} kills, 3 levels: no promised step lost, bitwise, p95 ≤ 2 s",
     short=120,
     full=3000,
     seconds=24,

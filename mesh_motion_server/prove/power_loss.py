@@ -334,7 +334,7 @@ def run(seed: int, budget: Budget) -> Result:
 
 CHECK = Check(
     "power-loss",
-    "the journal without power, 3 levels: {count} disks, 0 lost or corrupt",
+    "without power, 3 levels: {count} disks, 0 lost or corrupt",
     short=100_000,
     full=1_000_000,
     seconds=40,
