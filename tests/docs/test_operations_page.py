@@ -68,8 +68,8 @@ def test_the_first_block_runs(tmp_path: Path) -> None:
 
 
 def test_the_settings_are_known_and_their_defaults_right(tmp_path: Path) -> None:
-    (block,) = blocks("toml")
-    settings = ServerSettings.from_mapping(tomllib.loads(block))
+    settings, behind = (ServerSettings.from_mapping(tomllib.loads(block)) for block in blocks("toml"))
+    assert behind.data_ports == "7441-7504"
     assert settings.metrics == "127.0.0.1:9464"
     rows = re.findall(r"^\| `([a-z_]+)` \| ([0-9.]+) \|", PAGE, re.MULTILINE)
     assert len(rows) > 8

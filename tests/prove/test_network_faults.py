@@ -190,3 +190,19 @@ def test_a_resume_that_accepts_an_older_step_is_found(faulty: Any) -> None:
         network_faults._restarter(lane.server)()
         with pytest.raises(BrokenPromise, match="resumed at step 1, 2 was acknowledged"):
             lane.driver.resume()
+
+
+@pytest.mark.slow
+def test_with_keys_no_changed_byte_goes_in(tmp_path: Path) -> None:
+    """Whichever byte it is, of whichever unit, of the handshake too."""
+    with lanes(tmp_path, [1]) as (lane,):
+        rng = Random("changed")
+        for number in range(16):
+            way = ("in", "out")[number % 2]
+            lane.network.arm([Fault(CORRUPTING[number // 2 % 2], "data", way, rng.randrange(6), rng.random())])
+            if number % 4 > 1:
+                lane.driver.resume()
+            for _ in range(2):
+                lane.driver.step()
+            lane.driver.check_points()
+            assert lane.network.struck
