@@ -29,6 +29,7 @@ from mesh_motion_protocol.messages import Open, Opened, Ping
 from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.neighbours import KINDS
 from mesh_motion_server.prove.processes import descendants, resident_bytes
+from mesh_motion_server.prove.scheduling import turns_of
 from mesh_motion_server.prove.stand_in_server import StandInServer
 
 __all__ = ["CHECK", "Pings", "above", "judge", "measured"]
@@ -165,12 +166,12 @@ def above(p99: Mapping[str, float]) -> float:
 
 
 @contextmanager
-def _echo() -> Iterator[str]:
-    """The endpoint of a process that sends back what comes."""
+def _echo() -> Iterator[tuple[int, str]]:
+    """Process id and endpoint of a process that sends back what comes."""
     process = subprocess.Popen([sys.executable, "-c", _ECHO], stdout=subprocess.PIPE, text=True)
     try:
         require(process.stdout is not None, "the echo has no output")
-        yield process.stdout.readline().strip()  # type: ignore[union-attr]
+        yield process.pid, process.stdout.readline().strip()  # type: ignore[union-attr]
     finally:
         process.kill()
         process.communicate()
@@ -200,26 +201,32 @@ class _Scene:
         control = Control(self.server.endpoint)
         stack.callback(control.close)
         opened = control.ask(Open, Opened, 3 * _PATIENCE, dimension=2)
-        endpoints = {"control": self.server.endpoint, "data": opened.endpoint, "echo": stack.enter_context(_echo())}
-        self.pings = Pings(endpoints)
+        echo, endpoint = stack.enter_context(_echo())
+        self.pings = Pings({"control": self.server.endpoint, "data": opened.endpoint, "echo": endpoint})
         stack.callback(self.pings.close)
         for _ in range(50):
             self.pings.ask()
         self._gateway = _gateway(self.server)
+        self._processes = {"gateway": self._gateway, "echo": echo}
         self._calm, self.growth = resident_bytes(self._gateway), 0
 
     def look(self) -> None:
         """At the gateway's memory."""
         self.growth = max(self.growth, resident_bytes(self._gateway) - self._calm)
 
-    def play(self, kinds: Sequence[str], count: int) -> tuple[dict[str, list[float]], dict[str, int]]:
-        """So many PINGs among these neighbours; seconds by endpoint, and how often harm was done."""
+    def play(self, kinds: Sequence[str], count: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
+        """So many PINGs among these neighbours; seconds by endpoint, and what else there is to tell.
+
+        That is how often harm was done, and for how long a process had to wait for a processor each time.
+        """
         with ExitStack() as stack:
             neighbours = [Neighbour(kind, self.server.endpoint) for kind in kinds]
             for neighbour in neighbours:
                 stack.callback(neighbour.close)
+            before = {name: turns_of(pid) for name, pid in self._processes.items()}
             times = measured(self.pings, neighbours, count, self.look)
-            return times, {neighbour.kind: neighbour.done for neighbour in neighbours}
+            turns = {name: turns_of(pid).since(before[name]) for name, pid in self._processes.items()}
+            return times, {"harm": {neighbour.kind: neighbour.done for neighbour in neighbours}, "processor": turns}
 
 
 def run(seed: int, budget: Budget) -> Result:
@@ -233,8 +240,8 @@ def run(seed: int, budget: Budget) -> Result:
         for phase, kinds in _PHASES.items():
             rounds = details[phase] = []
             while len(rounds) < _ROUNDS:
-                times, harm = scene.play(kinds, share // len(_PHASES))
-                rounds.append({"harm": harm} | {name: _told(values) for name, values in times.items()})
+                times, told = scene.play(kinds, share // len(_PHASES))
+                rounds.append(told | {name: _told(values) for name, values in times.items()})
                 now = {name: float(np.percentile(values, 99)) for name, values in times.items()}
                 figures[phase] = min(figures.get(phase, now), now, key=above)
                 if above(now) <= 0:
