@@ -7,119 +7,119 @@
 #include <string.h>
 
 static int failures;
-#define EXPECT(condition)                                                      \
-  do {                                                                         \
-    if (!(condition)) {                                                        \
-      printf("line %d: %s (%s: %s)\n", __LINE__, #condition,                   \
-             mm_error_code(server), mm_error_message(server));                 \
-      ++failures;                                                              \
-    }                                                                          \
-  } while (0)
+#define EXPECT(condition)                                                                                              \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            printf("line %d: %s (%s: %s)\n", __LINE__, #condition, mm_error_code(server), mm_error_message(server));   \
+            ++failures;                                                                                                \
+        }                                                                                                              \
+    } while (0)
 
-int main(int count, char **arguments) {
-  double points[] = {0, 0, 1, 0, 1, 1, 0, 1}, answer[8],
-         rows[] = {0.1, 0, 0.1, 0}, wild[] = {0.1, 0, NAN, 0};
-  int64_t triangles[] = {0, 1, 2, 0, 2, 3}, wrong[] = {0, 1, 2, 0, 2, 4},
-          left[] = {0, 3}, right[] = {1, 2};
-  mm_context *server = mm_context_new();
-  EXPECT(mm_error(server) == MM_OK && strcmp(mm_error_code(server), "") == 0 &&
-         mm_error_details(server) == NULL);
+int main(int count, char **arguments)
+{
+    double points[] = {0, 0, 1, 0, 1, 1, 0, 1}, answer[8], rows[] = {0.1, 0, 0.1, 0}, wild[] = {0.1, 0, NAN, 0};
+    int64_t triangles[] = {0, 1, 2, 0, 2, 3}, wrong[] = {0, 1, 2, 0, 2, 4}, left[] = {0, 3}, right[] = {1, 2};
+    mm_context *server = mm_context_new();
+    EXPECT(mm_error(server) == MM_OK && strcmp(mm_error_code(server), "") == 0 && mm_error_details(server) == NULL);
 
-  /* nobody there: told within the time, and sticky until it is cleared */
-  mm_set_timeouts(server, 0.3, 0.3);
-  EXPECT(mm_connect(server, "tcp://127.0.0.1:9") == MM_UNAVAILABLE);
-  EXPECT(strlen(mm_error_hint(server)) > 0);
-  EXPECT(mm_connect(server, arguments[count > 1]) == MM_UNAVAILABLE);
-  EXPECT(mm_session_new(server) == NULL &&
-         mm_open(NULL) == MM_INVALID_ARGUMENT);
-  mm_clear_error(server);
-  EXPECT(mm_connect(server, "tcp://") == MM_INVALID_ARGUMENT);
-  mm_clear_error(server);
-  mm_set_timeouts(server, 60, 60);
-  EXPECT(mm_connect(server, arguments[count > 1]) == MM_OK &&
-         mm_ping(server) == MM_OK);
-  EXPECT(mm_report_integer(mm_welcome(server), "limits.max_header_bytes", 0) ==
-         65536);
+    /* nobody there: told within the time, and sticky until it is cleared */
+    mm_set_timeouts(server, 0.3, 0.3);
+    EXPECT(mm_connect(server, "tcp://127.0.0.1:9") == MM_UNAVAILABLE);
+    EXPECT(strlen(mm_error_hint(server)) > 0);
+    EXPECT(mm_connect(server, arguments[count > 1]) == MM_UNAVAILABLE);
+    EXPECT(mm_session_new(server) == NULL && mm_open(NULL) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    EXPECT(mm_connect(server, "tcp://") == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    mm_set_timeouts(server, 60, 60);
+    EXPECT(mm_connect(server, arguments[count > 1]) == MM_OK && mm_ping(server) == MM_OK);
+    EXPECT(mm_report_integer(mm_welcome(server), "limits.max_header_bytes", 0) == 65536);
 
-  /* told before anything is sent */
-  mm_session *session = mm_session_new(server);
-  EXPECT(mm_open(session) == MM_INVALID_ARGUMENT);
-  mm_clear_error(server);
-  EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) ==
-         MM_FAILED_PRECONDITION);
-  mm_clear_error(server);
-  mm_points(session, 2, 4, points);
-  EXPECT(mm_cells(session, "cube", 2, triangles) == MM_INVALID_ARGUMENT &&
-         strstr(mm_error_message(server), "'cube'"));
-  mm_clear_error(server);
-  EXPECT(mm_patch(session, "left", "sliding", 2, left) == MM_INVALID_ARGUMENT);
-  mm_clear_error(server);
-  EXPECT(mm_set_number(session, "support_radius", INFINITY) ==
-         MM_INVALID_ARGUMENT);
-  mm_clear_error(server);
-  mm_cells(session, "triangle", 2, wrong);
-  mm_patch(session, "left", "moving", 2, left);
-  mm_patch(session, "right", "fixed", 2, right);
-  mm_set_text(session, "no_such_setting", "x");
-  EXPECT(mm_open(session) == MM_INVALID_ARGUMENT &&
-         mm_error_is(server, "INVALID_ARGUMENT.SETTINGS"));
-  EXPECT(mm_error_is(server, "INVALID_ARGUMENT") &&
-         !mm_error_is(server, "INVALID_ARGUMENT.SET"));
-  EXPECT(mm_report_text(mm_error_details(server), "setting", NULL, 0) ==
-         strlen("no_such_setting"));
-  mm_clear_error(server);
-  mm_session_free(session);
+    /* told before anything is sent */
+    mm_session *session = mm_session_new(server);
+    EXPECT(mm_open(session) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_FAILED_PRECONDITION);
+    mm_clear_error(server);
+    mm_points(session, 2, 4, points);
+    EXPECT(mm_cells(session, "cube", 2, triangles) == MM_INVALID_ARGUMENT
+           && strstr(mm_error_message(server), "'cube'"));
+    mm_clear_error(server);
+    EXPECT(mm_patch(session, "left", "sliding", 2, left) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    EXPECT(mm_set_number(session, "support_radius", INFINITY) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    mm_cells(session, "triangle", 2, wrong);
+    mm_patch(session, "left", "moving", 2, left);
+    mm_patch(session, "right", "fixed", 2, right);
+    mm_set_text(session, "no_such_setting", "x");
+    EXPECT(mm_open(session) == MM_INVALID_ARGUMENT && mm_error_is(server, "INVALID_ARGUMENT.SETTINGS"));
+    EXPECT(mm_error_is(server, "INVALID_ARGUMENT") && !mm_error_is(server, "INVALID_ARGUMENT.SET"));
+    EXPECT(mm_report_text(mm_error_details(server), "setting", NULL, 0) == strlen("no_such_setting"));
+    mm_clear_error(server);
+    mm_session_free(session);
 
-  session = mm_session_new(server);
-  mm_points(session, 2, 4, points);
-  mm_cells(session, "triangle", 2, wrong);
-  mm_patch(session, "left", "moving", 2, left);
-  mm_patch(session, "right", "fixed", 2, right);
-  EXPECT(mm_open(session) == MM_OK);
-  EXPECT(mm_build(session) == MM_INVALID_ARGUMENT &&
-         strstr(mm_error_message(server), "got 4 in row 1"));
-  mm_clear_error(server);
-  wrong[5] = 3; /* borrowed, not copied: mended in place */
-  EXPECT(mm_build(session) == MM_OK);
-  EXPECT(mm_node_count(session) == 4 && mm_dimension(session) == 2 &&
-         strcmp(mm_state(session), "READY") == 0);
-  EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, wild, 4, answer) ==
-         MM_INVALID_ARGUMENT);
-  EXPECT(mm_error_is(server, "INVALID_ARGUMENT.NONFINITE") &&
-         strstr(mm_error_message(server), "row 1"));
-  mm_clear_error(server);
-  EXPECT(mm_move(session, MM_SINCE_COMMITTED, 3, rows, 4, answer) ==
-         MM_INVALID_ARGUMENT);
-  mm_clear_error(server);
+    session = mm_session_new(server);
+    mm_points(session, 2, 4, points);
+    mm_cells(session, "triangle", 2, wrong);
+    mm_patch(session, "left", "moving", 2, left);
+    mm_patch(session, "right", "fixed", 2, right);
+    EXPECT(mm_open(session) == MM_OK);
+    EXPECT(mm_build(session) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "got 4 in row 1"));
+    mm_clear_error(server);
+    wrong[5] = 3; /* borrowed, not copied: mended in place */
+    EXPECT(mm_build(session) == MM_OK);
+    EXPECT(mm_node_count(session) == 4 && mm_dimension(session) == 2 && strcmp(mm_state(session), "READY") == 0);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, wild, 4, answer) == MM_INVALID_ARGUMENT);
+    EXPECT(mm_error_is(server, "INVALID_ARGUMENT.NONFINITE") && strstr(mm_error_message(server), "row 1"));
+    mm_clear_error(server);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 3, rows, 4, answer) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
 
-  /* a motion without an acceptable mesh: the left side beyond the right one */
-  double across[] = {3, 0, 3, 0};
-  EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, across, 4, answer) ==
-         MM_FAILED_PRECONDITION);
-  EXPECT(mm_error_is(server, "FAILED_PRECONDITION.QUALITY"));
-  EXPECT(isfinite(mm_report_number(mm_error_details(server), "best")));
-  EXPECT(mm_report_count(mm_error_details(server), "worst") > 0);
-  EXPECT(mm_commit(session) == MM_FAILED_PRECONDITION); /* sticky: not sent */
-  mm_clear_error(server);
-  EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK &&
-         mm_iteration(session) == 1);
-  EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1);
-  EXPECT(mm_rollback(session) == MM_OK && mm_status(session) == MM_OK &&
-         strcmp(mm_state(session), "READY") == 0);
+    /* a motion without an acceptable mesh: the left side beyond the right one */
+    double across[] = {3, 0, 3, 0};
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, across, 4, answer) == MM_FAILED_PRECONDITION);
+    EXPECT(mm_error_is(server, "FAILED_PRECONDITION.QUALITY"));
+    EXPECT(isfinite(mm_report_number(mm_error_details(server), "best")));
+    EXPECT(mm_report_count(mm_error_details(server), "worst") > 0);
+    EXPECT(mm_commit(session) == MM_FAILED_PRECONDITION); /* sticky: not sent */
+    mm_clear_error(server);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK && mm_iteration(session) == 1);
+    EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1);
+    EXPECT(mm_rollback(session) == MM_OK && mm_status(session) == MM_OK && strcmp(mm_state(session), "READY") == 0);
 
-  /* fenced: another holder resumes, this one is told; its close is no error */
-  mm_session *holder = mm_session_new(server);
-  mm_set_credentials(holder, mm_id(session), mm_token(session));
-  EXPECT(mm_resume(holder) == MM_OK && mm_step(holder) == 1);
-  EXPECT(mm_commit(session) == MM_ABORTED &&
-         mm_error_is(server, "ABORTED.FENCED"));
-  mm_clear_error(server);
-  EXPECT(mm_close(session, MM_KEEP) == MM_OK &&
-         mm_close(session, MM_KEEP) == MM_OK);
-  EXPECT(mm_fetch(holder, MM_SINCE_REFERENCE, 4, answer) == MM_OK &&
-         memcmp(answer, points, sizeof points) == 0);
-  EXPECT(mm_close(holder, MM_DISCARD) == MM_OK);
-  EXPECT(mm_resume(holder) == MM_NOT_FOUND);
-  mm_context_free(server); /* and both sessions */
-  return failures != 0;
+    /* fenced: another holder resumes, this one is told; its close is no error */
+    mm_session *holder = mm_session_new(server);
+    mm_set_credentials(holder, mm_id(session), mm_token(session));
+    EXPECT(mm_resume(holder) == MM_OK && mm_step(holder) == 1);
+    EXPECT(mm_commit(session) == MM_ABORTED && mm_error_is(server, "ABORTED.FENCED"));
+    mm_clear_error(server);
+    EXPECT(mm_close(session, MM_KEEP) == MM_OK && mm_close(session, MM_KEEP) == MM_OK);
+    EXPECT(mm_fetch(holder, MM_SINCE_REFERENCE, 4, answer) == MM_OK && memcmp(answer, points, sizeof points) == 0);
+    EXPECT(mm_close(holder, MM_DISCARD) == MM_OK);
+    EXPECT(mm_resume(holder) == MM_NOT_FOUND);
+
+    /* what a commit waits for; a relaxed one is durable a little later */
+    session = mm_session_new(server);
+    EXPECT(session == NULL && mm_error_is(server, "NOT_FOUND"));
+    mm_clear_error(server);
+    session = mm_session_new(server);
+    mm_points(session, 2, 4, points);
+    mm_cells(session, "triangle", 2, triangles);
+    mm_patch(session, "left", "moving", 2, left);
+    mm_patch(session, "right", "fixed", 2, right);
+    mm_set_durability(session, "sometimes");
+    EXPECT(mm_open(session) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    mm_set_durability(session, "relaxed");
+    EXPECT(mm_open(session) == MM_OK && mm_set_label(session, "late") == MM_FAILED_PRECONDITION);
+    mm_clear_error(server);
+    EXPECT(mm_build(session) == MM_OK && mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
+    EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1 && mm_durable_step(session) <= 1);
+    for (int tries = 0; tries < 100000 && mm_durable_step(session) < 1; ++tries) {
+        EXPECT(mm_status(session) == MM_OK);
+    }
+    EXPECT(mm_durable_step(session) == 1 && mm_close(session, MM_DISCARD) == MM_OK);
+    mm_context_free(server); /* and all sessions */
+    return failures != 0;
 }
