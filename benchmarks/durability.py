@@ -37,7 +37,7 @@ _DIMENSION = 3
 
 def moving_nodes(nodes: int) -> int:
     """Of a body in a domain with so many nodes."""
-    return round(nodes ** (2 / 3))
+    return int(nodes ** (2 / 3))
 
 
 def _keeper(folder: Path, level: str, nodes: int) -> Keeper:

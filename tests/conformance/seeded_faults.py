@@ -14,7 +14,7 @@ from mesh_motion_protocol.messages import ErrorReply, Welcome
 from mesh_motion_server.service import execution, failures, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
-from mesh_motion_server.session import session as session_module
+from mesh_motion_server.session import motions
 from mesh_motion_server.session.durability import FullKeeper, ReplayKeeper
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.partitions import MergedMesh
@@ -326,7 +326,7 @@ def moves_nodes_to_nowhere(patch):
         check(session, replace(request, displacement=np.nan_to_num(request.displacement, posinf=0, neginf=0)))
 
     patch.setattr(move, "_check_rows", blind)
-    patch.setattr(session_module, "_check_places", lambda targets, mesh: None)  # would see it a line later
+    patch.setattr(motions, "_check_places", lambda targets, mesh: None)  # would see it a line later
 
 
 @fault("2.5-one-reply-to-each-of-many")
