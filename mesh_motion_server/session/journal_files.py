@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.filesystem import FileSystem, unreadable
 from mesh_motion_server.session.ledger import Foundation, Ledger, slot_of
-from mesh_motion_server.session.records import unpack_record
+from mesh_motion_server.session.records import PAGE, Record, unpack_record
 from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
 
 __all__ = [
@@ -33,6 +34,8 @@ SLOTS = ("slot-0", "slot-1")
 
 #: Commits whose replies are kept, hence found again after a crash.
 KEPT_COMMITS = 8
+#: Of a manifest that is listed, so much is read at first: some ten commits.
+_FIRST_BYTES = 16 * PAGE
 
 
 def read_journal(folder: Path, files: FileSystem) -> Findings:
@@ -63,9 +66,26 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
         On damage of the chain, a missing file, or another format.
     """
     try:
-        return sum_up(read_chain(_read_whole(files, folder / MANIFEST))[0], keep=1)
+        return sum_up(_read_chain(files, folder / MANIFEST), keep=1)
     except OSError as error:
         raise unreadable("the journal", error) from error
+
+
+def _read_chain(files: FileSystem, path: Path) -> list[Record]:
+    """A manifest's records; of the empty rest, most of a young session's manifest, little is read."""
+    handle = files.open(path, writable=False)
+    try:
+        size, part = files.size(handle), _FIRST_BYTES
+        while part < size:
+            data = files.read(handle, 0, part)
+            with suppress(JournalError):
+                records, end = read_chain(data)
+                if end + PAGE <= len(data) and not any(data[end : end + PAGE]):
+                    return records  # no record begins in an empty page
+            part *= 4
+        return read_chain(files.read(handle, 0, size))[0]
+    finally:
+        files.close(handle)
 
 
 def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
