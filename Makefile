@@ -3,6 +3,7 @@
 # make lint   ruff and mypy, as CI does
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
 # make prove-full the same with the counts of a night
+# make mutants changes journal, session and codec in small ways and shows that the tests notice (tests/mutation), ten minutes
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
@@ -20,10 +21,10 @@ BIN := $(VENV)/bin
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format prove prove-full peers bench bench-quick studies adapters docker clean
+.PHONY: help demo test test-fast lint format prove prove-full mutants peers bench bench-quick studies adapters docker clean
 
 help:
-	@sed -n '1,13s/^# \{0,1\}//p' Makefile
+	@sed -n '1,14s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -63,6 +64,9 @@ prove: $(VENV)/.runtime
 
 prove-full: $(VENV)/.runtime
 	$(BIN)/mesh-motion prove --full --out out/prove-full
+
+mutants: $(VENV)/.development
+	$(BIN)/python tests/mutation
 
 peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1

@@ -126,3 +126,7 @@ def test_a_server_offers_the_levels_that_it_is_told_to() -> None:
     for wrong in ([], ["none"], ["full", "full"], "full"):
         with pytest.raises(InvalidInput, match="durability"):
             ServerSettings.from_mapping({"durability": wrong})
+
+
+def test_the_time_to_drain_is_announced() -> None:
+    assert ServerSettings(drain_seconds=2.5).limits()["drain_ms"] == 2500

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -17,7 +18,7 @@ from mesh_motion_server.prove.ranks import Ranks
 from mesh_motion_server.prove.session_model import OPERATIONS, SessionModel
 from mesh_motion_server.service.envelope import Envelope
 
-__all__ = ["ACCIDENTS", "Accident", "ask_inside", "refused_resume"]
+__all__ = ["ACCIDENTS", "Accident", "Stall", "ask_inside", "refused_resume"]
 
 _COLLECTIVE = ("BUILD", "MOVE", "COMMIT", "ROLLBACK")
 
@@ -61,6 +62,26 @@ class Accident:
             return do()
         finally:
             files.before = before
+
+
+class Stall:
+    """A disk that takes its time: every thread but this one waits at it until it goes on, or the process is killed."""
+
+    def __init__(self) -> None:
+        self._here = threading.current_thread()
+        self._over = threading.Event()
+        self._killed = False
+
+    def __call__(self, _operation: str) -> None:
+        if threading.current_thread() is not self._here:
+            self._over.wait()
+            if self._killed:
+                raise PowerLoss
+
+    def end(self, *, killed: bool) -> None:
+        """Whoever waits goes on, or is gone."""
+        self._killed = killed
+        self._over.set()
 
 
 def ask_inside(host: Any, model: SessionModel, ranks: Ranks, commit: Asked, number: int) -> None:

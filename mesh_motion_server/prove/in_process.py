@@ -20,10 +20,12 @@ from typing import Any
 import structlog
 from mesh_motion_protocol.limits import default_limits
 
+from mesh_motion_server.errors import JournalError
 from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.prove.wires import Child, Frame, Held, Line, Replies, Wire
 from mesh_motion_server.security.allow_list import Entry, write_entries
 from mesh_motion_server.service.dispatch import SessionHost
+from mesh_motion_server.session.relaxed import RelaxedKeeper
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from mesh_motion_server.transport import worker as workers
@@ -207,9 +209,15 @@ class InProcessServer:
 
     def crash(self) -> None:
         """All processes are gone at once, and others start."""
+        self.halt()
         self.files.handles.clear()
         self._children.clear()
         self.start()
+
+    def halt(self) -> None:
+        """Nothing runs any more beside who calls this."""
+        for worker in self._children.values():
+            _end_thread(worker.host)
 
     def kill(self, session: str) -> None:
         """SIGKILL for one worker."""
@@ -233,6 +241,13 @@ class InProcessServer:
             self._over(child)
         self._work()
         return worker.wire.take_sent()
+
+    def settle(self, session: str) -> None:
+        """Wait until what a session of level "relaxed" has to store is stored, or the disk has failed."""
+        keeper = _keeper(self.host(session))
+        if keeper is not None:
+            with contextlib.suppress(JournalError):
+                keeper.catch_up()
 
     def host(self, session: str) -> Any:
         """The host of a session whose worker lives, else None."""
@@ -310,6 +325,7 @@ class InProcessServer:
     def _killed(self, child: Child) -> None:
         worker = self._children.pop(child, None)
         if worker is not None:
+            _end_thread(worker.host)
             worker.held.end()
             self._gone(child, -9)
 
@@ -325,6 +341,22 @@ class InProcessServer:
         live = self._live(child)
         if live is not None:
             self._control.gone(live, code)
+
+
+def _keeper(host: Any) -> RelaxedKeeper | None:
+    """Of a built session of level "relaxed"."""
+    built = host._session._built if host is not None else None
+    return built.keeper if built is not None and isinstance(built.keeper, RelaxedKeeper) else None
+
+
+def _end_thread(host: Any) -> None:
+    """A process that is killed has no threads any more."""
+    keeper = _keeper(host)
+    if keeper is not None and keeper._thread is not None:
+        with keeper._news:
+            keeper._over = True
+            keeper._news.notify_all()
+        keeper._thread.join()
 
 
 def standing_of(host: Any) -> tuple[Any, ...]:

@@ -244,6 +244,6 @@ CHECK = Check(
     "errors at every call, 3 levels, {count} lives of short writes: bitwise",
     short=10,
     full=300,
-    seconds=20,
+    seconds=16,
     run=run,
 )

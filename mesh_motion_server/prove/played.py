@@ -14,7 +14,7 @@ from typing import Any
 from mesh_motion_protocol import messages as wire
 from mesh_motion_protocol.codec import decode, encode
 
-from mesh_motion_server.prove.accidents import ACCIDENTS, Accident, ask_inside, refused_resume
+from mesh_motion_server.prove.accidents import ACCIDENTS, Accident, Stall, ask_inside, refused_resume
 from mesh_motion_server.prove.actions import ALL, Action
 from mesh_motion_server.prove.check import require
 from mesh_motion_server.prove.expected import Answer, Asked, compare, compare_all
@@ -27,6 +27,8 @@ from mesh_motion_server.service.envelope import Envelope
 
 __all__ = ["Played"]
 
+#: What waits until all commits are durable, or needs the disk for something else.
+_WAITED_FOR = ("OPEN", "RESUME", "CLOSE", "LEASE_END", "STOP", "BREAK", "HEAL")
 #: What may be asked of a worker that has ended: it is still in its state, and knows its epoch, but serves nobody.
 _ASKED_OF_THE_ENDED = ("", "epoch", "step", "reference", "discard")
 
@@ -49,6 +51,7 @@ class Played:
         self._ranks = ranks
         self._kept = kept
         self._resume: tuple[Asked, Any] | None = None
+        self._stall: Stall | None = None
         self.model = self._open()
 
     @property
@@ -76,7 +79,10 @@ class Played:
             return all(each)
         action = action._replace(partition=action.partition % self.partitions)
         try:
+            if action.operation in _WAITED_FOR:
+                self._end_stall(killed=False)
             done = getattr(self, f"_on_{action.operation.lower()}", self._on_request)(action)
+            self._settle()
             self._compare_standing()
         except Exception as error:
             error.add_note(f"(at {action}; the model is in {self.model.state or 'no process'}, step {self.model.step})")
@@ -98,7 +104,7 @@ class Played:
         opened = self._control(asked)
         require(opened.type == "OPENED" and opened.epoch == 1, f"OPEN was answered {opened}")
         self._resume = None
-        model = MortalSession(opened, self._ranks.shares(), self._kept)
+        model = MortalSession(opened, self._ranks.shares(), self._kept, self._ranks.level)
         model.visited = self.visited
         return model
 
@@ -195,6 +201,7 @@ class Played:
     def _on_crash(self, _action: Action) -> bool:
         if self.model.worker != "alive":
             return False
+        self._end_stall(killed=True)
         self.model.crashes("dead")
         self.server.kill(self.model.session)
         return True
@@ -203,6 +210,8 @@ class Played:
         if self.model.worker == "alive" or self.model.state == "CLOSED":
             self.model.crashes("none")
         self.model.worker = "none"
+        self._end_stall(killed=True)
+        self.server.halt()
         self.server.files.lose_power(Random(action.value))
         self._start_over()
         return True
@@ -219,6 +228,24 @@ class Played:
         self.server.files.before = Accident(ACCIDENTS["disk"], 0)
         self.model.disk_broken = True
         return True
+
+    def _on_stall(self, _action: Action) -> bool:
+        """Only a session that does not wait for its disk goes on."""
+        if self.model.level != "relaxed" or self.model.worker != "alive" or self.model.disk_broken or self._stall:
+            return False
+        self.server.files.before = self._stall = Stall()
+        return True
+
+    def _end_stall(self, *, killed: bool) -> None:
+        if self._stall is not None:
+            stall, self._stall, self.server.files.before = self._stall, None, None
+            stall.end(killed=killed)
+            if not killed:
+                self._settle()
+
+    def _settle(self) -> None:
+        if self._stall is None:
+            self.server.settle(self.model.session)
 
     def _on_heal(self, _action: Action) -> bool:
         self.server.files.before = None
@@ -241,8 +268,10 @@ class Played:
         host, closed = self._host(), self.model.state == "CLOSED"
         if host is None or (closed and action.twist not in _ASKED_OF_THE_ENDED):
             return False
-        if self.model.disk_broken and action.twist in (*ACCIDENTS, "inside"):
+        if (self.model.disk_broken or self._stall) and action.twist in (*ACCIDENTS, "inside"):
             return False
+        if self.model.level == "relaxed" and action.twist in ("defect", "inside"):
+            return False  # nothing is written while it commits
         asked = self._ranks.request(action, self.model)
         return asked is not None and self._ask(asked, action, host if closed else None)
 
@@ -271,12 +300,13 @@ class Played:
         if action.twist not in ACCIDENTS:
             return self._data(asked, ended), "disk" if self.model.disk_broken else ""
         accident = Accident(ACCIDENTS[action.twist], action.value)
-        replies = accident.over(self.server.files, lambda: self._data(asked, ended))
+        replies = accident.over(self.server.files, lambda: self._settled_data(asked, ended))
         return replies, action.twist if accident.fired else ""
 
     def _end_by(self, accident: str, seed: int) -> None:
         """All processes have ended in the middle of what they did, and others start."""
         self.model.crashes("none")
+        self.server.halt()
         if accident == "power":
             self.server.files.lose_power(Random(seed))
         self._start_over()
@@ -286,6 +316,11 @@ class Played:
         if self.model.worker == "alive":
             return self.server.host(self.model.session)
         return self.server.ended.get(self.model.session) if self.model.state == "CLOSED" else None
+
+    def _settled_data(self, asked: Asked, ended: Any) -> Replies:
+        replies = self._data(asked, ended)
+        self._settle()
+        return replies
 
     def _data(self, asked: Asked, ended: Any) -> Replies:
         if ended is not None:

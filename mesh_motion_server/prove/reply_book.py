@@ -61,6 +61,11 @@ class Book:
         for entry in self.entries:
             entry.known = entry.known and entry.executed and entry.kind == "COMMIT"
 
+    def forget_steps_after(self, step: int) -> None:
+        """The COMMITs of later steps are lost with them."""
+        for entry in self.entries:
+            entry.known = entry.known and entry.fields.get("step", 0) <= step
+
     def verdict(self, sequence: int, content: Any) -> Entry | str:
         """The entry whose reply is due, the code of a refusal, or ``""``: execute it."""
         entry = next((entry for entry in self.entries if entry.sequence == sequence), None)

@@ -21,6 +21,8 @@ class MortalSession(SessionModel):
     def lease_ends(self) -> list[Answer]:
         """Nobody was connected for too long."""
         self.admits("LEASE_END")
+        self.untold = False
+        self.all_is_durable()
         if self.state in ("READY", "TRIAL"):
             self.lose_trial("SUSPENDED")
         return self.abandon("ABORTED")
@@ -31,11 +33,12 @@ class MortalSession(SessionModel):
 
     def ends(self) -> None:
         """The server stops: the worker closes its journal; nobody who waits is answered."""
+        self.all_is_durable()
         self.end(discard=False)
 
     def crashes(self, worker: str) -> None:
         """The process is gone; PROBE will say this of it."""
-        self.state, self.worker = "", worker
+        self.state, self.worker, self.untold = "", worker, False
         self.joined, self.waiting = {}, {}
         self.forget()
         self.trial, self.iteration = [], 0
@@ -72,6 +75,7 @@ class MortalSession(SessionModel):
         """By the worker that lives."""
         require((reply.state, reply.step) == (state, self.step), f"RESUMED says {reply.state} at step {reply.step}")
         self.epoch, self.joined, self.waiting = reply.epoch, {}, {}
+        self.all_is_durable()
         if self.built:
             self.lose_trial("READY")
             self.lost = "surely" if self.lost == "surely" else "perhaps"
@@ -87,11 +91,14 @@ class MortalSession(SessionModel):
         snapshot = found[0]
         require(snapshot is not None and reply.state == "READY", f"RESUMED says {reply.state}")
         self.state, self.worker, self.epoch, self.joined = "READY", "alive", reply.epoch, {}
-        self._discard = False
+        self._discard, self.reopened = False, True
         self._adopt(snapshot)
 
     def _adopt(self, snapshot: Any) -> None:
         """It was this one that was durable; if a COMMIT made it, that COMMIT was executed."""
+        self.durable_step = snapshot.step
+        for book in self.books.values():
+            book.forget_steps_after(snapshot.step)
         self.step, self.committed, self.may_be_found = (
             snapshot.step,
             snapshot.committed,

@@ -81,11 +81,14 @@ class SessionModel:
         By partition.
     kept : int
         ``stored_replies``.
+    level : str
+        Of durability.
     """
 
-    def __init__(self, opened: Any, shares: Sequence[Share], kept: int) -> None:
+    def __init__(self, opened: Any, shares: Sequence[Share], kept: int, level: str = "full") -> None:
         self.session, self.token, self.epoch = opened.session, opened.token, int(opened.epoch)
-        self.shares, self.kept = shares, kept
+        self.shares, self.kept, self.level = shares, kept, level
+        self.durable_step, self.reopened, self.untold = 0, False, False
         self.state, self.worker, self.step, self.iteration = "NEW", "alive", 0, 0
         self.lost = "no"
         self.joined: dict[int, bytes] = {}
@@ -187,6 +190,7 @@ class SessionModel:
 
     def _state_codes(self, kind: str) -> Codes:
         if self.state == "FROZEN":
+            self.untold = False
             return (DISK,)
         if kind == "COMMIT" and self.state == "READY" and self.lost != "no":
             return ("ABORTED.TRIAL_LOST", *(["FAILED_PRECONDITION.STATE"] if self.lost == "perhaps" else []))
@@ -212,7 +216,7 @@ class SessionModel:
 
     def _status(self, asked: Asked) -> list[Answer]:
         about = {"state": self.state, "step": self.step, "iteration": self.iteration, "waiting_for": self.missing}
-        return [self._unless_admitted(asked) or Answer(asked, "STATUS_REPORT", fields=about)]
+        return [self._unless_admitted(asked) or Answer(asked, "STATUS_REPORT", fields=about, effect=self.learn_durable)]
 
     def _close(self, asked: Asked) -> list[Answer]:
         refusal = self._unless_admitted(asked)
@@ -222,12 +226,35 @@ class SessionModel:
         left = {} if asked.user == "admin" else {p: peer for p, peer in self.joined.items() if p != partition}
         if not left and self.disk_broken and (discard or not self.built):
             return [self.refuse(asked, DISK)]
+        if self.untold and asked.message.outcome == "keep":
+            self.untold = False
+            return [self.refuse(asked, DISK)]
         answers = self.abandon("ABORTED")
         self.joined, self._discard = left, discard
         if not left:
             self.end(discard=discard)
             answers = [replace(answer, fields={}) for answer in answers]  # before or after the end, both is true
-        return [*answers, Answer(asked, "CLOSED", fields={"step": self.step})]
+        return [*answers, Answer(asked, "CLOSED", effect=self._closed)]
+
+    def _closed(self, reply: Any) -> None:
+        """CLOSED says the step that RESUME will find."""
+        self.learn_durable(reply)
+        require(reply.step == self.durable_step, f"CLOSED says step {reply.step}")
+
+    def learn_durable(self, reply: Any) -> None:
+        """Section 21: it never goes back, and is the last step unless the level is "relaxed"."""
+        told = getattr(reply, "durable_step", reply.step)
+        least = self.durable_step if self.level == "relaxed" else self.step
+        require(
+            least <= told <= self.step, f"{reply.type} says durable step {told}; {least} was told, {self.step} made"
+        )
+        self.durable_step = told
+        self.may_be_found = [s for s in self.may_be_found if s is None or s.step >= told]
+
+    def all_is_durable(self) -> None:
+        """Unless the disk has failed: then what is, is told by CLOSED or RESUMED."""
+        if self.built and self.state not in ("FROZEN", "FAILED"):
+            self.durable_step, self.may_be_found = self.step, [Snapshot(self.step, self.committed)]
 
     def end(self, *, discard: bool) -> None:
         """The worker has ended as it should; what is built stays."""
@@ -304,7 +331,10 @@ class SessionModel:
 
     def _wrong_step(self, asked: Asked) -> Codes:
         step = getattr(asked.message, "step", None)
-        return () if step in (None, self.step + 1) else ("FAILED_PRECONDITION.STEP",)
+        if step in (None, self.step + 1):
+            return ()
+        lost = self.reopened and self.level == "relaxed" and step > self.step + 1
+        return ("ABORTED.STEPS_LOST",) if lost else ("FAILED_PRECONDITION.STEP",)
 
     def executed(
         self, asked: Asked, kind: str, effect: Callable[[Any], None] = lambda _: None, **fields: Any
@@ -371,6 +401,8 @@ class SessionModel:
     def _commit(self, all_asked: Sequence[Asked], fault: str) -> list[Answer]:
         digest = self.digest(self.step + 1, self.trial)
         after = Snapshot(self.step + 1, self.trial, all_asked, digest)
+        if self.level == "relaxed":
+            return self._commit_relaxed(all_asked, after, fault)
         if fault:
             self.may_be_found = [*self.may_be_found, after]
             self.state = "FAILED" if fault == "defect" else "FROZEN"
@@ -381,7 +413,18 @@ class SessionModel:
         self.step, self.committed, self.trial = after.step, after.committed, []
         self.may_be_found = [Snapshot(self.step, self.committed)]
         about: dict[str, Any] = {"step": self.step, "durable_step": self.step, "digest": digest}
-        return [self.executed(asked, "COMMITTED", **about) for asked in all_asked]
+        return [self.executed(asked, "COMMITTED", self.learn_durable, **about) for asked in all_asked]
+
+    def _commit_relaxed(self, all_asked: Sequence[Asked], after: Snapshot, fault: str) -> list[Answer]:
+        """Answered at once; what is behind the last durable step that was told may be lost."""
+        self.state, self.iteration, self.trial = "READY", 0, []
+        self.step, self.committed = after.step, after.committed
+        self.may_be_found = [*self.may_be_found, replace(after, commits=())]
+        about: dict[str, Any] = {"step": self.step, "digest": after.digest}
+        answers = [self.executed(asked, "COMMITTED", self.learn_durable, **about) for asked in all_asked]
+        if fault == "disk":
+            self.state, self.untold = "FROZEN", True
+        return answers
 
     def _rollback(self, all_asked: Sequence[Asked], _fault: str) -> list[Answer]:
         self.state, self.trial, self.iteration, self.lost = "READY", [], 0, "no"

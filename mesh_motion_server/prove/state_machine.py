@@ -37,8 +37,8 @@ Visited = set[tuple[str, str]]
 CELLS = frozenset((state, operation) for state in ADMITTED for operation in OPERATIONS)
 #: ``stored_replies`` of the servers: so few that sequences reach beyond them.
 KEPT = 4
-#: Levels of durability: a session of "relaxed" writes when it likes, so that a sequence would not repeat.
-LEVELS = ("full", "replay")
+#: Of durability. What "relaxed" writes behind its replies is waited for after each, unless the disk stalls.
+LEVELS = ("full", "replay", "relaxed")
 #: Actions of a sequence.
 _LENGTH = 60
 #: One sequence in so many is played with the numerics themselves.
@@ -150,6 +150,8 @@ def next_action(played: Played, random: Random) -> Action:
         if new:
             return _visiting(model.state, random.choice(new), value)
         return _towards(model, random) or _onward(played, random, value)
+    if dice < 0.62 and model.level == "relaxed":
+        return Action("STALL")
     if dice < 0.64:
         return Action(random.choice(EVENTS), random.randrange(3), "", value)
     kind, twist = random.choice(_TWISTED)

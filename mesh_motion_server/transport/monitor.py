@@ -117,7 +117,8 @@ class _Listener:
         await writer.drain()
         if writer.can_write_eof():
             writer.write_eof()
-        await reader.read(1)  # until the other side has it all and closes
+        while await reader.read(_REQUEST_BYTES):
+            pass  # closing with something unread would take the answer back; the other side closes when it has it
 
 
 def _response(pages: Pages, request: bytes) -> bytes:

@@ -14,7 +14,7 @@ from served import Served
 
 @pytest.fixture
 def serve(tmp_path):
-    """Starts servers as `mesh-motion serve` does."""
+    """Starts servers."""
     servers = []
 
     def start(**settings):

@@ -8,11 +8,13 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from pathlib import Path
 
 import numpy as np
 from mesh_motion_client import Mesh, Patch
 from prometheus_client.parser import text_string_to_metric_families
 
+HERE = Path(__file__).parent
 PATIENCE = 60.0
 
 
@@ -37,25 +39,27 @@ def small_mesh(cells=4):
 
 
 class Served:
-    """One server; started again it keeps its endpoint and its sessions."""
+    """One server; started again it keeps its endpoint and its sessions.
+
+    It is `mesh-motion serve` with ``real``; otherwise the same with a stand-in for the numerics, which starts at once.
+    """
 
     def __init__(self, folder, settings):
         self.folder, self.state, self.log_path = folder, folder / "state", folder / "log.jsonl"
         self.endpoint, self.process, self._lifeline = "tcp://127.0.0.1:0", None, -1
-        self.arguments, self.environment = settings.pop("arguments", ()), settings.pop("environment", {})
+        self.real, self.level = settings.pop("real", False), settings.pop("level", "info")
+        self.environment = settings.pop("environment", {})
+        self.log_path = Path(settings.pop("log", self.log_path))
         self.settings = {"metrics": "127.0.0.1:0", "threads": 1, "state_folder": str(self.state)} | settings
 
     def start(self, *, ready=True):
         """Start it; with ``ready`` until clients may connect."""
         ready_file = self.folder / "ready.json"
         ready_file.unlink(missing_ok=True)
-        file = self.folder / "settings.toml"
-        file.write_text("".join(f"{key} = {json.dumps(value)}\n" for key, value in self.settings.items()))
         lifeline, self._lifeline = os.pipe()  # the server ends with the tests, even if they are killed
-        options = ["--endpoint", self.endpoint, "--settings", str(file), "--ready-file", str(ready_file)]
         with self.log_path.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "mesh_motion_server", "serve", *options, *self.arguments],
+                [sys.executable, *self._command(ready_file)],
                 env=os.environ | {"MESH_MOTION_LIFELINE_FD": str(lifeline)} | self.environment,
                 stdout=subprocess.DEVNULL,
                 stderr=log,
@@ -68,6 +72,15 @@ class Served:
             values = json.loads(ready_file.read_text())
             self.endpoint, self.pages = values["endpoint"], values["metrics"].replace("tcp://", "http://")
         return self
+
+    def _command(self, ready_file):
+        settings = self.settings | {"endpoint": self.endpoint}
+        if not self.real:
+            return [str(HERE / "run_stand_in.py"), json.dumps(settings), str(ready_file), self.level]
+        file = self.folder / "settings.toml"
+        file.write_text("".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items()))
+        options = ["--settings", str(file), "--ready-file", str(ready_file), "--log-level", self.level]
+        return ["-m", "mesh_motion_server", "serve", *options]
 
     def stop(self, how=signal.SIGTERM):
         """End it; its exit status."""
@@ -85,14 +98,19 @@ class Served:
             self.process.wait()
             raise
 
-    def get(self, page, timeout=10):
-        """Status and text of a page."""
+    def get(self, page):
+        """Status and text of a page; asked again where a busy machine does not serve it within its five seconds."""
+        return wait_until(lambda: self._get(page), f"{page} is answered")
+
+    def _get(self, page):
         try:
-            with urllib.request.urlopen(self.pages + page, timeout=timeout) as reply:
+            with urllib.request.urlopen(self.pages + page, timeout=PATIENCE) as reply:
                 return reply.status, reply.read().decode()
         except urllib.error.HTTPError as refusal:
             with refusal:
                 return refusal.code, refusal.read().decode()
+        except OSError:
+            return None
 
     def metrics(self):
         """Sample name, or name and label's value → number."""

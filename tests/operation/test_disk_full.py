@@ -161,3 +161,13 @@ def test_a_server_on_a_full_disk(serve: Any, small_disk: Any) -> None:
         client.open(mesh, {"support_radius": 1.0}).close("discard")
         session.close()
     assert os.listdir(disk / "state" / "sessions") == [session.credentials.session]
+
+
+def test_a_log_that_takes_no_line_ends_nothing(serve: Any) -> None:
+    """Its disk is often that of the sessions."""
+    server = serve(log="/dev/full")
+    mesh = small_mesh()
+    with connect(server.endpoint, timeout=60) as client, client.open(mesh, {"support_radius": 1.0}) as session:
+        session.move(0.01 * mesh.points[session.moving_nodes])
+        assert session.commit().step == 1
+    assert server.stop() == 0

@@ -62,7 +62,7 @@ def test_no_line_tells_a_payload_and_each_is_whole(serve: Any, tmp_path: Path) -
     public = make_client_keys("alice", folder / "alice")
     admit(public.key, folder / "server", name="alice", roles=["owner"])
     keys = Keys.load(folder / "alice" / "alice.secret", folder / "server" / "server.public")
-    server = serve(keys_folder=str(folder / "server"), arguments=["--log-level", "debug"])
+    server = serve(keys_folder=str(folder / "server"), level="debug")
     tokens = use(server, keys)
     assert server.stop() == 0
 

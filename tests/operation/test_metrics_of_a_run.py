@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -88,6 +89,8 @@ def test_the_numbers_are_those_of_the_client(serve: Any) -> None:
         assert lint(server.get("/metrics")[1]) == []
 
         worker = server.logs("open")[0]["worker"]
+        scores = {pid: int(Path(f"/proc/{pid}/oom_score_adj").read_text()) for pid in (server.process.pid, worker)}
+        assert scores[worker] > scores[server.process.pid]  # the kernel takes a worker when the memory is full:
         os.kill(worker, signal.SIGKILL)  # what it had done stays counted, and the next one's work is added
         session.move(rows)
         session.commit()

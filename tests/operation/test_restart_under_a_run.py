@@ -46,7 +46,7 @@ def couple(server: Served, out: Path, restarts: tuple[int, ...]) -> str:
 
 @pytest.mark.slow
 def test_a_coupled_run_is_bitwise_the_same_across_two_restarts(serve: Any, tmp_path: Path) -> None:
-    server = serve()
+    server = serve(real=True)
     undisturbed = couple(server, tmp_path / "undisturbed", ())
     disturbed = couple(server, tmp_path / "disturbed", (2, 4))
     assert len(list(csv.DictReader(undisturbed.splitlines()))) == STEPS
@@ -78,7 +78,6 @@ def background() -> Iterator[Any]:
         thread.join(PATIENCE)
 
 
-@pytest.mark.slow
 def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: Any) -> None:
     server = serve()
     mesh = small_mesh()
@@ -105,7 +104,6 @@ def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: 
     assert [line["event"] for line in server.logs() if line["level"] == "error"] == []
 
 
-@pytest.mark.slow
 def test_an_upload_is_begun_anew_at_the_next_server(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server, honest, opened = serve(), Session.upload, []
 

@@ -4,6 +4,7 @@ import hashlib
 import struct
 from dataclasses import replace
 
+import msgpack
 import numpy as np
 import pytest
 from mesh_motion_protocol.digests import request_digest, state_digest
@@ -48,6 +49,12 @@ def test_the_order_of_a_map_is_not_content():
 def test_an_absent_array_differs_from_an_empty_one():
     upload = Upload(session="s", epoch=1, item="nodes")
     assert request_digest(upload) != request_digest(replace(upload, rows=np.empty((0, 2))))
+
+
+def test_an_absent_array_is_one_zero_byte():
+    fields = {"item": "nodes", "name": "", "partition": 0, "role": "", "session": "s"}
+    text = msgpack.packb(["UPLOAD", fields]) + b"\0"
+    assert request_digest(Upload(session="s", epoch=1, item="nodes")) == hashlib.sha256(text).digest()
 
 
 def test_state_digest_is_the_sha256_of_the_text_in_the_spec():

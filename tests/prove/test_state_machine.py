@@ -26,6 +26,7 @@ from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import session as sessions
 from mesh_motion_server.session import state
 from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.relaxed import RelaxedKeeper
 from mesh_motion_server.session.replies import ReplyTable
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
@@ -251,13 +252,30 @@ def those_who_wait_are_forgotten(patch: Patch) -> None:
     patch.setattr(execution.Execution, "abandon", lambda self, error: [])
 
 
+def more_is_told_durable_than_is(patch: Patch) -> None:
+    patch.setattr(state_machine, "LEVELS", ("relaxed",))
+    patch.setattr(RelaxedKeeper, "durable_after", lambda self, step: step)
+
+
+def replay_loses_a_logged_step(patch: Patch) -> None:
+    patch.setattr(state_machine, "LEVELS", ("replay",))
+    honest = sessions.restore
+
+    def short(journal: Any, *arguments: Any) -> Any:
+        committed = honest(journal, *arguments)
+        return replace(committed, step=max(committed.step - 1, 0)) if journal.ledger.logged else committed
+
+    patch.setattr(sessions, "restore", short)
+
+
 SEEDED: tuple[Callable[[Patch], None], ...] = (
     rollback_keeps_the_trial, repeats_are_executed_again, a_refused_move_counts, a_stale_epoch_is_admitted,
     any_step_is_taken, resume_keeps_the_trial, frozen_admits_commit, another_content_gets_the_stored_reply,
     a_second_join_leaves_the_first, whoever_joined_once_may_go_on, a_collective_runs_too_early,
     a_suspension_keeps_the_trial, strangers_are_let_in, a_build_forgets_the_epoch, a_close_that_fails_has_closed,
     a_commit_is_told_before_it_is_durable, fetch_shows_the_trial, the_digest_is_of_another_order,
-    a_dropped_reply_is_executed_again, those_who_wait_are_forgotten,
+    a_dropped_reply_is_executed_again, those_who_wait_are_forgotten, more_is_told_durable_than_is,
+    replay_loses_a_logged_step,
 )  # fmt: skip
 
 

@@ -51,7 +51,7 @@ def test_the_whole_row(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     result = CHECK.run(1, Budget(2))
     assert result.passed
-    assert (result.details["faults"], result.details["calls"], result.details["short_writes"]) == (72, 9, 2)
+    assert (result.details["faults"], result.details["calls"], result.details["short_writes"]) == (36, 3, 2)
 
 
 # --- tests of the test: each seeded bug must be found ----------------------------------------------------------------

@@ -1,0 +1,148 @@
+"""The tool that mutates: what it changes, and that it tells what tests notice from what they do not."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+
+TOY = '''
+class Counter:
+    """Counts up to a limit."""
+
+    def __init__(self, limit):
+        self.limit, self.count = limit, 0
+
+    @property
+    def full(self):
+        return self.count >= self.limit
+
+    def add(self, number=1):
+        """Words are left alone, and so is the default."""
+        if self.full:
+            raise ValueError("the counter is full")
+        self.count += number
+        return self.count
+
+
+def described(counter):
+    return {"count": counter.count}
+'''
+TESTS = """
+import toy
+
+def test_it_counts():
+    counter = toy.Counter(2)
+    assert counter.add() == 1
+    assert not counter.full
+    assert counter.add() == 2
+    assert counter.full
+
+def test_it_is_described():
+    assert toy.described(toy.Counter(1))
+"""
+DRIVER = """
+import json, sys
+import mutation_run
+from mutation_run import Trial, run
+mutation_run._PATIENCE = float(sys.argv[1])
+trial = run(Trial(["toy"]), ["test_toy.py"])
+outcome = trial.outcomes.get("toy")
+json.dump([trial.problem, outcome and outcome.killed, outcome and outcome.survived], open("told.json", "w"))
+"""
+
+
+def operators() -> Any:
+    spec = importlib.util.spec_from_file_location("mutation_operators", HERE / "mutation_operators.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def keys(source: str) -> list[str]:
+    return [mutant.key for mutant in operators().mutants(source)]
+
+
+def tried(folder: Path, toy: str, tests: str, patience: float = 20.0) -> Any:
+    (folder / "toy.py").write_text(toy)
+    (folder / "test_toy.py").write_text(tests)
+    paths = [str(folder), str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])]
+    subprocess.run(
+        [sys.executable, "-c", DRIVER, str(patience)],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        check=True,
+        capture_output=True,
+        timeout=120,
+    )
+    return json.loads((folder / "told.json").read_text())
+
+
+def test_what_is_changed() -> None:
+    assert keys(TOY) == [
+        "Counter.__init__: 0 → 1",
+        "Counter.full: return self.count >= self.limit → return None",
+        "Counter.full: self.count >= self.limit → self.count > self.limit",
+        "Counter.full: self.count >= self.limit → self.count < self.limit",
+        "Counter.add: if self.full: → if not self.full:",
+        "Counter.add: raise ValueError('the counter is full') → pass",
+        "Counter.add: self.count += number → pass",
+        "Counter.add: return self.count → return None",
+        "described: return {'count': counter.count} → return None",
+        "described: 'count' → 'xcount'",
+    ]
+
+
+def test_a_key_stays_when_other_code_moves_and_equal_changes_are_numbered() -> None:
+    source = "def f(x):\n    g(x)\n    g(x)\n"
+    assert keys(source) == keys("import os\n\n\n" + source) == ["f: g(x) → pass", "f: g(x) → pass (2)"]
+
+
+def test_only_the_mutated_function_differs() -> None:
+    made = operators()
+    first = next(made.mutants(TOY))
+    assert made.code_of(first, "toy.py").co_qualname == "Counter.__init__"
+    assert [line for line, _ in made.telling(TOY, "toy.py", "told")] == [5, 8, 12, 20]
+
+
+def test_what_no_test_notices_survives(tmp_path: Path) -> None:
+    problem, killed, survived = tried(tmp_path, TOY, TESTS)
+    assert problem == ""
+    assert survived == [
+        "Counter.add: raise ValueError('the counter is full') → pass",
+        "described: 'count' → 'xcount'",
+    ]
+    assert killed == 8
+
+
+def test_tests_that_fail_without_a_mutant_are_told(tmp_path: Path) -> None:
+    problem, _, _ = tried(tmp_path, TOY, TESTS.replace("add() == 1", "add() == 3"))
+    assert problem == "without a mutant these fail: test_toy.py::test_it_counts"
+
+
+def test_an_endless_loop_is_noticed(tmp_path: Path) -> None:
+    toy = "def f(n):\n    while n > 0:\n        n -= 1\n    return n\n"
+    tests = "import toy\n\ndef test_f():\n    assert toy.f(3) == 0\n"
+    _, _, survived = tried(tmp_path, toy, tests, patience=0.5)
+    assert survived == []
+
+
+def test_every_survivor_has_a_reason_and_a_module() -> None:
+    known = tomllib.loads((HERE / "survivors.toml").read_text(encoding="utf-8"))
+    for module, survivors in known.items():
+        spec = importlib.util.find_spec(module)
+        assert spec is not None
+        assert spec.origin is not None
+        made = set(keys(Path(spec.origin).read_text(encoding="utf-8")))
+        assert set(survivors) <= made, f"{module}: these are no mutants any more"
+        assert all(len(reason) > 10 for reason in survivors.values())
