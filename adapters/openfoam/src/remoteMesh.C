@@ -5,20 +5,15 @@
 #include "globalMeshData.H"
 #include "syncTools.H"
 
-namespace
+Foam::vector Foam::remoteMesh::meanOf(const face& f, const vectorField& values)
 {
-
-Foam::vector meanOf(const Foam::face& f, const Foam::vectorField& values)
-{
-    Foam::vector sum(Foam::Zero);
-    for (const Foam::label pointi : f)
+    vector sum(Zero);
+    for (const label pointi : f)
     {
         sum += values[pointi];
     }
     return sum/f.size();
 }
-
-} // End anonymous namespace
 
 
 void Foam::remoteMesh::findDimension()
@@ -171,8 +166,7 @@ void Foam::remoteMesh::setPoints(const pointField& base)
     {
         set(node, base[nodePoint_[node]]);
     }
-    // the mean of the points, unlike the centroid, goes where they take it;
-    // added up in another order by the other rank it may differ in a bit
+    // added up in another order by the other rank a mean may differ in a bit
     pointField middles(mesh_.nBoundaryFaces(), Zero);
     for (const label facei : middles_)
     {

@@ -20,6 +20,17 @@ const char* typeOf(const Foam::cellShape& shape)
     }
 }
 
+bool isLeftHanded
+(
+    const Foam::point& a,
+    const Foam::point& b,
+    const Foam::point& c,
+    const Foam::point& d
+)
+{
+    return (((b - a) ^ (c - a)) & (d - a)) <= 0;
+}
+
 } // End anonymous namespace
 
 
@@ -75,6 +86,34 @@ void Foam::remoteMesh::addCell
 }
 
 
+void Foam::remoteMesh::checkSeen
+(
+    const face& f,
+    const label facei,
+    const label celli
+) const
+{
+    const pointField& points = mesh_.points();
+    const point& centre = mesh_.cellCentres()[celli];
+    const point middle(meanOf(f, points));
+    forAll(f, i)
+    {
+        const label third = f.size() > 4 ? -1 : f.prevLabel(i);
+        const point& corner = third < 0 ? middle : points[third];
+        if (isLeftHanded(points[f[i]], points[f.nextLabel(i)], corner, centre))
+        {
+            FatalErrorInFunction
+                << "polyhedral cell " << celli << " at " << centre
+                << " cannot be judged: its face " << facei
+                << " is not seen as a whole from the cell's centre" << nl
+                << "    a cell that is no hexahedron, prism, pyramid or "
+                << "tetrahedron is divided about its centre"
+                << exit(FatalError);
+        }
+    }
+}
+
+
 void Foam::remoteMesh::addPieces(const label celli)
 {
     const label centre = cellNode_[celli];
@@ -86,6 +125,7 @@ void Foam::remoteMesh::addPieces(const label celli)
         (
             mesh_.faceOwner()[facei] == celli ? out.reverseFace() : out
         );
+        checkSeen(f, facei, celli);
         if (f.size() == 3)
         {
             addCell("tetra", labelList({f[0], f[1], f[2], centre}), celli);
