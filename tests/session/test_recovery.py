@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.ledger import Commit, Foundation, Ledger
+from mesh_motion_server.session.ledger import Commit, Foundation, Ledger, slot_of
 from mesh_motion_server.session.records import FAMILY, PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.recovery import SlotView, examine, read_chain, sum_up
 from mesh_motion_server.session.witness import Witness
@@ -177,3 +177,10 @@ def test_a_witness_of_what_is_there_says_nothing(witnessed: int | None) -> None:
 def test_a_record_that_was_durable_and_is_not_there_is_damage() -> None:
     with pytest.raises(JournalError, match="does not verify, and it did"):
         replayed("epoch", "epoch", witnessed=2)
+
+
+def test_the_slot_of_a_record() -> None:
+    states = [{"kind": "commit", "step": 3}, {"kind": "snapshot", "slot": 1}, {"kind": "commit", "slot": 0}]
+    packed = [pack_record(1, bytes(32), body, format=1 + (number > 0)) for number, body in enumerate(states)]
+    assert [slot_of(record_of(each)) for each in packed] == [1, 1, 0]
+    assert slot_of(record_of(pack_record(1, bytes(32), {"kind": "epoch", "slot": 1}, format=2))) is None
