@@ -49,14 +49,12 @@ _CONTROL_WEIGHTS = (4, 1, 1, 4, 4, 2)
 _DATA_WEIGHTS = (*(6,) * 8, 1, 2)
 #: Messages of a scene.
 _MESSAGES = 250
-#: Before memory is looked at: what is made once is made then.
-_WARM_UP, _LEAST_WARM_UP = 10_000, 3000
+#: Before memory is looked at, every other scene with the numerics themselves: what is made once is made then.
+_LEAST_WARM_UP = 3000
 _MOST_GROWTH = 5 << 20
 #: Seconds of processor time that one message may take: ten thousand times the usual.
 _MOST_SECONDS = 2.0
 _SETTINGS = ServerSettings(stored_replies=4, max_sessions=4)
-#: One scene in so many has the numerics themselves.
-_REAL_EVERY = 10
 
 
 @dataclass
@@ -273,7 +271,7 @@ def run(seed: int, budget: Budget) -> Result:
 
 def _run(protection: Protection, seed: int, budget: Budget) -> Result:
     totals = Totals()
-    warm_up = min(_WARM_UP, max(_LEAST_WARM_UP, budget.count // 4))
+    warm_up = max(_LEAST_WARM_UP, budget.count // 10)
     number = -1 - warm_up // _MESSAGES
     while number < 0:
         play(protection, seed, number, Totals())
@@ -291,7 +289,7 @@ def play(protection: Protection, seed: int, number: int, totals: Totals) -> None
     """One scene."""
     random = Random(f"handler fuzz {seed} {number}")
     state = STATES[number % len(STATES)]
-    real = number % _REAL_EVERY == 0 or -len(STATES) <= number < 0  # all that it loads before memory is looked at
+    real = number < 0 and bool(number % 2)  # the numerics load their kernels one by one, when they are first needed
     scene = Scene.set(protection, state, random, real=real)
     for message in range(_MESSAGES):
         if scene.is_over:
