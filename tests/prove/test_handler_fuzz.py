@@ -187,12 +187,12 @@ def test_a_message_that_takes_long_is_found(protection: Protection, monkeypatch:
 @pytest.mark.slow
 def test_memory_that_is_kept_of_refused_requests_is_found(monkeypatch: Patch) -> None:
     kept: list[bytearray] = []
-    honest = worker.encode
+    honest = worker.encoded
 
-    def hoarding(message: Any) -> Any:
+    def hoarding(message: Any, **options: Any) -> Any:
         if message.type == "ERROR":
             kept.append(bytearray(b"x") * 8192)
-        return honest(message)
+        return honest(message, **options)
 
-    monkeypatch.setattr(worker, "encode", hoarding)
+    monkeypatch.setattr(worker, "encoded", hoarding)
     assert not CHECK.run(1, Budget(3000)).passed
