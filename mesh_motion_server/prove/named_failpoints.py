@@ -253,6 +253,6 @@ CHECK = Check(
     "{count} faults at named points: no step lost, all bitwise, no hang",
     short=len(POINTS),
     full=25 * len(POINTS),
-    seconds=60,
+    seconds=80,
     run=run,
 )
