@@ -26,6 +26,7 @@ _SESSION = (
 _PROTOCOL = (
     "tests/protocol/test_codec.py",
     "tests/protocol/test_header.py",
+    "tests/protocol/test_schema.py",
     "tests/protocol/test_vectors.py",
     "tests/protocol/test_digests.py",
 )
