@@ -202,6 +202,7 @@ class SessionModel:
             return [refusal]
         self.joined[asked.message.partition] = asked.peer
         self.state = "READY" if self.state == "SUSPENDED" else self.state
+        self.untold = False  # JOINED tells of a disk that has failed
         nodes = len(self.shares[asked.message.partition].ids) if self.built else 0
         about = {"state": self.state, "step": self.step, "iteration": self.iteration, "nodes": nodes}
         return [Answer(asked, "JOINED", fields=about | {"partitions": len(self.shares)})]
