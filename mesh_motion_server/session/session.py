@@ -328,7 +328,7 @@ class Session:
         JournalError
             If the disk failed, and no request has been told yet; the session is FROZEN.
         """
-        if self._built is None or self._now.state is State.FROZEN:
+        if self._built is None or self._now.state in (State.FROZEN, State.CLOSED):
             return
         try:
             self._built.keeper.catch_up()

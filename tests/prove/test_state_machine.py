@@ -105,6 +105,14 @@ def test_hypothesis_finds_no_difference(protection: Protection) -> None:
     )  # fmt: skip
 
 
+def test_a_closed_session_stays_closed_when_its_lease_ends() -> None:
+    """Found by the row: behind a disk that had failed it became FROZEN."""
+    replay(
+        "partitions=1 level=relaxed numerics=stand-in JOIN/*//0 UPLOAD/*//1 UPLOAD/*//2 UPLOAD/*//3 UPLOAD/*//4 "
+        "BUILD/*//5 MOVE/*//6 BREAK/0//0 COMMIT/*//7 MOVE/*//8 CLOSE/*//9 LEASE_END/0//0"
+    )
+
+
 # --- tests of the test -----------------------------------------------------------------------------------------------
 
 Patch = pytest.MonkeyPatch
