@@ -193,6 +193,64 @@ void Foam::remoteSession::call
 }
 
 
+void Foam::remoteSession::rejoin()
+{
+    sleep(1);
+    if (Pstream::master())
+    {
+        call("to resume the session", [&]{ return mm_resume(session_); });
+    }
+    bool resumed = true;
+    Pstream::scatter(resumed);
+    if (!Pstream::master())
+    {
+        call("to let a rank join", [&]{ return mm_join(session_); });
+    }
+}
+
+
+void Foam::remoteSession::callTogether
+(
+    const char* doing,
+    const std::function<mm_result()>& made
+)
+{
+    if (!Pstream::parRun())
+    {
+        call(doing, made);
+        return;
+    }
+    clockTime waiting;
+    while (true)
+    {
+        const bool done = made() == MM_OK;
+        if (!done && !isAway())
+        {
+            fail(doing);
+        }
+        if (returnReduce(done, andOp<bool>()))
+        {
+            return;
+        }
+        bool patient = waiting.elapsedTime() < patience_;
+        Pstream::scatter(patient);
+        if (!patient)
+        {
+            if (!done)
+            {
+                fail(doing); // which ends the other ranks too
+            }
+            continue;
+        }
+        Info<< "remoteMeshMotion: no answer to all ranks" << nl
+            << "    waiting " << patience_ << " s for the server at "
+            << endpoint_.c_str() << endl;
+        mm_clear_error(context_);
+        rejoin();
+    }
+}
+
+
 Foam::string Foam::remoteSession::worstCells
 (
     const char* path,
@@ -355,41 +413,52 @@ bool Foam::remoteSession::resume
 }
 
 
-void Foam::remoteSession::move(const scalarField& rows, scalarField& answer)
+mm_result Foam::remoteSession::moveRows(scalarField& answer)
 {
     answer.setSize(mesh_->size()*mesh_->dimension());
+    return mm_move
+    (
+        session_,
+        MM_SINCE_REFERENCE,
+        rows_.size()/mesh_->dimension(),
+        rows_.cdata(),
+        mesh_->size(),
+        answer.data()
+    );
+}
+
+
+void Foam::remoteSession::move(const scalarField& rows, scalarField& answer)
+{
+    rows_ = rows;
     if (!mm_iteration(session_))
     {
         call("whether it is there", [&]{ return mm_ping(context_); });
     }
-    call
-    (
-        "to move the mesh",
-        [&]
-        {
-            return mm_move
-            (
-                session_,
-                MM_SINCE_REFERENCE,
-                rows.size()/mesh_->dimension(),
-                rows.cdata(),
-                mesh_->size(),
-                answer.data()
-            );
-        }
-    );
+    callTogether("to move the mesh", [&]{ return moveRows(answer); });
 }
 
 
 void Foam::remoteSession::commit()
 {
-    call("to commit the motion", [&]{ return mm_commit(session_); });
-}
-
-
-void Foam::remoteSession::rollback()
-{
-    call("to forget the motion", [&]{ return mm_rollback(session_); });
+    const int64_t step = mm_step(session_) + 1;
+    callTogether
+    (
+        "to commit the motion",
+        [&]
+        {
+            if (mm_step(session_) == step)
+            {
+                return MM_OK; // all but the answer was done before
+            }
+            if (!mm_iteration(session_))
+            {
+                scalarField again; // the trial was lost with the server
+                moveRows(again);
+            }
+            return mm_commit(session_);
+        }
+    );
 }
 
 

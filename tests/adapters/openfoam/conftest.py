@@ -77,9 +77,20 @@ class Case:
         assert (done.returncode == 0) == (expect == 0), f"{command}\n{self.output[-4000:]}"
         return self.output
 
-    def start(self, program, log):
+    def start(self, *command, log):
         """The same without waiting for its end."""
-        return subprocess.Popen([program], cwd=self.folder, env=self.environment, stdout=log, stderr=log)
+        return subprocess.Popen(command, cwd=self.folder, env=self.environment, stdout=log, stderr=log)
+
+    def check_ranks(self, time, expected):
+        """The points that two ranks have written are those of the mesh as a whole."""
+        met = np.zeros(len(expected), dtype=int)
+        for rank in range(2):
+            address = self.numbers(f"processor{rank}/constant/polyMesh/pointProcAddressing", 1)[:, 0].astype(int)
+            points = self.numbers(f"processor{rank}/{time}/polyMesh/points", 3)
+            np.testing.assert_allclose(points, expected[address], rtol=0, atol=1e-10)
+            met[address] += 1
+        assert met.min() == 1
+        assert met.max() == 2
 
     def numbers(self, name, columns):
         """The list in an ASCII file, one row an item."""

@@ -66,15 +66,7 @@ def test_two_ranks_move_the_mesh_as_one(make_case):
     serial.run("moveDynamicMesh")
     parallel.run("decomposePar")
     parallel.run("moveDynamicMesh", ranks=2)
-    expected = serial.points("0.1")
-    met = np.zeros(len(expected), dtype=int)
-    for rank in range(2):
-        address = parallel.numbers(f"processor{rank}/constant/polyMesh/pointProcAddressing", 1)[:, 0].astype(int)
-        points = parallel.numbers(f"processor{rank}/0.1/polyMesh/points", 3)
-        np.testing.assert_allclose(points, expected[address], rtol=0, atol=1e-10)
-        met[address] += 1
-    assert met.min() == 1
-    assert met.max() == 2
+    parallel.check_ranks("0.1", serial.points("0.1"))
 
 
 def test_pimple_foam_with_outer_correctors(make_case):
@@ -87,8 +79,8 @@ def test_pimple_foam_with_outer_correctors(make_case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [True, False])
-def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept):
+@pytest.mark.parametrize(("kept", "ranks"), [(True, 1), (False, 1), (True, 2)])
+def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept, ranks):
     whole, parts = make_case("whole"), make_case("parts")
     # without enrichment and with a radius given, a session that begins with the deformed mesh goes the same way
     for case in (whole, parts):
@@ -96,19 +88,24 @@ def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept):
         case.set("system/controlDict", writePrecision="17")
     whole.run("moveDynamicMesh")
     parts.set("system/controlDict", endTime="0.1")
-    parts.run("moveDynamicMesh")
+    if ranks == 2:
+        parts.run("decomposePar")
+    parts.run("moveDynamicMesh", ranks=ranks)
+    master = parts.folder / ("processor0" if ranks == 2 else ".")
+    credentials = master / "0.1/uniform/remoteMeshMotion/credentials"
+    assert credentials.stat().st_mode & 0o777 == 0o600
     if not kept:
-        shutil.rmtree(parts.folder / "0.1/uniform/remoteMeshMotion")
+        shutil.rmtree(credentials.parent)
     parts.set("system/controlDict", endTime="0.2")
-    output = parts.run("moveDynamicMesh")
+    output = parts.run("moveDynamicMesh", ranks=ranks)
     assert ("goes on behind step 2" in output) == kept
     assert ("a new session" in output) != kept
-    if kept:
-        assert (parts.folder / "0.2/uniform/remoteMeshMotion/credentials").stat().st_mode & 0o777 == 0o600
-        # the session is the same to the bit, OpenFOAM's time and boundary condition are to rounding
-        np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=1e-14)
+    if ranks == 2:
+        parts.check_ranks("0.2", whole.points("0.2"))
     else:
-        np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=1e-12)
+        # a session that is kept is the same to the bit, OpenFOAM's time and boundary condition are to rounding
+        allowed = 1e-14 if kept else 1e-12
+        np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=allowed)
 
 
 @pytest.mark.slow
@@ -180,18 +177,20 @@ def start_server(folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("waits", [False, True])
-def test_a_server_that_is_killed(make_case, waits):
+@pytest.mark.parametrize(("waits", "ranks"), [(False, 1), (True, 1), (True, 2)])
+def test_a_server_that_is_killed(make_case, waits, ranks):
     with tempfile.TemporaryDirectory() as name:  # short, for the path of a socket
         server, endpoint = start_server(Path(name))
         case = make_case(endpoint=endpoint)
         case.set("system/controlDict", deltaT="0.002", endTime="0.08", writeInterval="40", writePrecision="17")
         case.method("", f"timeout 2; computeTimeout 15; onServerLoss {'wait 200' if waits else 'fail'};")
+        command = ["moveDynamicMesh"]
+        if ranks == 2:
+            case.run("decomposePar")
+            command = ["mpirun", "--oversubscribe", "-np", "2", *command, "-parallel"]
         log = case.folder / "log"
         with log.open("w") as out:
-            solver = subprocess.Popen(
-                ["moveDynamicMesh"], cwd=case.folder, env=case.environment, stdout=out, stderr=out
-            )
+            solver = case.start(*command, log=out)
             while "step 3, iteration 1" not in log.read_text():
                 assert solver.poll() is None, log.read_text()[-3000:]
                 time.sleep(0.01)
@@ -209,7 +208,10 @@ def test_a_server_that_is_killed(make_case, waits):
             shutil.copy(case.folder / "system/controlDict", other.folder / "system/controlDict")
             other.method("")
             other.run("moveDynamicMesh")
-            np.testing.assert_array_equal(case.points("0.08"), other.points("0.08"))
+            if ranks == 2:
+                case.check_ranks("0.08", other.points("0.08"))
+            else:
+                np.testing.assert_array_equal(case.points("0.08"), other.points("0.08"))
         else:
             assert "FOAM FATAL ERROR" in log.read_text()
             assert re.search(r"the mesh-motion server at ipc://\S+ could not be asked", log.read_text())
