@@ -13,6 +13,8 @@ import pytest
 from mesh_motion_client import Mesh, Patch, connect
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
+
 PATIENCE = 240.0
 STEP, AMPLITUDE, ORIGIN = 0.05, 0.7, np.array([0.85, 0.5])
 
@@ -162,12 +164,12 @@ def test_a_server_that_is_not_there(make_case, tmp_path):
     assert "no server answers at ipc://" in case.output
 
 
-def start_server(folder):
+def start_server(folder, *further):
     """A server on an endpoint of this folder, with its state there."""
     ready = folder / "ready.json"
     ready.unlink(missing_ok=True)
     endpoint = f"ipc://{folder}/control"
-    options = ["--endpoint", endpoint, "--state", folder / "state", "--ready-file", ready, "--threads", "1"]
+    options = ["--endpoint", endpoint, "--state", folder / "state", "--ready-file", ready, "--threads", "1", *further]
     process = subprocess.Popen([sys.executable, "-m", "mesh_motion_server", "serve", *map(str, options)],
                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
     while not ready.exists():
@@ -183,7 +185,7 @@ def test_a_server_that_is_killed(make_case, waits, ranks):
         server, endpoint = start_server(Path(name))
         case = make_case(endpoint=endpoint)
         case.set("system/controlDict", deltaT="0.002", endTime="0.08", writeInterval="40", writePrecision="17")
-        case.method("", f"timeout 2; computeTimeout 15; onServerLoss {'wait 200' if waits else 'fail'};")
+        case.method("", f"timeout 2; computeTimeout 5; onServerLoss {'wait 200' if waits else 'fail'};")
         command = ["moveDynamicMesh"]
         if ranks == 2:
             case.run("decomposePar")
@@ -215,5 +217,22 @@ def test_a_server_that_is_killed(make_case, waits, ranks):
         else:
             assert "FOAM FATAL ERROR" in log.read_text()
             assert re.search(r"the mesh-motion server at ipc://\S+ could not be asked", log.read_text())
+        server.terminate()
+        server.wait(PATIENCE)
+
+
+def test_a_server_with_keys(make_case, tmp_path):
+    make_server_keys(tmp_path / "keys")
+    make_client_keys("solver", tmp_path)
+    admit(str(tmp_path / "solver.public"), tmp_path / "keys")
+    with tempfile.TemporaryDirectory() as name:
+        server, endpoint = start_server(Path(name), "--keys", tmp_path / "keys")
+        case = make_case(endpoint=endpoint, steps=1)
+        case.method("", "timeout 2;")
+        case.run("moveDynamicMesh", expect=1)
+        assert "FOAM FATAL ERROR" in case.output
+        case.environment["KEYS"] = str(tmp_path)
+        case.method("", 'secretKey "$KEYS/solver.secret"; serverKey "$KEYS/keys/server.public";')
+        assert "step 1, iteration 3" in case.run("moveDynamicMesh")
         server.terminate()
         server.wait(PATIENCE)
