@@ -1,0 +1,38 @@
+"""docs/reliability.md names every row of the table of proofs, and only rows, tests and files that exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from mesh_motion_server.prove.table import CHECKS
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
+PROMISES, _, REST = PAGE.partition("## What is not promised")
+
+
+def test_each_row_has_its_promise() -> None:
+    named = set(re.findall(r"^\|[^|]*\| ((?:`[a-z0-9-]+`(?:, )?)+) \|", PROMISES, re.MULTILINE))
+    rows = [row for cell in named for row in re.findall(r"`([a-z0-9-]+)`", cell)]
+    assert sorted(rows) == sorted(check.name for check in CHECKS)
+
+
+def test_each_fault_has_what_found_it() -> None:
+    found = re.findall(r"^\| ([a-z0-9, -]+) \| .+ \| .+ \|$", REST, re.MULTILINE)[1:]
+    assert len(found) > 30
+    known = {check.name for check in CHECKS} | {"journal", "operation"}
+    assert {part for cell in found for part in cell.split(", ")} <= known
+
+
+def test_what_is_named_exists() -> None:
+    links = re.findall(r"\]\(([^)#]+)", PAGE)
+    assert all((ROOT / "docs" / link).exists() for link in links)
+    paths = re.findall(r"`([a-z_]+/[a-z_/.]+)`", PAGE)
+    assert all((ROOT / path).exists() for path in paths)
+
+
+def test_the_commands_name_rows() -> None:
+    asked = re.findall(r"--only ([a-z0-9-]+)", PAGE)
+    assert asked
+    assert set(asked) <= {check.name for check in CHECKS}
