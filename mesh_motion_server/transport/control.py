@@ -161,6 +161,7 @@ class Control:
             live = Live(request.session, request.token, asked.user, self._start(_resume_order(request, asked.user)))
             self.registry.live[request.session] = live
             self._expect(live, asked)
+            log().info("resume", session=live.session, worker=live.child.pid)
         elif live.asked is not None:
             live.queue.append(asked)
         elif live.status == "dead":

@@ -125,8 +125,9 @@ class Served:
         return samples
 
     def logs(self, event=None):
-        """The log's lines, of one event or all."""
-        lines = [json.loads(line) for line in self.log_path.read_text().splitlines()]
+        """The log's whole lines, of one event or all."""
+        whole, _, _ = self.log_path.read_text().rpartition("\n")
+        lines = [json.loads(line) for line in whole.splitlines()]
         return [line for line in lines if event in (None, line["event"])]
 
     def children(self):

@@ -52,6 +52,7 @@ def test_a_coupled_run_is_bitwise_the_same_across_two_restarts(serve: Any, tmp_p
     assert len(list(csv.DictReader(undisturbed.splitlines()))) == STEPS
     assert disturbed == undisturbed
     assert len(server.logs("stopped")) == 2
+    assert len(server.logs("resume")) == 2
     assert not server.logs("killed")
 
 
