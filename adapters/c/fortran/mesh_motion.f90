@@ -588,7 +588,7 @@ contains
       ignored = c_cells(self%handle, ended(type), size(nodes, 2, c_size_t), first_index(self%copies))
    end subroutine
 
-   ! (nodes of the type, cells), in the order of VTK
+   ! (nodes of the type, cells), in the order of VTK, a wedge in that of Gmsh
    subroutine session_cells_32(self, type, nodes)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: type

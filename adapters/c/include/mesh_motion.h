@@ -100,7 +100,8 @@ MM_API mm_session *mm_session_new(mm_context *context);
 MM_API void mm_session_free(mm_session *session);
 
 /* The arrays of these four are not copied: leave them in place until mm_build returns. Indices and types are checked.
- * Cell types: line; triangle, quad; tetra, pyramid, wedge, hexahedron, with their nodes in the order of VTK.
+ * Cell types: line; triangle, quad; tetra, pyramid, wedge, hexahedron, with their nodes in the order of VTK; but a
+ * wedge as in Gmsh: nodes 0, 1, 2 anticlockwise as seen from 3, 4, 5 (SPEC.md, section 13).
  * Roles: moving, fixed, slip, symmetry, periodic. mm_cells may be called once for each type, mm_patch for each patch.
  */
 MM_API mm_result mm_points(mm_session *session, int dimension, size_t nodes, const double *points);

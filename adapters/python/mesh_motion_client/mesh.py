@@ -14,7 +14,7 @@ from mesh_motion_client.errors import InvalidInput
 
 __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]
 
-#: Nodes of each cell type, in VTK's order.
+#: Nodes of each cell type.
 CELL_NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
 
@@ -53,7 +53,8 @@ class Mesh:
     points : (n, d) array, mesh length unit
         d = 1, 2 or 3.
     cells : dict
-        Cell type → (m, nodes of the type) int array, 0-based, in VTK's node order.
+        Cell type → (m, nodes of the type) int array, 0-based, in VTK's node order; but a
+        wedge's as in Gmsh, 0, 1, 2 anticlockwise as seen from 3, 4, 5.
     patches : dict
         Name → :class:`Patch`.
     global_ids : (n,) int array, optional

@@ -164,23 +164,35 @@ def test_a_server_that_is_not_there(make_case, tmp_path):
     assert "no server answers at ipc://" in case.output
 
 
-def start_server(folder, *further):
-    """A server on an endpoint of this folder, with its state there."""
-    ready = folder / "ready.json"
-    ready.unlink(missing_ok=True)
-    endpoint = f"ipc://{folder}/control"
-    options = ["--endpoint", endpoint, "--state", folder / "state", "--ready-file", ready, "--threads", "1", *further]
-    process = subprocess.Popen([sys.executable, "-m", "mesh_motion_server", "serve", *map(str, options)],
-                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
-    while not ready.exists():
-        assert process.poll() is None
-        time.sleep(0.05)
-    return process, endpoint
+@pytest.fixture
+def start_server():
+    """Starts a server on an endpoint of a folder, with its state there; what still runs after the test is ended."""
+    processes = []
+
+    def start(folder, *further):
+        ready = folder / "ready.json"
+        ready.unlink(missing_ok=True)
+        endpoint = f"ipc://{folder}/control"
+        places = ["--endpoint", endpoint, "--state", folder / "state", "--ready-file", ready]
+        options = [*places, "--threads", "1", *further]
+        process = subprocess.Popen([sys.executable, "-m", "mesh_motion_server", "serve", *map(str, options)],
+                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+        processes.append(process)
+        while not ready.exists():
+            assert process.poll() is None
+            time.sleep(0.05)
+        return process, endpoint
+
+    yield start
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.wait(PATIENCE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("waits", "ranks"), [(False, 1), (True, 1), (True, 2)])
-def test_a_server_that_is_killed(make_case, waits, ranks):
+def test_a_server_that_is_killed(make_case, start_server, waits, ranks):
     with tempfile.TemporaryDirectory() as name:  # short, for the path of a socket
         server, endpoint = start_server(Path(name))
         case = make_case(endpoint=endpoint)
@@ -221,7 +233,7 @@ def test_a_server_that_is_killed(make_case, waits, ranks):
         server.wait(PATIENCE)
 
 
-def test_a_server_with_keys(make_case, tmp_path):
+def test_a_server_with_keys(make_case, start_server, tmp_path):
     make_server_keys(tmp_path / "keys")
     make_client_keys("solver", tmp_path)
     admit(str(tmp_path / "solver.public"), tmp_path / "keys")
