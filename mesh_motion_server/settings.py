@@ -104,8 +104,8 @@ class ServerSettings(_Strict):
     reached the control endpoint. Both are for tcp.
 
     ``durability`` lists the levels that OPEN may ask for, the default first; sessions stored at others are resumed all
-    the same. With level "replay" a state is stored every ``snapshot_steps`` commits: so many moves at most are computed
-    again when a session is resumed after a crash.
+    the same. With level "replay" a state is stored every ``snapshot_steps`` commits and every minute: so many moves at
+    most are computed again when a session is resumed after a crash.
 
     ``distributed`` is the Dask scheduler of the cluster that holds the meshes' partitions (as many as
     ``distributed_partitions``, 0: one a worker). Whoever reaches that scheduler can run code on the cluster: only the

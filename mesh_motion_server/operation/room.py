@@ -36,9 +36,9 @@ class DiskRoom:
 
 def disk_room(folder: Path) -> DiskRoom:
     """The room in a folder, or in the nearest one above it that exists; nothing if the disk does not answer."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
     try:
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
         found = os.statvfs(folder)
     except OSError:
         return DiskRoom(0, 0, False)
@@ -94,6 +94,6 @@ def _left_in(group: Path, limit_name: str, usage_name: str, reclaimable_name: st
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="ascii")
+        return path.read_text(encoding="utf-8", errors="surrogateescape")  # a control group may have any name
     except OSError:
         return ""

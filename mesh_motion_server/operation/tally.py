@@ -2,11 +2,12 @@
 
 Each process has one :data:`TALLY`. Workers and the gateway hand theirs over as differences (:meth:`Tally.take`), which
 the supervisor adds to its own: a total therefore never goes down, and the end of a worker loses at most what it had not
-handed over yet. Counting is a dictionary's update; nothing is locked, for each process counts from one thread.
+handed over yet. A session that stores its commits behind their answers counts from two threads, so there is a lock.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -32,6 +33,7 @@ class Tally:
     def __init__(self) -> None:
         self.counts: dict[tuple[str, str], float] = {}
         self.spreads: dict[str, list[float]] = {}
+        self._lock = threading.RLock()
 
     def __bool__(self) -> bool:
         """Whether anything was counted."""
@@ -40,14 +42,16 @@ class Tally:
     def count(self, name: str, amount: float = 1, *, label: str = "") -> None:
         """Add to a counter."""
         key = (name, label)
-        self.counts[key] = self.counts.get(key, 0) + amount
+        with self._lock:
+            self.counts[key] = self.counts.get(key, 0) + amount
 
     def observe(self, name: str, value: float) -> None:
         """Add an observation to a histogram."""
         bounds = METRICS[name].bounds
-        spread = self.spreads.setdefault(name, [0.0] * (len(bounds) + 2))
-        spread[bisect_left(bounds, value)] += 1
-        spread[-1] += value
+        with self._lock:
+            spread = self.spreads.setdefault(name, [0.0] * (len(bounds) + 2))
+            spread[bisect_left(bounds, value)] += 1
+            spread[-1] += value
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -64,8 +68,9 @@ class Tally:
 
     def take(self) -> dict[str, Any]:
         """Everything counted since the last time, as plain values; begins anew."""
-        taken = self.values()
-        self.counts, self.spreads = {}, {}
+        with self._lock:
+            taken = self.values()
+            self.counts, self.spreads = {}, {}
         return taken
 
     def add(self, taken: dict[str, Any] | None) -> None:

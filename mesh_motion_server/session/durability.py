@@ -4,11 +4,11 @@
     Every commit stores its state: a slot and a record, two syncs.
 ``replay``
     A commit stores what its state is computed from, in a record: one sync, and bytes as the boundary has nodes. Every
-    ``snapshot_steps`` commits, or once ``log_bytes`` were logged, one stores its state instead; so does each whose
-    input is so large beside the state that logging it would cost the disk as much. Whoever opens the
-    journal computes the states behind the last stored one again (:mod:`~mesh_motion_server.session.replay`). Nothing
-    that was answered is lost, as with ``full``. Closing stores the state, so that a planned restart, and another
-    version of the server, finds nothing to compute.
+    ``snapshot_steps`` commits, or once ``log_bytes`` were logged or a minute has passed, one stores its state instead;
+    so does each whose input is so large beside the state that logging it would cost the disk as much. Whoever opens
+    the journal computes the states behind the last stored one again (:mod:`~mesh_motion_server.session.replay`): about
+    a minute's work. Nothing that was answered is lost, as with ``full``. Closing stores the state, so that a planned
+    restart, and another version of the server, finds nothing to compute.
 ``relaxed``
     A commit is answered at once; states are stored behind it (:mod:`~mesh_motion_server.session.relaxed`). What was
     answered and is behind the durable step may be lost.
@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -39,6 +40,9 @@ Floats = NDArray[np.float64]
 _LEAST_LOG, _MOST_LOG = 1 << 20, 32 << 20
 #: An input is logged if it has so many bytes at most, or is at most this part of the state (benchmarks.durability).
 _SMALL_INPUT, _SMALL_PART = 256 << 10, 1 / 32
+#: So long after a state was stored the next one is, seconds: computing what was logged meanwhile again takes no longer,
+#: and a worker that resumes a session is given ten minutes, however slow its moves are.
+_LONGEST_LOG = 60.0
 
 
 def log_bytes(state_bytes: int) -> int:
@@ -158,6 +162,7 @@ class ReplayKeeper(FullKeeper):
     def __init__(self, journal: Journal) -> None:
         super().__init__(journal)
         self._logged_bytes = sum(_bytes_of(commit) for commit in journal.ledger.logged)
+        self._logged_since = time.monotonic()
 
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         """See :class:`Keeper`."""
@@ -165,12 +170,13 @@ class ReplayKeeper(FullKeeper):
         logged = replace(entry, boundary=boundary())
         total, largest = self._logged_bytes + _bytes_of(logged), max(_SMALL_INPUT, _SMALL_PART * state.nbytes)
         small = _bytes_of(logged) <= largest and total <= foundation.log_bytes
-        if small and len(ledger.logged) + 1 < foundation.snapshot_steps:
+        recent = time.monotonic() - self._logged_since < _LONGEST_LOG
+        if small and recent and len(ledger.logged) + 1 < foundation.snapshot_steps:
             self.journal.log(logged)
             self._logged_bytes = total
         else:
             self.journal.store(entry, state)
-            self._logged_bytes = 0
+            self._logged_bytes, self._logged_since = 0, time.monotonic()
 
     def rest(self, state: Callable[[], Floats]) -> None:
         """See :class:`Keeper`."""

@@ -93,14 +93,15 @@ class RelaxedKeeper:
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         """See ``Keeper``."""
         del boundary
+        if self._thread is None:
+            thread = threading.Thread(target=self._run, name="relaxed commits", daemon=True)
+            thread.start()  # first: without memory for a thread nothing is taken
+            self._thread = thread
         with self._news:
             self._require_working()
             self._backlog.accept(entry, state)
             self._news.notify_all()
         self._commits = (*self._commits, entry)[-KEPT_COMMITS:]
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="relaxed commits", daemon=True)
-            self._thread.start()
 
     def catch_up(self) -> None:
         """See ``Keeper``."""

@@ -5,6 +5,7 @@ No sockets and no processes: workers are started and replies are sent through wh
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 import time
 from collections import deque
@@ -354,7 +355,8 @@ def _resume_order(session: Resume | Live, owner: str) -> dict[str, Any]:
 def _remove_socket(endpoint: str) -> None:
     """A killed worker leaves the file of its ipc endpoint behind."""
     if endpoint.startswith("ipc://"):
-        Path(endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            Path(endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
 
 
 def _known(error: MeshMotionError | OSError) -> MeshMotionError:

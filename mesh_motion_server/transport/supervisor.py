@@ -121,16 +121,27 @@ class Supervisor:
         if lifeline is not None:
             self._listen(lifeline, self._lifeline_ended)
         while not self._finished():
-            for key, _ in self._selector.select(self._patience()):
-                key.data(key.fileobj)
+            self._hear()
             now = time.monotonic()
             self._control.keep_time(now)
             if now >= self._watch.next_beat:
-                self._hurry(now)
-                self._watch.beat(self._control.registry, self._gateway, self._spare, draining=self._control.draining)
+                self._beat(now)
             if self._killed_at is not None and now >= self._killed_at:
                 self._kill_workers()
         return self._stop()
+
+    def _hear(self) -> None:
+        """Wait, and hear who has something to say, unless it was ended by who spoke before it."""
+        for key, _ in self._selector.select(self._patience()):
+            if self._selector.get_map().get(key.fd) is key:
+                key.data(key.fileobj)
+
+    def _beat(self, now: float) -> None:
+        """What is done every second."""
+        self._hurry(now)
+        if self._spare is None and not (self._control.draining or self._workers_fail):
+            self._spare = self._next_spare()  # there was no process or memory for it when it was wanted
+        self._watch.beat(self._control.registry, self._gateway, self._spare, draining=self._control.draining)
 
     def _finished(self) -> bool:
         working = any(live.status != "dead" for live in self._control.registry.live.values())
@@ -268,8 +279,8 @@ class Supervisor:
         log().error("monitor_ended", code=self._end(monitor))
         try:
             self._start_monitor()
-        except EndpointError as error:
-            log().error("no_monitor", reason=error.message)
+        except (EndpointError, OSError) as error:
+            log().error("no_monitor", reason=str(error))
 
     # --- the workers -------------------------------------------------------------------------------------------------
 
@@ -351,7 +362,8 @@ class Supervisor:
             self._control.gone(live, code)
         elif spare:
             log().error("spare_ended", code=code)
-            self._spare = None if self._workers_fail or self._control.draining else self._next_spare()
+            if self._spare is None and not (self._workers_fail or self._control.draining):
+                self._spare = self._next_spare()
         if self._workers_fail and not self._control.draining:
             log().error("workers_cannot_start", attempts=self._silent_ends, hint="their errors are above this line")
             self._drain("workers cannot start")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -77,3 +78,23 @@ def test_a_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(os, "statvfs", fails)
     assert disk_room(tmp_path) == DiskRoom(0, 0, False)
+
+
+@pytest.mark.parametrize("failing", ["stat", "statvfs"])
+def test_a_disk_that_does_not_answer_has_no_room(failing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, failing, fail)
+    found = disk_room(tmp_path)
+    monkeypatch.undo()
+    assert found == DiskRoom(0, 0, False)
+
+
+def test_a_control_group_may_have_any_name(machine: Path) -> None:
+    path = machine / "proc" / "self" / "cgroup"
+    path.parent.mkdir(parents=True)
+    path.write_bytes("0::/gitter-ü\n".encode() + b"1:cpu:/\xff\n")
+    write(machine / "cg" / "gitter-ü" / "memory.max", "500000\n")
+    write(machine / "cg" / "gitter-ü" / "memory.current", "450000\n")
+    assert available_memory(machine / "proc", machine / "cg") == 50_000

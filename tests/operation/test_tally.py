@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+
 import msgpack
 import pytest
 
@@ -52,3 +55,27 @@ def test_bounds_ascend() -> None:
     for metric in METRICS.values():
         assert list(metric.bounds) == sorted(set(metric.bounds))
         assert bool(metric.bounds) == (metric.kind == "histogram")
+
+
+def test_two_threads_count_and_nothing_is_lost() -> None:
+    """With durability "relaxed" a thread counts what it writes while the worker hands its counts over."""
+    tally, total, rounds = Tally(), Tally(), 50_000
+
+    def count() -> None:
+        for number in range(rounds):
+            tally.count("refused", label=str(number % 97))
+            tally.observe("fsync_seconds", 0.5)
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        counting = threading.Thread(target=count)
+        counting.start()
+        while counting.is_alive():
+            total.add(tally.take())
+        counting.join()
+    finally:
+        sys.setswitchinterval(interval)
+    total.add(tally.take())
+    assert sum(total.counts.values()) == rounds
+    assert (sum(total.spreads["fsync_seconds"][:-1]), total.spreads["fsync_seconds"][-1]) == (rounds, 0.5 * rounds)

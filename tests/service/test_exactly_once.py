@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Build, Commit, Move, Rollback, Upload
 
@@ -120,3 +121,14 @@ def test_the_repeat_is_answered_where_it_came_from_last(kit: Any, store: Any) ->
     assert driver.send(builds[0], peer=b"reconnected") == []
     envelopes = driver.host.handle(kit.Envelope(b"peer 1", builds[1]))
     assert [e.peer for e in envelopes] == [b"reconnected", b"peer 1"]
+
+
+def test_what_was_executed_is_known_even_if_counting_it_fails(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any) -> None:
+        raise KeyError("metric")
+
+    move = ready.request(Move, step=1, displacement=ready.displacement(1)[0])
+    monkeypatch.setattr("mesh_motion_server.service.execution.count_executed", fail)
+    ready.send(move)
+    assert ready.send(move)[0].type == "MOVED"
+    assert ready.host.iteration == 1

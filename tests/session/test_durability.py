@@ -129,6 +129,17 @@ def test_the_log_is_bounded_by_steps_and_bytes(opened: Any, monkeypatch: pytest.
     assert read_journal(opened.folder, PosixFileSystem()).ledger.logged == ()
 
 
+def test_the_log_is_bounded_by_time(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow moves are, computing the logged ones again ends before the supervisor gives the worker up."""
+    driver = opened.open("replay")
+    driver.advance(1)
+    monkeypatch.setattr("mesh_motion_server.session.durability._LONGEST_LOG", 0.0)
+    driver.advance(2)
+    monkeypatch.undo()
+    driver.advance(3)
+    assert records(opened.folder) == ["epoch 1", "step 1, logged", "step 2", "step 3, logged"]
+
+
 def test_an_input_as_costly_as_the_state_is_not_logged(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mesh_motion_server.session.durability._SMALL_INPUT", 0)
     driver = opened.open("replay")
@@ -206,6 +217,21 @@ def test_a_commit_is_answered_before_the_disk_has_it(opened: Any, held: threadin
     assert until_durable(driver, 5).report["durability"] == "relaxed"
     (committed,) = driver.advance(6)
     assert 5 <= committed.durable_step <= 6
+
+
+def test_without_memory_for_a_thread_nothing_is_taken(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("relaxed")
+
+    def refuse(self: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    (refused,) = driver.advance(1)
+    assert refused.type == "ERROR"
+    assert driver.host._session.commits == ()
+    driver.host.close()
+    monkeypatch.undo()
+    assert opened.again().advance(1)[0].type == "COMMITTED"
 
 
 def test_steps_passed_over_are_stored_with_their_replies(opened: Any, held: threading.Event) -> None:

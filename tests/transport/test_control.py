@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import Open, Opened, Probe, Probed, Resume
 
@@ -87,3 +88,18 @@ def test_a_process_that_the_system_refuses_is_an_answer_and_a_repeat_a_new_try(t
     told.ask(Resume(client=CLIENT, sequence=4, session=opened.session, token=opened.token))
     told.serving(2)
     assert told.replies[-1].epoch == 2
+
+
+def test_a_socket_file_that_cannot_be_removed_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Scripted(tmp_path)
+    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    told.serving(1)
+    (live,) = told.control.registry.live.values()
+    live.endpoint = f"ipc://{tmp_path}/w1.ipc"
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    told.control.gone(live, -9)
+    assert live.status == "dead"
