@@ -460,6 +460,10 @@ contains
       ignored = c_set_timeouts(self%handle, wait, compute)
       if (present(secret_file) .and. present(server_key)) then
          ignored = c_set_keys(self%handle, ended(secret_file), ended(server_key))
+      else if (present(secret_file)) then ! one without the other is an error, which the C library tells
+         ignored = c_set_keys(self%handle, ended(secret_file), ended(""))
+      else if (present(server_key)) then
+         ignored = c_set_keys(self%handle, ended(""), ended(server_key))
       end if
       ignored = c_connect(self%handle, ended(endpoint))
    end subroutine
@@ -578,11 +582,30 @@ contains
       address = c_loc(copy%indices)
    end function
 
+   ! Of a cell; 0 for a type that there is not
+   function nodes_of(type) result(count)
+      character(*), intent(in) :: type
+      integer :: count
+      select case (type)
+      case ("line"); count = 2
+      case ("triangle"); count = 3
+      case ("quad", "tetra"); count = 4
+      case ("pyramid"); count = 5
+      case ("wedge"); count = 6
+      case ("hexahedron"); count = 8
+      case default; count = 0
+      end select
+   end function
+
    subroutine session_cells_64(self, type, nodes)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: type
       integer(c_int64_t), intent(in) :: nodes(:, :)
       integer(c_int) :: ignored
+      if (size(nodes, 1) /= nodes_of(type)) then ! the C library would read what is not there; so it tells the error
+         ignored = c_cells(self%handle, ended(type), 1_c_size_t, c_null_ptr)
+         return
+      end if
       call keep_more(self)
       allocate (self%copies%indices, source=reshape(nodes, [size(nodes)]) - 1)
       ignored = c_cells(self%handle, ended(type), size(nodes, 2, c_size_t), first_index(self%copies))
@@ -618,6 +641,10 @@ contains
       class(mm_session), intent(inout) :: self
       integer(c_int64_t), intent(in) :: ids(:)
       integer(c_int) :: ignored
+      if (size(ids, 1, c_size_t) /= c_node_count(self%handle)) then
+         ignored = c_global_ids(self%handle, c_null_ptr)
+         return
+      end if
       call keep_more(self)
       allocate (self%copies%indices, source=ids)
       ignored = c_global_ids(self%handle, first_index(self%copies))

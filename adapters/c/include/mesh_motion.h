@@ -131,7 +131,8 @@ MM_API mm_result mm_set_partition(mm_session *session, int partition, int partit
 MM_API mm_result mm_open(mm_session *session);
 /* … which join by them. Also for a session that another partition has resumed. */
 MM_API mm_result mm_join(mm_session *session);
-/* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. */
+/* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. Then the mesh is
+ * forgotten here: a session that is opened anew needs mm_points and what follows again. */
 MM_API mm_result mm_build(mm_session *session);
 /* Takes a session up again at its last committed step, after a crash of any side; earlier holders are fenced off. */
 MM_API mm_result mm_resume(mm_session *session);
@@ -162,14 +163,14 @@ MM_API mm_result mm_commit(mm_session *session);
 MM_API mm_result mm_rollback(mm_session *session);
 /* Coordinates of all nodes: committed, or of the mesh as it was uploaded. */
 MM_API mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *points);
-/* Asks the server; mm_state, mm_step, mm_iteration and mm_status_report tell the answer. */
+/* Asks the server; mm_state, mm_durable_step and mm_status_report tell the answer. */
 MM_API mm_result mm_status(mm_session *session);
 /* MM_KEEP leaves the session stored and resumable, MM_DISCARD deletes it. Doing it twice is no error. */
 MM_API mm_result mm_close(mm_session *session, mm_outcome outcome);
 
 MM_API int mm_dimension(const mm_session *session);
 MM_API size_t mm_node_count(const mm_session *session);
-/* The nodes whose displacement mm_move takes, ascending; valid while the session is. */
+/* The nodes whose displacement mm_move takes, ascending; valid until mm_open, mm_join or mm_resume. */
 MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
 MM_API int64_t mm_step(const mm_session *session);          /* last committed step; 0: as uploaded */
 MM_API int64_t mm_durable_step(const mm_session *session);  /* what survives the end of the machine */

@@ -479,7 +479,7 @@ static int is_unheard(const mm_context *context)
 /* So that the caller may ask again. */
 static void remember_unanswered(mm_context *context, line *line, const request *request)
 {
-    if (is_kept(request) && is_unheard(context)) {
+    if (is_kept(request) && (is_unheard(context) || mm_error_is(context, "RESOURCE_EXHAUSTED.MEMORY"))) {
         line->unanswered = request->sequence;
         line->content = content_of(request);
     }
@@ -1438,7 +1438,7 @@ mm_result mm_global_ids(mm_session *session, const int64_t *ids)
 {
     BEGIN_SESSION(session);
     if (!ids || !session->nodes) {
-        return invalid(session->context, "mm_points must be called before mm_global_ids%s", "");
+        return invalid(session->context, "global ids are one for each node, and mm_points comes before them%s", "");
     }
     block made = make_block("global_ids", ids, session->nodes, 1, 8);
     return add_block(session, &made);
@@ -1574,12 +1574,21 @@ static void add_settings(request *request, const mm_session *session)
     }
 }
 
+/* It is not built, or not any more. */
+static void forget_moving_nodes(mm_session *session)
+{
+    free(session->moving);
+    session->moving = NULL;
+    session->moving_count = 0;
+}
+
 /* The moving nodes as the server has them; they index the caller's arrays, so they are looked at. */
 static outcome take_moving_nodes(mm_session *session, const answer *from)
 {
     mm_context *context = session->context;
     const mmi_array *array = mmi_find_array(&from->reply, "moving_nodes");
     if (!array) {
+        forget_moving_nodes(session);
         return DONE;
     }
     int64_t *moving = malloc((array->rows + 1) * sizeof *moving);
@@ -1607,13 +1616,13 @@ static outcome take_moving_nodes(mm_session *session, const answer *from)
 }
 
 /* Join by OPENED, RESUMED or PROBED, and take over what JOINED tells. */
-static outcome join_by(mm_session *session, const answer *from)
+static outcome join_by(mm_session *session, const answer *from, double deadline)
 {
     mm_context *context = session->context;
     char endpoint[ENDPOINT_BYTES];
     answer joined = {0};
     data_endpoint(context, from, endpoint, sizeof endpoint);
-    outcome how = join_worker(session, endpoint, integer_field(from, "epoch"), context->timeout, &joined);
+    outcome how = join_worker(session, endpoint, integer_field(from, "epoch"), seconds_left(deadline), &joined);
     if (how == DONE) {
         int64_t dimension = integer_field(&joined, "dimension"), nodes = integer_field(&joined, "nodes");
         mm_report_text(&joined.reply.report, "state", session->state, sizeof session->state);
@@ -1643,10 +1652,9 @@ static size_t mesh_bytes(const mm_session *session)
     return bytes;
 }
 
-static outcome open_session(mm_session *session)
+static outcome open_session(mm_session *session, double deadline)
 {
     mm_context *context = session->context;
-    double seconds = context->compute_timeout < START_SECONDS ? context->compute_timeout : START_SECONDS;
     answer opened = {0};
     request ask_open = new_request("OPEN", "OPENED");
     add_integer(&ask_open, "dimension", session->dimension);
@@ -1658,7 +1666,8 @@ static outcome open_session(mm_session *session)
     session->may_resume = session->joined = session->has_trial = 0;
     session->part = session->part_row = 0;
     session->step = session->durable_step = 0;
-    outcome how = ask(context, &ask_open, seconds > context->timeout ? seconds : context->timeout, &opened);
+    forget_moving_nodes(session);
+    outcome how = ask(context, &ask_open, seconds_left(deadline), &opened);
     if (how == DONE
         && mm_report_text(&opened.reply.report, "session", session->id, sizeof session->id) != MM_ID_SIZE - 1) {
         how = fail(context, "INTERNAL", "", "the server's session has an id that is not of 32 characters");
@@ -1666,7 +1675,7 @@ static outcome open_session(mm_session *session)
     if (how == DONE) {
         const mm_report *report = &opened.reply.report;
         memcpy(session->token, report->bytes + report->nodes[field(&opened, "token")].u.offset, MM_TOKEN_BYTES);
-        how = join_by(session, &opened);
+        how = join_by(session, &opened, deadline);
     }
     free_answer(&opened);
     return how;
@@ -1675,11 +1684,14 @@ static outcome open_session(mm_session *session)
 /* Again and again while nobody can answer: a session of which nothing is uploaded costs nothing. */
 static outcome open_patiently(mm_session *session)
 {
+    const mm_context *context = session->context;
+    double start = context->compute_timeout < START_SECONDS ? context->compute_timeout : START_SECONDS;
+    double deadline = now() + (start > context->timeout ? start : context->timeout);
     outcome how = FAILED;
     for (int attempt = 0; attempt < OPEN_ATTEMPTS; ++attempt) {
         mm_clear_error(session->context);
-        how = open_session(session);
-        if (how == DONE || session->context->error != MM_UNAVAILABLE) {
+        how = open_session(session, deadline);
+        if (how == DONE || context->error != MM_UNAVAILABLE || seconds_left(deadline) <= PAUSE_SECONDS) {
             break;
         }
     }
@@ -1716,21 +1728,21 @@ mm_result mm_join(mm_session *session)
     answer probed = {0};
     outcome how = check_has_credentials(session);
     while (how == DONE) {
-        double left = seconds_left(deadline);
-        how = probe(session, left > 1.0 ? left : 1.0, &probed);
+        how = probe(session, seconds_left(deadline), &probed);
         if (how != DONE || mmi_is_text(&probed.reply.report, field(&probed, "worker"), "alive")) {
             break;
         }
-        if (seconds_left(deadline) == 0.0) {
+        if (seconds_left(deadline) <= PAUSE_SECONDS) {
             how = fail(context, "UNAVAILABLE.WORKER", "resume the session from one partition first",
                        "the session has no worker");
+        } else {
+            pause_for(PAUSE_SECONDS / 4);
         }
-        pause_for(PAUSE_SECONDS / 4);
     }
     if (how == DONE) {
         session->part = session->part_row = 0;
         session->has_trial = 0;
-        join_by(session, &probed);
+        join_by(session, &probed, deadline);
     }
     free_answer(&probed);
     return context->error;
@@ -1740,11 +1752,11 @@ mm_result mm_resume(mm_session *session)
 {
     BEGIN_SESSION(session);
     answer resumed = {0};
-    if (check_has_credentials(session) == DONE
-        && resume(session, session->context->compute_timeout, &resumed) == DONE) {
+    double deadline = now() + session->context->compute_timeout;
+    if (check_has_credentials(session) == DONE && resume(session, seconds_left(deadline), &resumed) == DONE) {
         session->has_trial = 0;
         session->durable_step = integer_field(&resumed, "step"); /* SPEC 21.3 */
-        join_by(session, &resumed);
+        join_by(session, &resumed, deadline);
     }
     free_answer(&resumed);
     return session->context->error;
@@ -1835,6 +1847,7 @@ static outcome build(mm_session *session)
     if (how == DONE) {
         session->step = session->durable_step = session->iteration = 0;
         session->may_resume = session->partitions == 1;
+        session->block_count = 0; /* the caller's arrays may be gone from now on */
         snprintf(session->state, sizeof session->state, "READY");
         keep_report(&session->built, &built);
     }
@@ -1872,7 +1885,11 @@ mm_result mm_build(mm_session *session)
 {
     BEGIN_SESSION(session);
     mm_context *context = session->context;
-    if (check_joined(session) != DONE || check_mesh(session) != DONE) {
+    if (check_joined(session) == DONE && session->moving) {
+        /* the server would say so too; but what it refuses here is discarded, and this is somebody's work */
+        fail(context, "FAILED_PRECONDITION.STATE", "", "the session is built already");
+    }
+    if (context->error || check_mesh(session) != DONE) {
         return context->error;
     }
     outcome how = FAILED;
@@ -1911,6 +1928,10 @@ mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t 
 mm_result mm_save_credentials(mm_session *session, const char *path)
 {
     BEGIN_SESSION(session);
+    if (!session->id[0]) {
+        fail(session->context, "FAILED_PRECONDITION.STATE", "mm_open first", "there is no session to save");
+        return session->context->error;
+    }
     char part[4096], text[160];
     int used = snprintf(text, sizeof text, "{\"session\": \"%s\", \"token\": \"", session->id);
     for (size_t i = 0; i < MM_TOKEN_BYTES; ++i) {
@@ -1922,8 +1943,10 @@ mm_result mm_save_credentials(mm_session *session, const char *path)
     if (length < 0 || (size_t)length >= sizeof part) {
         return invalid(session->context, "the credentials need a path%s", "");
     }
-    int file = open(part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    int written = file >= 0 && write(file, text, (size_t)used) == (ssize_t)used;
+    /* a new one: what is left of an earlier try, or put there by somebody else, has a mode and an owner of its own */
+    unlink(part);
+    int file = open(part, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    int written = file >= 0 && write(file, text, (size_t)used) == (ssize_t)used && fsync(file) == 0;
     written = file >= 0 && close(file) == 0 && written;
     if (!written || rename(part, path) != 0) {
         fail(session->context, "INVALID_ARGUMENT", "", "%s: cannot be written: %s", path, strerror(errno));
@@ -1995,6 +2018,11 @@ static outcome take_rows(mm_session *session, const answer *from, const char *na
 static outcome take_enrichment(mm_session *session, const answer *from)
 {
     const mmi_array *array = mmi_find_array(&from->reply, "enrichment_points");
+    if (array->rows && array->columns != (size_t)session->dimension) {
+        return fail(session->context, "INTERNAL", "",
+                    "the server's enrichment points must have %d coordinates, got %zu", session->dimension,
+                    array->columns);
+    }
     double *points = realloc(session->enrichment, (array->rows * array->columns + 1) * sizeof *points);
     if (!points) {
         return no_memory(session->context);
@@ -2025,7 +2053,9 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
         session->iteration = integer_field(&moved, "iteration");
         session->trial_frame = frame;
         session->has_trial = 1;
-        memcpy(session->trial, displacement, moving * (size_t)session->dimension * sizeof *displacement);
+        if (moving) { /* a rank without moving nodes may have no array */
+            memcpy(session->trial, displacement, moving * (size_t)session->dimension * sizeof *displacement);
+        }
         snprintf(session->state, sizeof session->state, "TRIAL");
         keep_report(&session->moved, &moved);
     }

@@ -209,11 +209,15 @@ bool Foam::remoteMeshMotion::writeObject
     if (Pstream::master())
     {
         mkDir(path);
+    }
+    // before the state, which is what a restart looks for
+    session_->save(path/"credentials");
+    if (Pstream::master())
+    {
         OFstream state(path/"state");
         state.writeEntry("step", session_->step());
         state.writeEntry("processors", Pstream::nProcs());
         state.writeEntry("settings", digest());
     }
-    session_->save(path/"credentials");
     return true;
 }

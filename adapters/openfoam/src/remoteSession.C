@@ -40,7 +40,8 @@ void Foam::remoteSession::setTimeouts(const scalar atLeast)
 void Foam::remoteSession::connect()
 {
     setTimeouts(300);
-    if (coeffs_.found("secretKey"))
+    // one without the other is a mistake, which get() tells
+    if (coeffs_.found("secretKey") || coeffs_.found("serverKey"))
     {
         fileName secret(coeffs_.get<fileName>("secretKey"));
         string server(coeffs_.get<string>("serverKey"));

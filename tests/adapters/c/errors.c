@@ -39,6 +39,8 @@ int main(int count, char **arguments)
     mm_session *session = mm_session_new(server);
     EXPECT(mm_open(session) == MM_INVALID_ARGUMENT);
     mm_clear_error(server);
+    EXPECT(mm_save_credentials(session, "none.json") == MM_FAILED_PRECONDITION);
+    mm_clear_error(server);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_FAILED_PRECONDITION);
     mm_clear_error(server);
     mm_points(session, 2, 4, points);
@@ -69,6 +71,9 @@ int main(int count, char **arguments)
     mm_clear_error(server);
     wrong[5] = 3; /* borrowed, not copied: mended in place */
     EXPECT(mm_build(session) == MM_OK);
+    EXPECT(mm_build(session) == MM_FAILED_PRECONDITION && mm_error_is(server, "FAILED_PRECONDITION.STATE"));
+    mm_clear_error(server); /* and the session is what it was */
+    EXPECT(mm_status(session) == MM_OK);
     EXPECT(mm_node_count(session) == 4 && mm_dimension(session) == 2 && strcmp(mm_state(session), "READY") == 0);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, wild, 4, answer) == MM_INVALID_ARGUMENT);
     EXPECT(mm_error_is(server, "INVALID_ARGUMENT.NONFINITE") && strstr(mm_error_message(server), "row 1"));

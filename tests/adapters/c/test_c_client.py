@@ -88,8 +88,17 @@ def test_errors(compiler, endpoint, tools):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+def test_arrays_of_another_shape_are_refused_in_fortran(compiler, tools):
+    tools["need"]("gfortran")
+    module = tools["source"] / "fortran" / "mesh_motion.f90"
+    options = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
+    printed = tools["run"]([compiler.program(module, tools["here"] / "shapes.f90")], env=options)
+    assert printed.split() == ["INVALID_ARGUMENT"] * 4
+
+
 def test_two_partitions_give_what_one_gives(compiler, endpoint, tools, tmp_path):
     program, credentials = compiler.program(tools["here"] / "two_ranks.c"), tmp_path / "credentials.json"
+    (tmp_path / "credentials.json.part").touch(0o644)  # left by an earlier program, readable by everybody
     ranks = [
         subprocess.Popen([program, endpoint, credentials, str(rank), tmp_path / f"{rank}.bin"], stderr=subprocess.PIPE)
         for rank in (0, 1)

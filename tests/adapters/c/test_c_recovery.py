@@ -9,7 +9,7 @@ import pytest
 from mesh_motion_conformance.client.scripted_server import ScriptedServer
 
 N, STEPS, ITERATIONS = 6, 3, 2
-UNAVAILABLE = 14
+INTERNAL, UNAVAILABLE = 13, 14
 
 
 class Driver:
@@ -146,6 +146,30 @@ def test_two_threads_lose_their_worker(installed, server):
         each(lambda rank: rank.move(2, 1))
         assert each(Driver.commit) == [expected[1]] * 2
         each(Driver.close)
+
+
+def test_enrichment_points_of_another_dimension_are_refused(installed):
+    """Whoever reads mm_dimension coordinates of each would read beyond them."""
+    scripted = ScriptedServer([], {})
+    try:
+        driver = Driver(installed, scripted.endpoint)
+        answered = scripted.session.answer
+
+        def narrow(request):
+            reply = answered(request)
+            if reply.kind == "MOVED":
+                reply.arrays["enrichment_points"] = np.zeros((3, 1))
+            return reply
+
+        scripted.session.answer, scripted.session.state = narrow, "READY"
+        driver.call("mm_resume", driver.session)  # which tells that there are 4 nodes, of which 2 move
+        rows, answer = np.zeros((2, 2)), np.zeros((4, 2))
+        sizes = driver.size(2), driver.address(rows), driver.size(4), driver.address(answer)
+        assert driver.library.mm_move(driver.session, 0, *sizes) == INTERNAL
+        assert b"enrichment points" in driver.library.mm_error_message(driver.server)
+        driver.library.mm_context_free(driver.server)
+    finally:
+        scripted.close()
 
 
 def test_arrays_of_many_frames(installed):

@@ -1,0 +1,33 @@
+! Arrays of which the C library would read more than there is, and one key without the other: prints the code of each.
+program shapes
+   use, intrinsic :: iso_fortran_env, only: int32, real64
+   use mesh_motion
+   implicit none
+   type(mm_server) :: server
+   type(mm_session) :: session
+   integer(int32) :: cells(3, 2) = 1, ids(3) = 1
+   real(real64) :: points(2, 4) = 0
+
+   call server%connect("tcp://127.0.0.1:9", 0.1_real64, 0.1_real64) ! nobody is there, nor needed
+   call server%clear_error()
+   call session%create(server)
+   call session%points(points)
+   call session%cells("quad", cells)
+   call tell()
+   call session%global_ids(ids)
+   call tell()
+   call server%connect("tcp://127.0.0.1:9", 0.1_real64, 0.1_real64, secret_file="/nowhere/me.secret")
+   call tell()
+   call server%connect("tcp://127.0.0.1:9", 0.1_real64, 0.1_real64, server_key="/nowhere/server.public")
+   call tell()
+   call session%free()
+   call server%free()
+
+contains
+
+   subroutine tell()
+      print "(a)", server%error_code()
+      call server%clear_error()
+   end subroutine
+
+end program shapes
