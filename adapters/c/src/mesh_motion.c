@@ -1740,7 +1740,6 @@ mm_result mm_join(mm_session *session)
         }
     }
     if (how == DONE) {
-        session->part = session->part_row = 0;
         session->has_trial = 0;
         join_by(session, &probed, deadline);
     }
@@ -1919,6 +1918,13 @@ mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t 
     BEGIN_SESSION(session);
     if (!id || strlen(id) != MM_ID_SIZE - 1 || !token) {
         return invalid(session->context, "a session's id has 32 characters, and there must be its token%s", "");
+    }
+    if (strcmp(session->id, id) != 0) { /* what is known of the one before says nothing of this one */
+        disconnect(&session->data);
+        forget_moving_nodes(session);
+        session->joined = session->may_resume = session->has_trial = 0;
+        session->part = session->part_row = 0;
+        session->step = session->durable_step = session->iteration = 0;
     }
     memcpy(session->id, id, MM_ID_SIZE);
     memcpy(session->token, token, MM_TOKEN_BYTES);

@@ -124,7 +124,18 @@ int main(int count, char **arguments)
     for (int tries = 0; tries < 100000 && mm_durable_step(session) < 1; ++tries) {
         EXPECT(mm_status(session) == MM_OK);
     }
-    EXPECT(mm_durable_step(session) == 1 && mm_close(session, MM_DISCARD) == MM_OK);
+    EXPECT(mm_durable_step(session) == 1 && mm_close(session, MM_KEEP) == MM_OK);
+
+    /* the same object for another session, which is not as far */
+    mm_session *other = mm_session_new(server);
+    mm_points(other, 2, 4, points);
+    mm_cells(other, "triangle", 2, triangles);
+    mm_patch(other, "left", "moving", 2, left);
+    mm_patch(other, "right", "fixed", 2, right);
+    EXPECT(mm_open(other) == MM_OK && mm_build(other) == MM_OK);
+    mm_set_credentials(session, mm_id(other), mm_token(other));
+    EXPECT(mm_resume(session) == MM_OK && mm_step(session) == 0);
+    EXPECT(mm_close(session, MM_DISCARD) == MM_OK);
     mm_context_free(server); /* and all sessions */
     return failures != 0;
 }
