@@ -17,6 +17,7 @@ ADAPTERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "C++": (("g++", *_C), ("tests/adapters/c",), "cpp"),
     "Fortran": (("gfortran", *_C), ("tests/adapters/c",), "f90"),
     "OpenFOAM": (("moveDynamicMesh", "g++", *_C), ("tests/adapters/openfoam",), ""),
+    "CalculiX": (("ccx",), ("tests/adapters/calculix",), ""),
     "conformance of those built": (_C, ("tests/adapters/c",), "every_scenario"),
 }
 

@@ -13,6 +13,7 @@ PACKAGES = {
     "mesh_motion_protocol": ROOT / "protocol" / "mesh_motion_protocol",
     "mesh_motion_conformance": ROOT / "protocol" / "conformance" / "mesh_motion_conformance",
     "mesh_motion_client": ROOT / "adapters" / "python" / "mesh_motion_client",
+    "mesh_motion_calculix": ROOT / "adapters" / "calculix" / "mesh_motion_calculix",
 }
 LAYERS = ["numerics", "distributed", "session", "service", "transport"]
 ENGINE = ("dask", "distributed")
@@ -21,6 +22,7 @@ APART = {
     "mesh_motion_protocol": ("zmq", "mesh_motion_client", "mesh_motion_conformance"),
     "mesh_motion_conformance": ("mesh_motion_protocol", "mesh_motion_client"),
     "mesh_motion_client": (),
+    "mesh_motion_calculix": ("zmq", "msgpack", "mesh_motion_protocol", "mesh_motion_client"),
 }
 HEAVY = ("scipy", "numba", "pydantic", "mesh_motion_server")
 
