@@ -48,7 +48,7 @@ METRICS = {
     for metric in (
         Metric("sessions", "gauge", "Sessions with a worker, by state.", "state"),
         Metric("moves", "counter", "Moves computed; repeats of an answered request are not."),
-        Metric("commits", "counter", "Commits made durable."),
+        Metric("commits", "counter", "Commits answered; with durability relaxed the disk has them later."),
         Metric("builds", "counter", "Meshes built."),
         Metric("move_seconds", "histogram", "Time to compute a move, in seconds.", bounds=_SECONDS),
         Metric("commit_seconds", "histogram", "Time to commit, in seconds.", bounds=_SECONDS),

@@ -48,8 +48,8 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
     """
 
     def view_slots(foundation: Foundation) -> tuple[SlotView, SlotView]:
-        even, odd = (view_slot(folder / name, files, foundation) for name in SLOTS)
-        return even, odd
+        first, second = (view_slot(folder / name, files, foundation) for name in SLOTS)
+        return first, second
 
     try:
         return examine(_read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)

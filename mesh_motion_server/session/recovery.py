@@ -83,7 +83,7 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
     manifest : bytes
         The whole file.
     view_slots : callable
-        Opens the slots of the even and of the odd steps, once their layout is known.
+        Opens both slots, once their layout is known.
     keep : int
         How many commits the ledger keeps.
 

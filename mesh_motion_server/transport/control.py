@@ -34,7 +34,8 @@ __all__ = ["Control"]
 #: A worker imports, reads its journal and factorizes within this, seconds.
 _START_SECONDS = 600.0
 #: A live worker that shall take a new holder but computes for the old one has this long, seconds; then it is killed,
-#: for the trial that it computes is lost anyway, and another one resumes from the journal.
+#: for the trial that it computes is lost anyway, and another one resumes from the journal. One that has heard of the
+#: new holder only writes, possibly commits that were answered: it has as long as a drain.
 _RECLAIM_SECONDS = 5.0
 #: NOT_FOUND is told so long after the question: longer than looking a session up takes, so that the time tells nothing.
 _NOT_FOUND_SECONDS = 0.05
@@ -244,6 +245,8 @@ class Control:
             self._arrived(live)
         elif kind == "status":
             live.epoch, live.state, live.step = event["epoch"], event["state"], event["step"]
+        elif kind == "reclaiming" and live.deadline is not None:
+            live.deadline = time.monotonic() + max(_RECLAIM_SECONDS, self._settings.drain_seconds)
         elif kind == "failed":
             live.failure = MeshMotionError(
                 event["message"], code=event["code"], hint=event["hint"], details=event["details"]

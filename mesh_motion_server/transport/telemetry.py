@@ -73,7 +73,7 @@ def name_session(session: str) -> None:
 
 
 def tell_suppressed() -> None:
-    """A line for each event whose lines were left out since the last time; called about every second."""
+    """A line for each event whose lines were left out since the last time; called every few seconds."""
     for event, count in _THROTTLE.take().items():
         log().warning("suppressed", lines=count, of=event)
 

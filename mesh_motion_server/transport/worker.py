@@ -159,6 +159,7 @@ class Worker:
             self._over = True
             return
         failpoint("worker.reclaim")
+        self._channel.send({"event": "reclaiming"})
         try:
             epoch = self._host.reclaim(order["token"])
         except MeshMotionError as error:

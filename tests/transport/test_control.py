@@ -103,3 +103,18 @@ def test_a_socket_file_that_cannot_be_removed_ends_nothing(tmp_path: Path, monke
     monkeypatch.setattr(Path, "unlink", refuse)
     told.control.gone(live, -9)
     assert live.status == "dead"
+
+
+def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_path: Path) -> None:
+    """What it writes may have been answered: killing it would lose commits of level "relaxed"."""
+    told = Scripted(tmp_path)
+    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    told.serving(1)
+    (live,) = told.control.registry.live.values()
+    told.control.heard(live, {"event": "reclaiming"})
+    assert live.deadline is None
+    told.ask(Resume(client=CLIENT, sequence=2, session=live.session, token=live.token))
+    assert live.deadline is not None
+    computing = live.deadline
+    told.control.heard(live, {"event": "reclaiming"})
+    assert live.deadline > computing + 20

@@ -1,0 +1,54 @@
+"""What a worker says to the supervisor's orders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import zmq
+
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.worker import Worker
+
+
+class Line:
+    """The channel, with one order on it; what is said and done goes into one list."""
+
+    def __init__(self, order: dict[str, Any]) -> None:
+        self.order, self.told = order, list[str]()
+
+    def receive(self) -> dict[str, Any]:
+        """See Channel."""
+        return self.order
+
+    def send(self, message: dict[str, Any]) -> None:
+        """See Channel."""
+        self.told.append(message["event"])
+
+
+class Host:
+    """A session that takes a new holder."""
+
+    state, step = "READY", 3
+
+    def __init__(self, line: Line) -> None:
+        self.line = line
+
+    def reclaim(self, token: bytes) -> int:
+        """See SessionHost."""
+        assert token == b"t"
+        self.line.told.append("written")
+        return 2
+
+
+def test_a_new_holder_is_heard_of_before_anything_is_written_for_him() -> None:
+    line = Line({"order": "reclaim", "token": b"t"})
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    socket = context.socket(zmq.ROUTER)
+    worker = Worker(line, socket, Host(line), ServerSettings(), None)  # type: ignore[arg-type]
+    try:
+        worker._obey()
+    finally:
+        worker.disconnect()
+        socket.close()
+        context.term()
+    assert line.told == ["reclaiming", "written", "reclaimed"]
