@@ -287,7 +287,7 @@ class Journal:
         self._handles[0] = self._files.open(self._folder / MANIFEST)
         self.ledger = Ledger.start(record)
         self._end = record.length
-        _reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, capacity))
+        self._renew_reserve()
 
     def _settle(self, found: Findings) -> None:
         """Make durable what was read, and clean up after a crash; a crash in between is settled again.
@@ -321,7 +321,7 @@ class Journal:
         self._renew_reserve()
 
     def _renew_reserve(self) -> None:
-        """Empty what a crash has left; where there is no room for it, the session goes on as long as it can."""
+        """Hold the space of the next manifest; where there is none, the session goes on as long as it can."""
         try:
             _reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, self.ledger.capacity))
         except OSError:

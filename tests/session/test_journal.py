@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 from typing import Any
 
@@ -187,3 +188,36 @@ def test_lists_read_the_manifest_alone(tmp_path: Path) -> None:
     write(tmp_path, 3).close()
     (tmp_path / "slot-0").unlink()
     assert read_ledger(tmp_path, PosixFileSystem()).step == 3
+
+
+class Crowded(PosixFileSystem):
+    """A disk that others fill in the moment in which a manifest was replaced."""
+
+    replaced = False
+
+    def rename(self, source: Path, target: Path) -> None:
+        """See FileSystem."""
+        super().rename(source, target)
+        self.replaced = True
+
+    def create(self, path: Path, size: int) -> int:
+        """See FileSystem."""
+        if self.replaced and path.name == "manifest.new":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().create(path, size)
+
+
+def test_a_manifest_without_room_for_the_next_one_is_filled(tmp_path: Path, small: None) -> None:
+    write(tmp_path, 0).close()
+    files = Crowded()
+    journal = Journal.open(tmp_path, files)
+    steps = 0
+    while not files.replaced:
+        steps += 1
+        journal.store(entry_of(steps), state_of(steps))
+    journal.store(entry_of(steps + 1), state_of(steps + 1))
+    assert not journal.frozen
+    journal.close()
+    again = reopen(tmp_path)
+    assert again.ledger.step == steps + 1
+    again.close()
