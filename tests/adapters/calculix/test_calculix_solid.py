@@ -146,6 +146,27 @@ def test_windows_from_restarts_equal_one_uninterrupted_run(flap, tmp_path):
     assert abs(tip(solid, history[-1])[0]) > 0.2
 
 
+def test_far_bent_flap_keeps_its_length(flap):
+    """Geometric nonlinearity: linear theory would stretch it by about 0.6 u² / L, here 5 %."""
+    solid = flap((1, 8))
+    bent = solid.points + play(solid, [1500.0] * 4, 0.1)[-1]
+    sides = [bent[np.isclose(solid.points[:, 0], x)] for x in (-WIDTH / 2, WIDTH / 2)]  # ascending in y
+    middle = (sides[0] + sides[1]) / 2.0
+    assert abs(middle[-1, 0]) > 0.28
+    assert np.linalg.norm(np.diff(middle, axis=0), axis=1).sum() == pytest.approx(HEIGHT, rel=0.005)
+
+
+def test_tolerance_is_that_of_the_window(flap):
+    """The default leaves no noise for a coupling to see; a sloppy one would."""
+    ends = {}
+    for tolerance in (0.5, Options().tolerance, 1e-10):
+        solid = flap(folder=f"run-{tolerance}", tolerance=tolerance)
+        ends[tolerance] = tip(solid, play(solid, [900.0, 1500.0, 600.0], 0.1)[-1])
+    exact = ends.pop(1e-10)
+    np.testing.assert_allclose(ends.pop(Options().tolerance), exact, rtol=1e-6)
+    assert np.abs(ends.pop(0.5) - exact).max() > 1e-5 * np.abs(exact).max()
+
+
 def test_three_dimensions_give_every_node_its_own_force(flap):
     plane, space = flap(), flap(folder="space", dimensions=3)
     assert len(space.nodes) == 2 * len(plane.nodes)
