@@ -9,6 +9,7 @@ from mesh_motion_client import Credentials, InvalidInput
 def test_they_come_back_and_only_the_owner_reads_them(tmp_path):
     credentials = Credentials("ab" * 16, bytes(range(32)))
     path = tmp_path / "credentials"
+    (tmp_path / "credentials.part").touch(0o644)  # left by an earlier program, readable by everybody
     credentials.save(path)
     assert Credentials.load(path) == credentials
     assert stat.S_IMODE(path.stat().st_mode) == 0o600

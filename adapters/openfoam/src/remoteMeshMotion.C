@@ -94,7 +94,7 @@ bool Foam::remoteMeshMotion::resume()
             << "the session of " << path << " cannot be resumed: "
             << (
                    same
-                 ? "it has gone on since, or is deleted"
+                 ? "it has gone on since, or it or its credentials are deleted"
                  : "its settings, patches or processors were others"
                )
             << nl << "    A new one begins with the mesh of this time, "

@@ -219,16 +219,18 @@ bool Foam::remoteSession::resume
     bool there = false;
     if (Pstream::master())
     {
-        mm_load_credentials(session_, path.c_str());
-        call
-        (
-            "to resume a session",
-            [&]
-            {
-                const mm_result got = mm_resume(session_);
-                return got == MM_NOT_FOUND ? MM_OK : got;
-            }
-        );
+        if (mm_load_credentials(session_, path.c_str()) == MM_OK)
+        {
+            call
+            (
+                "to resume a session",
+                [&]
+                {
+                    const mm_result got = mm_resume(session_);
+                    return got == MM_NOT_FOUND ? MM_OK : got;
+                }
+            );
+        }
         there = mm_error(context_) == MM_OK && mm_step(session_) == step;
         mm_clear_error(context_);
     }

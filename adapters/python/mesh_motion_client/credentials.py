@@ -32,7 +32,8 @@ class Credentials:
         target = Path(path)
         part = target.with_name(target.name + ".part")
         text = json.dumps({"session": self.session, "token": self.token.hex()})
-        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="ascii") as file:
+        part.unlink(missing_ok=True)  # what is left of an earlier try has a mode and an owner of its own
+        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
             file.write(text + "\n")
         part.replace(target)
 

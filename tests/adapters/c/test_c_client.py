@@ -88,7 +88,7 @@ def test_errors(compiler, endpoint, tools):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_arrays_of_another_shape_are_refused_in_fortran(compiler, tools):
+def test_arrays_of_another_shape_are_refused_f90(compiler, tools):
     tools["need"]("gfortran")
     module = tools["source"] / "fortran" / "mesh_motion.f90"
     options = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
