@@ -52,6 +52,7 @@ def use(server: Served, keys: Keys) -> list[Any]:
         with pytest.raises(MeshMotionError) as fenced:
             session.commit()
         assert fenced.value.code == "ABORTED.FENCED"
+        session.close()
         resumed.close("discard")
         return [session.credentials.token]
 

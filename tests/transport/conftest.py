@@ -106,6 +106,7 @@ class Wire:
         if routing_id:
             self.socket.setsockopt(zmq.ROUTING_ID, routing_id)
         self.socket.connect(endpoint)
+        self.endpoint = endpoint
         self.client, self.sequence = uuid.uuid4().bytes, 0
 
     def send(self, kind, **fields):

@@ -67,10 +67,10 @@ def test_a_repeated_open_opens_one_session(start, connect):
 
 
 def test_what_cannot_be_opened_says_why(start, connect):
-    server = start(max_sessions=1, max_session_bytes=1 << 20)
+    server = start(max_sessions=1, max_session_bytes=1 << 20, durability=["full"])
     control = connect(server.endpoint)
     assert control.ask(Open, dimension=2, settings={"radius": 1.0}).code.startswith("INVALID_ARGUMENT")
-    assert control.ask(Open, dimension=2, durability="none").code.startswith("INVALID_ARGUMENT")
+    assert control.ask(Open, dimension=2, durability="relaxed").code.startswith("INVALID_ARGUMENT")
     assert control.ask(Open, dimension=2, bytes_reserved=1 << 30).code == "RESOURCE_EXHAUSTED.BYTES"
     broken = control.ask(Open, dimension=2, label="broken")
     assert (broken.code, broken.message, broken.hint) == ("INVALID_ARGUMENT", "this one does not open", "it is a test")
