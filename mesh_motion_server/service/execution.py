@@ -139,12 +139,13 @@ class Execution:
 
     def _answer(self, arrivals: Sequence[Arrival], run: Callable[[], Sequence[Message]]) -> list[Envelope]:
         """Run, remember and address the replies; a failure is everybody's reply."""
-        started = time.perf_counter()
+        started, parts = time.perf_counter(), self._session.upload.count
         try:
             failpoint("request.execute")
             replies = run()
             failpoint("request.unstored")
         except Exception as error:
+            self._session.upload.back_to(parts)  # what is refused may be sent again under another id
             return self._failed(arrivals, known_error(error))
         seconds = time.perf_counter() - started
         for arrival, reply in zip(arrivals, replies, strict=True):

@@ -53,12 +53,29 @@ class _Pile:
     parts: dict[_Key, list[_Rows]] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
 
+    def drop_last(self, key: _Key) -> None:
+        """Forget the last part of an item; with its only part, a patch's role too."""
+        self.parts[key].pop()
+        if not self.parts[key]:
+            del self.parts[key]
+            if key[0] == "patch":
+                del self.roles[key[1]]
+
     def whole(self) -> dict[_Key, _Rows]:
         """Each item's rows, but for the cells, in one array, which takes the place of its parts."""
         for key, rows in self.parts.items():
             if key[0] != "cells":
                 self.parts[key] = [joined(rows)]
         return {key: rows[0] for key, rows in self.parts.items() if key[0] != "cells"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Added:
+    """Which part came when: pile, item and name, bytes on arrival."""
+
+    pile: _Pile
+    key: _Key
+    nbytes: int
 
 
 class MeshUpload:
@@ -75,7 +92,13 @@ class MeshUpload:
         self._dimension = dimension
         self._budget = byte_budget
         self._piles = [_Pile() for _ in range(partitions)]
+        self._added: list[_Added] = []
         self.nbytes = 0
+
+    @property
+    def count(self) -> int:
+        """How many parts there are."""
+        return len(self._added)
 
     def add(self, partition: int, part: Part) -> int:
         """Append one part; returns how many rows of this item and name the partition has now.
@@ -95,12 +118,21 @@ class MeshUpload:
                 hint="raise the server's max_session_bytes",
                 details={"bytes": self.nbytes + part.rows.nbytes, "limit": self._budget},
             )
+        kept = _narrow(part.rows) if part.item == "cells" else part.rows
+        rows = pile.parts.setdefault((part.item, part.name), [])
+        self._added.append(_Added(pile, (part.item, part.name), part.rows.nbytes))
+        rows.append(kept)
         self.nbytes += part.rows.nbytes
         if part.item == "patch":
             pile.roles[part.name] = part.role
-        rows = pile.parts.setdefault((part.item, part.name), [])
-        rows.append(_narrow(part.rows) if part.item == "cells" else part.rows)
         return sum(len(r) for r in rows)
+
+    def back_to(self, count: int) -> None:
+        """Forget the parts after the first ``count``: their requests failed although they had been taken."""
+        while len(self._added) > count:
+            added = self._added.pop()
+            self.nbytes -= added.nbytes
+            added.pile.drop_last(added.key)
 
     def meshes(self) -> list[PartitionMesh]:
         """Each partition's mesh from its parts.
@@ -115,6 +147,7 @@ class MeshUpload:
     def clear(self) -> None:
         """Forget all parts."""
         self._piles = [_Pile() for _ in self._piles]
+        self._added = []
         self.nbytes = 0
 
     def _mesh(self, number: int, pile: _Pile) -> PartitionMesh:

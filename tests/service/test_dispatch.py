@@ -368,10 +368,10 @@ def test_a_wrong_token_and_another_session_are_refused_in_the_same_words(driver:
     assert (wrong.hint, wrong.details) == (other.hint, other.details)
 
 
-@pytest.mark.parametrize("point", ["request.committed", "request.unstored"])
-def test_a_commit_is_answered_once_it_is_durable_whatever_fails_then(ready: Any, plan_fault: Any, point: str) -> None:
+@pytest.mark.parametrize("passage", ["request.committed=raise:MemoryError@1", "request.unstored=raise:MemoryError@2"])
+def test_a_commit_is_answered_once_it_is_durable_whatever_fails_then(ready: Any, plan_fault: Any, passage: str) -> None:
     ready.move(1)
-    plan_fault(f"{point}=raise:MemoryError@1")
+    plan_fault(passage)
     commit = ready.request(Commit, step=1)
     (committed,) = ready.send(commit)
     (again,) = ready.send(commit)

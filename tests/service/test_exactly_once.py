@@ -63,6 +63,15 @@ def test_a_request_that_failed_is_executed_when_it_is_repeated(ready: Any) -> No
     assert ready.send(replace(commit, step=2))[0].code == "ABORTED.CONFLICT"
 
 
+@pytest.mark.parametrize("point", ["session.upload.taken", "request.unstored"])
+def test_a_part_that_was_taken_and_refused_is_not_there_twice(driver: Any, plan_fault: Any, point: str) -> None:
+    driver.join()
+    driver.ask(Upload, item="nodes", rows=np.zeros((1, 2)))
+    plan_fault(f"{point}=raise:MemoryError@2")
+    assert driver.ask(Upload, item="nodes", rows=np.ones((2, 2))).code == "RESOURCE_EXHAUSTED.MEMORY"
+    assert driver.ask(Upload, item="nodes", rows=np.ones((2, 2))).rows_total == 3
+
+
 def test_an_old_request_is_stale(ready: Any) -> None:
     first = ready.request(Move, step=1, displacement=ready.displacement(1)[0])
     ready.send(first)

@@ -35,6 +35,22 @@ def test_parts_are_appended_in_the_order_they_come(upload: MeshUpload) -> None:
     assert upload.nbytes == 0
 
 
+def test_parts_can_be_taken_back(upload: MeshUpload) -> None:
+    upload.add(0, nodes([[0, 0], [1, 0], [0, 1]]))
+    before = upload.count, upload.nbytes
+    upload.add(0, Part("patch", "triangle", "moving", np.array([[2]])))
+    upload.add(0, Part("cells", "triangle", "", np.array([[0, 1, 2]])))
+    upload.add(0, nodes([[1, 1]]))
+    upload.back_to(upload.count - 2)
+    assert upload.meshes()[0].patches["triangle"].nodes.tolist() == [2]
+    upload.back_to(1)
+    assert (upload.count, upload.nbytes) == before
+    assert upload.add(0, Part("patch", "triangle", "fixed", np.array([[0]]))) == 1  # with any role
+    (mesh,) = upload.meshes()
+    assert (len(mesh.points), mesh.cells) == (3, {})
+    assert mesh.patches["triangle"].role == "fixed"
+
+
 def test_an_empty_part_is_a_part(upload: MeshUpload) -> None:
     assert upload.add(0, nodes(np.empty((0, 2)))) == 0
 
