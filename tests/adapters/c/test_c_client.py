@@ -211,4 +211,5 @@ def test_an_array_that_is_kept_too_long_is_seen(compiler, tools, tmp_path):
         text = text.replace(sound, faulty)
     seeded.write_text(text.replace("/* it may be dead without a word */", ""))
     program = compiler.program(tools["here"] / "lent_arrays.c", client=(seeded, source / "mm_wire.c"))
-    assert lent_arrays(program, tools["here"], patience=60)[1] != 0
+    # now and then all has been read before the server stops, and nothing is left to be read too late
+    assert any(lent_arrays(program, tools["here"], patience=3)[1] != 0 for _ in range(6))
