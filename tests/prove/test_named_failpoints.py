@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import pytest
 
 from mesh_motion_server.failpoint_table import POINTS
 from mesh_motion_server.prove import failing_server, named_failpoints, persistent_holder
 from mesh_motion_server.prove.check import BrokenPromise, Budget
-from mesh_motion_server.prove.named_failpoints import CHECK, TASKS, Rig, let_fail, passages, rig
+from mesh_motion_server.prove.named_failpoints import CHECK, TASKS, NotPassed, Rig, let_fail, passages, rig
 
 pytestmark = pytest.mark.slow
 
@@ -77,8 +78,10 @@ def test_a_bug_is_found(
     hangs = bug.startswith(("a worker", "a spare"))
     monkeypatch.setattr(persistent_holder, "PATIENCE", 4.0 if hangs else failing_server.PATIENCE)
     point, fault, hit = re.split("[=@]", failing)
-    with pytest.raises(BrokenPromise, match=said), rig() as made:
-        let_fail(made, task, point, fault, int(hit))
+    with pytest.raises(BrokenPromise, match=said):
+        for _ in range(4):  # which message the hit-th is depends on the machine as well
+            with rig() as made, suppress(NotPassed):
+                let_fail(made, task, point, fault, int(hit))
 
 
 def test_the_plans_reach_every_point() -> None:
