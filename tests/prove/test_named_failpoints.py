@@ -79,9 +79,14 @@ def test_a_bug_is_found(
     monkeypatch.setattr(persistent_holder, "PATIENCE", 4.0 if hangs else failing_server.PATIENCE)
     point, fault, hit = re.split("[=@]", failing)
     with pytest.raises(BrokenPromise, match=said):
-        for _ in range(4):  # which message the hit-th is depends on the machine as well
-            with rig() as made, suppress(NotPassed):
-                let_fail(made, task, point, fault, int(hit))
+        try_several_times(task, point, fault, int(hit))
+
+
+def try_several_times(task: str, point: str, fault: str, hit: int) -> None:
+    """Each with a server of its own: which message the hit-th is depends on the machine as well."""
+    for _ in range(4):
+        with rig() as made, suppress(NotPassed):
+            let_fail(made, task, point, fault, hit)
 
 
 def test_the_plans_reach_every_point() -> None:
