@@ -108,7 +108,7 @@ def _adopted(frames: Sequence[Buffer], dtype: str) -> NDArray[Any] | None:
     if len(frames) != 1:
         return None
     view = memoryview(frames[0])
-    if view.readonly or not view.c_contiguous or view.nbytes < _ADOPTED_BYTES:
+    if view.readonly or view.nbytes < _ADOPTED_BYTES:
         return None
     array = np.frombuffer(view, dtype=dtype)
     return array if array.flags.aligned else None
@@ -126,10 +126,10 @@ def _fill(raw: NDArray[Any], frames: Sequence[Buffer], dtype: str) -> None:
 def _check_shape(shape: Any, spec: ArraySpec) -> None:
     """As many lengths as axes, none negative, 1 to 3 coordinates."""
     wanted = f"({', '.join(spec.axes)})"
-    if len(shape) != len(spec.axes) or any(type(n) is not int or not 0 <= n < 2**48 for n in shape):
+    if len(shape) != len(spec.axes) or any(type(n) is not int or n not in range(2**48) for n in shape):
         raise _wrong("SHAPE", f"{spec.name} must have shape {wanted}, got {tuple(shape)!s:.80}", spec)
     for axis, length in zip(spec.axes, shape, strict=True):
-        if axis == "dimension" and not 1 <= length <= 3:
+        if axis == "dimension" and length not in (1, 2, 3):
             raise _wrong("SHAPE", f"{spec.name} must have 1, 2 or 3 columns, got shape {tuple(shape)}", spec)
 
 

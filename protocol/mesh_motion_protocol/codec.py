@@ -184,7 +184,7 @@ def _request_id(header: dict[str, Any]) -> tuple[bytes, int]:
     """The request id of a header that is wrong elsewhere, zeros where it is wrong itself."""
     client, sequence = header.get("client"), header.get("sequence")
     good_client = type(client) is bytes and len(client) == 16
-    good_sequence = type(sequence) is int and 0 <= sequence < 2**63
+    good_sequence = type(sequence) is int and sequence in range(2**63)
     return (client if good_client else b"\0" * 16), (sequence if good_sequence else 0)  # type: ignore[return-value]
 
 

@@ -229,7 +229,7 @@ class Close(SessionMessage):
     """Ends this holder's use. ``outcome``: "keep" leaves the session durable and resumable, "discard" deletes it."""
 
     type: ClassVar[str] = "CLOSE"
-    outcome: Outcome = "keep"  # one partition's "discard" discards, once all have closed
+    outcome: Outcome = "keep"  # one partition's "discard" discards, once all of this epoch have closed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
