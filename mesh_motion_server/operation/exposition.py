@@ -48,9 +48,11 @@ class _Collector(Collector):
         else:
             family, values = GaugeMetricFamily(PREFIX + line.name, line.text, labels=labels), self._gauges
         if labels:
-            for (name, label), value in sorted(values.items()):
-                if name == line.name:
-                    family.add_metric([label], value)
+            told = dict.fromkeys(line.shown, 0.0) | {
+                label: v for (name, label), v in values.items() if name == line.name
+            }
+            for label, value in sorted(told.items()):
+                family.add_metric([label], value)
         elif line.kind == "counter" or (line.name, "") in values:
             family.add_metric([], values.get((line.name, ""), 0))
         return family

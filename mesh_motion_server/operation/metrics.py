@@ -32,6 +32,8 @@ class Metric:
         What it says, with its unit.
     label : str
         Name of the label; empty without one.
+    shown : tuple of str
+        The label's values that are shown as 0 before the first is counted: an increase from nothing is not seen.
     bounds : tuple of float
         Of a histogram: the upper ends of its buckets, ascending.
     """
@@ -40,6 +42,7 @@ class Metric:
     kind: Literal["counter", "gauge", "histogram"]
     text: str
     label: str = ""
+    shown: tuple[str, ...] = ()
     bounds: tuple[float, ...] = ()
 
 
@@ -61,19 +64,27 @@ METRICS = {
         ),
         Metric("corrections", "counter", "Moves whose prediction was corrected, by method.", "method"),
         Metric("predicted_inverted_cells", "counter", "Cells that moves would have inverted without correction."),
-        Metric("refused", "counter", "Requests answered by an error, by its code.", "code"),
+        Metric("refused", "counter", "Requests answered by an error, by its code.", "code", ("INTERNAL",)),
         Metric("received_bytes", "counter", "Bytes of requests received."),
         Metric("sent_bytes", "counter", "Bytes of replies sent."),
         Metric("denied_connections", "counter", "Handshakes refused for want of a key on the allow-list."),
         Metric("fsync_seconds", "histogram", "Time of one fsync of the journals, in seconds.", bounds=_SHORT_SECONDS),
         Metric("journal_written_bytes", "counter", "Bytes written to sessions' folders."),
         Metric("worker_starts", "counter", "Worker processes started, spares included."),
-        Metric("worker_ends", "counter", "Worker processes ended: orderly, or by a failure or a signal.", "how"),
-        Metric("gateway_starts", "counter", "Starts of the gateway process; more than one means that it fell."),
+        Metric(
+            "worker_ends",
+            "counter",
+            "Worker processes ended: orderly, or by a failure or a signal.",
+            "how",
+            ("orderly", "failure", "signal"),
+        ),
+        Metric("gateway_starts", "counter", "Starts of the gateway process."),
+        Metric("gateway_falls", "counter", "Ends of the gateway process that nobody had asked for."),
         Metric("worker_resident_bytes", "gauge", "Resident memory of all workers together, in bytes."),
         Metric("largest_worker_resident_bytes", "gauge", "Resident memory of the largest worker, in bytes."),
         Metric("disk_free_bytes", "gauge", "Free space of the disk with the state folder, in bytes."),
         Metric("disk_size_bytes", "gauge", "Size of the disk with the state folder, in bytes."),
+        Metric("disk_silence_seconds", "gauge", "Time for which that disk has not answered, in seconds."),
         Metric("memory_available_bytes", "gauge", "Memory available to this server (machine or cgroup), in bytes."),
         Metric("ready", "gauge", "1 if /readyz answers 200, else 0."),
     )

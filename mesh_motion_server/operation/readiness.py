@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mesh_motion_server.operation.disk_watch import SILENT_SECONDS
 from mesh_motion_server.operation.room import DiskRoom
 
 __all__ = ["Standing"]
@@ -23,6 +24,8 @@ class Standing:
     spare_silent : bool
         There is no spare worker, or it has not become ready for too long.
     disk : DiskRoom
+    disk_silence : float
+        Seconds for which the disk has not answered.
     reserve : int
         Bytes of the disk that are left to the running sessions.
     """
@@ -32,6 +35,7 @@ class Standing:
     warm: bool
     spare_silent: bool
     disk: DiskRoom
+    disk_silence: float
     reserve: int
 
     def missing(self) -> str:
@@ -42,6 +46,7 @@ class Standing:
             (self.gateway_silent, "gateway: it does not answer"),
             (not self.warm, "kernels: no worker is warm yet"),
             (self.spare_silent, "worker: no spare worker has become ready"),
+            (self.disk_silence > SILENT_SECONDS, f"disk: it has not answered for {self.disk_silence:.0f} s"),
             (not self.disk.writable, "disk: the state folder cannot be written"),
             (self.disk.free < self.reserve, room),
         )

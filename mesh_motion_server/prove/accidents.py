@@ -15,7 +15,8 @@ from mesh_motion_server.prove.expected import Asked
 from mesh_motion_server.prove.in_process import standing_of
 from mesh_motion_server.prove.model_files import ModelFiles, PowerLoss
 from mesh_motion_server.prove.ranks import Ranks
-from mesh_motion_server.prove.session_model import OPERATIONS, SessionModel
+from mesh_motion_server.prove.session_model import SessionModel
+from mesh_motion_server.prove.session_table import OPERATIONS
 from mesh_motion_server.service.envelope import Envelope
 
 __all__ = ["ACCIDENTS", "Accident", "Stall", "ask_inside", "refused_resume"]

@@ -11,12 +11,12 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
-from mesh_motion_client import Keys, Mesh, Patch, connect
+from mesh_motion_client import Keys, connect
 from mesh_motion_client.control import Control
 from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_client.session import Session
@@ -32,8 +32,10 @@ from mesh_motion_server.prove.attacks import (
     storm,
 )
 from mesh_motion_server.prove.check import Budget, Check, Result, require
+from mesh_motion_server.prove.client_mesh import client_mesh
 from mesh_motion_server.prove.processes import Usage, descendants, usage_of
 from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 
 __all__ = ["CHECK", "Target", "attack", "target"]
@@ -77,11 +79,7 @@ class Target:
         self._calm = self.usage()
 
     def _open(self) -> Session:
-        grid = grid_mesh()
-        patches = {name: Patch(patch.role, patch.nodes) for name, patch in grid.patches.items()}
-        return self._server.open(
-            Mesh(grid.points, {"triangle": np.asarray(grid.cells["triangle"])}, patches), {"support_radius": 2.0}
-        )
+        return self._server.open(client_mesh(grid_mesh()), {"support_radius": 2.0})
 
     def _settle(self) -> None:
         """Wait until the worker has loaded what it loads in the background: its memory is the same for two seconds."""
@@ -113,6 +111,7 @@ class Target:
         wait_until(
             lambda: all(usage_of(pid).files <= calm.files for pid, calm in self._calm.items()),
             f"the server {self.name} gives its descriptors back",
+            _PATIENCE,
         )
         return max(usage_of(pid).resident_bytes - calm.resident_bytes for pid, calm in self._calm.items())
 
@@ -126,14 +125,6 @@ class Target:
         self._session.close("discard")
         self._control.close()
         self._server.close()
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    """Poll; raises BrokenPromise if it does not come true in time."""
-    deadline = time.monotonic() + _PATIENCE
-    while not condition():
-        require(time.monotonic() < deadline, f"{what}: not within {_PATIENCE:.0f} s")
-        time.sleep(0.02)
 
 
 @contextmanager

@@ -9,23 +9,25 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
-from mesh_motion_client import Keys, Mesh, Patch
+from mesh_motion_client import Keys
 from mesh_motion_protocol import messages as m
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.key_files import PublicKey
 
 from mesh_motion_server.prove.attacks import forged_user
 from mesh_motion_server.prove.check import Budget, Check, Result, require
+from mesh_motion_server.prove.client_mesh import client_mesh
 from mesh_motion_server.prove.expected_rights import OUTSIDERS, REQUESTS, Cell, expected, role_cells
 from mesh_motion_server.prove.hidden_sessions import require_alike, require_same_time, times
-from mesh_motion_server.prove.served import Served
 from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.prove.stand_in_server import StandInServer
 from mesh_motion_server.prove.wire import Wire
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys, revoke
 
@@ -73,7 +75,7 @@ class Stage:
         self.subject, self.other, self.unknown = (self._make(name) for name in ("subject", "other", "unknown"))
         for name in ("subject", "other"):
             self.give(("owner",), name)
-        self.server = Served(folder, keys_folder=str(self.keys))
+        self.server = StandInServer(folder, keys_folder=str(self.keys)).start()
         self._held: dict[bool, Held] = {}
 
     def _make(self, name: str) -> Keys:
@@ -104,12 +106,15 @@ class Stage:
     def _open(self, keys: Keys) -> Held:
         with Wire(self.server.endpoint, keys) as control:
             opened = control.ask(m.Open, dimension=2, settings={"support_radius": 2.0})
-        data, at = Wire(opened.endpoint, keys), {"session": opened.session, "epoch": opened.epoch}
-        data.ask(m.Join, **at, token=opened.token)
-        for part in _mesh().parts(**at, client=bytes(16), partition=0):
-            data.ask(m.Upload, **at, item=part.item, name=part.name, role=part.role, rows=part.rows)
-        built = data.ask(m.Build, **at)
-        require(built.type == "BUILT", f"BUILD was answered {built}")
+        at = {"session": opened.session, "epoch": opened.epoch}
+        with ExitStack() as unless_built:
+            data = unless_built.enter_context(Wire(opened.endpoint, keys))
+            data.ask(m.Join, **at, token=opened.token)
+            for part in client_mesh(grid_mesh()).parts(**at, client=bytes(16), partition=0):
+                data.ask(m.Upload, **at, item=part.item, name=part.name, role=part.role, rows=part.rows)
+            built = data.ask(m.Build, **at)
+            require(built.type == "BUILT", f"BUILD was answered {built}")
+            unless_built.pop_all()
         return Held(opened.session, opened.token, opened.endpoint, opened.epoch, data)
 
     def suspended(self) -> tuple[str, bytes]:
@@ -129,12 +134,6 @@ class Stage:
         for own in list(self._held):
             self.forget(own)
         self.server.stop()
-
-
-def _mesh() -> Mesh:
-    grid = grid_mesh()
-    patches = {name: Patch(patch.role, patch.nodes) for name, patch in grid.patches.items()}
-    return Mesh(grid.points, {"triangle": np.asarray(grid.cells["triangle"])}, patches)
 
 
 # --- a cell ---
@@ -260,7 +259,7 @@ def _without_keys(stage: Stage) -> Iterator[tuple[str, str, str]]:
     held = stage.held(False)
     session, at = held.session, held.at()
     stage.close()
-    with Served(stage.folder) as server, Wire(server.endpoint) as wire:
+    with StandInServer(stage.folder) as server, Wire(server.endpoint) as wire:
         for request in ("LIST", "PROBE", "RESUME"):
             kind, fields = m.MESSAGES[request], _fields(request, at)
             yield f"{request} without keys", "NOT_FOUND", _word(wire.ask(kind, **fields), session)

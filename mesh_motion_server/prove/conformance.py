@@ -31,8 +31,8 @@ __all__ = ["CHECK", "Part", "choice", "clients", "put_to", "verdict"]
 #: Further clients under test, as ``NAME=COMMAND`` separated by semicolons; a command is what ``mesh-motion conform
 #: --client`` takes.
 CLIENTS_VARIABLE = "MESH_MOTION_CONFORM_CLIENTS"
-#: Driver programs of other languages, tested where one is found on PATH.
-_PROGRAMS = {"C": "mesh-motion-conform-c", "Fortran": "mesh-motion-conform-fortran"}
+#: Driver programs of other languages, tested where one is found on PATH (`make prove` builds them where it can).
+_PROGRAMS = {name: f"mesh-motion-conform-{end}" for name, end in (("C", "c"), ("C++", "cpp"), ("Fortran", "fortran"))}
 #: Short enough that their end is part of the suite.
 _SETTINGS = "lease_seconds = 1.0\ncollective_timeout_seconds = 1.0\nthreads = 1\n"
 _PATIENCE = 120.0

@@ -9,12 +9,24 @@ import numpy as np
 from mesh_motion_protocol.messages import Build, Commit, Join, Move, SessionMessage, Upload
 
 from mesh_motion_server.prove.check import require
+from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.prove.stand_in import StandIn
 from mesh_motion_server.service.dispatch import Envelope, SessionHost
 from mesh_motion_server.session.partitions import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec
+from mesh_motion_server.session.store import SessionStore
 
-__all__ = ["SESSION", "TOKEN", "Driver", "make_driver", "make_spec", "parts_of", "resume", "resume_driver"]
+__all__ = [
+    "SESSION",
+    "TOKEN",
+    "Driver",
+    "make_driver",
+    "make_spec",
+    "parts_of",
+    "resume",
+    "resume_driver",
+    "undisturbed_driver",
+]
 
 TOKEN = bytes(range(32))
 SESSION = "0123456789abcdef" * 2
@@ -117,6 +129,13 @@ def make_driver(store: Any, meshes: list[PartitionMesh], **options: Any) -> Driv
     """A driver of a new session."""
     spec = make_spec(options.pop("session", SESSION), partitions=len(meshes), **options.pop("spec", {}))
     return Driver(SessionHost.create(spec, store, build_model=_BUILD_MODEL, **options), meshes)
+
+
+def undisturbed_driver(meshes: list[PartitionMesh]) -> Driver:
+    """A driver of an open session that nothing can happen to: its disk is the model file system's."""
+    driver = make_driver(SessionStore("/undisturbed", files=ModelFiles()), meshes)
+    driver.open()
+    return driver
 
 
 def resume(store: Any, session: str = SESSION, **options: Any) -> SessionHost:

@@ -12,7 +12,7 @@ from mesh_motion_protocol.errors import ERROR_CODES
 from numpy.typing import NDArray
 
 from mesh_motion_server.prove.check import require
-from mesh_motion_server.prove.wires import Replies
+from mesh_motion_server.prove.in_process_parts import Replies
 
 __all__ = ["Answer", "Asked", "Codes", "Share", "compare", "compare_all"]
 

@@ -29,10 +29,10 @@ from mesh_motion_server.prove.allowed_codes import allowed_codes
 from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.decoder_fuzz import memory_in_use
 from mesh_motion_server.prove.in_process import USERS, InProcessServer, allow_everybody_listed, quiet, standing_of
+from mesh_motion_server.prove.in_process_parts import Replies
 from mesh_motion_server.prove.request_mutations import frames_of, gone_wrong
 from mesh_motion_server.prove.stand_in import StandIn
 from mesh_motion_server.prove.valid_requests import CONTROL, DATA, Known, Request, upload_of, valid_request
-from mesh_motion_server.prove.wires import Replies
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.protection import Protection
 

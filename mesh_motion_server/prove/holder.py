@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,11 @@ from mesh_motion_client import Keys
 from mesh_motion_protocol import messages as m
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.prove.check import BrokenPromise, require
-from mesh_motion_server.prove.driver import Driver, make_driver
-from mesh_motion_server.prove.model_files import ModelFiles
+from mesh_motion_server.prove.driver import Driver, parts_of, undisturbed_driver
 from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.prove.wire import Wire
 from mesh_motion_server.session.partitions import PartitionMesh
-from mesh_motion_server.session.store import SessionStore
 
 __all__ = ["Holder", "seeded_mesh", "seeded_rows", "twin_of"]
 
@@ -37,8 +35,7 @@ def seeded_mesh(seed: int) -> PartitionMesh:
     points = mesh.points.copy()
     inner = np.all((points > 0) & (points < 1), axis=1)
     points[inner] += np.random.default_rng(seed).uniform(-0.1, 0.1, (inner.sum(), 2)) * spacing
-    patches = {name: Patch(patch.role, patch.nodes) for name, patch in mesh.patches.items()}
-    return PartitionMesh(points=points, global_ids=mesh.global_ids, cells=mesh.cells, patches=patches)
+    return replace(mesh, points=points)
 
 
 def seeded_rows(seed: int, step: int, iteration: int, count: int) -> Floats:
@@ -49,8 +46,7 @@ def seeded_rows(seed: int, step: int, iteration: int, count: int) -> Floats:
 
 def twin_of(seed: int, steps: int) -> Driver:
     """A session of the seed's mesh, on the model file system, after so many steps of one iteration each."""
-    driver = make_driver(SessionStore("/twin", files=ModelFiles()), [seeded_mesh(seed)])
-    driver.open()
+    driver = undisturbed_driver([seeded_mesh(seed)])
     for step in range(1, steps + 1):
         driver.all(m.Move, [seeded_rows(seed, step, 1, len(driver.moving[0]))], step=step)
         driver.all(m.Commit, step=step)
@@ -104,11 +100,9 @@ class Holder:
         self.session, self.token = opened.session, opened.token
         self.endpoint, self.epoch, self.step = opened.endpoint, opened.epoch, 0
         self.join()
-        parts: list[tuple[str, str, str, Any]] = [("nodes", "", "", self.mesh.points)]
-        parts += [("cells", name, "", nodes) for name, nodes in self.mesh.cells.items()]
-        parts += [("patch", name, p.role, p.nodes[:, None]) for name, p in self.mesh.patches.items()]
-        for item, name, role, rows in parts:
-            self.ask(m.Upload, "UPLOADED", item=item, name=name, role=role, rows=rows)
+        for item, name, role, rows in parts_of(self.mesh):
+            if item != "global_ids":  # a mesh as a whole needs none
+                self.ask(m.Upload, "UPLOADED", item=item, name=name, role=role, rows=rows)
         self.ask(m.Build, "BUILT")
 
     def known_as(self, session: str, token: bytes, step: int) -> Holder:

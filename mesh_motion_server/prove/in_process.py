@@ -21,11 +21,13 @@ import structlog
 from mesh_motion_protocol.limits import default_limits
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.operation.disk_watch import DiskWatch
+from mesh_motion_server.prove.in_process_parts import Child, Frame, Held, Line, Replies, Socket
 from mesh_motion_server.prove.model_files import ModelFiles
-from mesh_motion_server.prove.wires import Child, Frame, Held, Line, Replies, Wire
 from mesh_motion_server.security.allow_list import Entry, write_entries
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.relaxed import RelaxedKeeper
+from mesh_motion_server.session.replay import silent
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from mesh_motion_server.transport import worker as workers
@@ -98,7 +100,7 @@ class _Store(SessionStore):
 class _Worker(workers.Worker):
     """A worker that serves what it is given, with a lease that ends when it is told."""
 
-    wire: Wire
+    wire: Socket
     line: Line
     host: Any
     held: Held
@@ -107,6 +109,10 @@ class _Worker(workers.Worker):
         """One request."""
         self.wire.incoming.append(frames)
         self._receive()
+        self._report()
+
+    def wake(self) -> None:
+        """As when it has waited for some seconds: it tells where the session stands."""
         self._report()
 
     def obey(self, order: dict[str, Any]) -> None:
@@ -130,8 +136,8 @@ class _Control(Control):
 
     def hurry(self) -> None:
         """Say now what was to be said later."""
-        while self._later:
-            _, peer, frame = self._later.popleft()
+        while self._later.waiting:
+            _, peer, frame = self._later.waiting.popleft()
             self._send(peer, frame)
 
 
@@ -145,9 +151,9 @@ class _Hosts:
         """A new session's."""
         return SessionHost.create(spec, store, limits=limits, **self._options)
 
-    def resume(self, session: str, token: bytes, store: Any, *, limits: ServerSettings) -> SessionHost:
+    def resume(self, session: str, token: bytes, store: Any, *, limits: ServerSettings, progress: Any) -> SessionHost:
         """A stored session's."""
-        return SessionHost.resume(session, token, store, limits=limits, **self._options)
+        return SessionHost.resume(session, token, store, limits=limits, progress=progress, **self._options)
 
 
 class InProcessServer:
@@ -185,10 +191,11 @@ class InProcessServer:
 
     def start(self) -> None:
         """A new supervisor and gateway, over whatever is on the disk."""
-        self._wire = Wire()
+        self._wire = Socket()
         access = Protection.access(self._protection)
         registry = Registry(_Store(self.files))
-        self._control = _Control(registry, self._settings, self._start_worker, self._to_peer, access)
+        disk = DiskWatch(self._settings.state_folder)
+        self._control = _Control(registry, self._settings, self._start_worker, self._to_peer, access, disk)
         welcome = {
             "server": "in-process",
             "boot": bytes(16),
@@ -243,11 +250,12 @@ class InProcessServer:
         return worker.wire.take_sent()
 
     def settle(self, session: str) -> None:
-        """Wait until what a session of level "relaxed" has to store is stored, or the disk has failed."""
+        """Wait until what a session of level "relaxed" has to store is stored, or the disk has failed; all are told."""
         keeper = _keeper(self.host(session))
         if keeper is not None:
             with contextlib.suppress(JournalError):
                 keeper.catch_up()
+            self._children[self._child(session)].wake()
 
     def host(self, session: str) -> Any:
         """The host of a session whose worker lives, else None."""
@@ -298,9 +306,9 @@ class InProcessServer:
 
     def _begin(self, child: Child, order: dict[str, Any]) -> None:
         """What a worker's process does with its order."""
-        held, wire = Held(self.files), Wire()
+        held, wire = Held(self.files), Socket()
         try:
-            host = workers._host(order, self._hosts, _Store(held), self._settings)
+            host = workers._host(order, self._hosts, _Store(held), self._settings, silent)
         except Exception as error:
             held.end()
             self._heard(child, {"event": "failed"} | workers._failure(error))

@@ -26,9 +26,9 @@ from mesh_motion_client.control import Control
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Open, Opened, Ping
 
+from mesh_motion_server.operation.room import resident_bytes
 from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.neighbours import KINDS
-from mesh_motion_server.prove.processes import descendants, resident_bytes
 from mesh_motion_server.prove.scheduling import turns_of
 from mesh_motion_server.prove.stand_in_server import StandInServer
 
@@ -177,15 +177,6 @@ def _echo() -> Iterator[tuple[int, str]]:
         process.communicate()
 
 
-def _gateway(server: StandInServer) -> int:
-    """Process id of the server's gateway."""
-    for pid in descendants(server.pid):
-        if b"transport.gateway" in Path(f"/proc/{pid}/cmdline").read_bytes():
-            return pid
-    require(condition=False, message="the server has no gateway")
-    return 0
-
-
 class _Scene:
     """A server, a session on it that does nothing, and the echo.
 
@@ -206,7 +197,7 @@ class _Scene:
         stack.callback(self.pings.close)
         for _ in range(50):
             self.pings.ask()
-        self._gateway = _gateway(self.server)
+        self._gateway = self.server.gateway()
         self._processes = {"gateway": self._gateway, "echo": echo}
         self._calm, self.growth = resident_bytes(self._gateway), 0
 

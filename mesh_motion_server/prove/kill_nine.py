@@ -21,9 +21,8 @@ from random import Random
 import numpy as np
 
 from mesh_motion_server.prove.check import BrokenPromise, Budget, Check, Result, require
-from mesh_motion_server.prove.driver import make_driver
+from mesh_motion_server.prove.driver import undisturbed_driver
 from mesh_motion_server.prove.killed_process import final_points, open_session, run_to
-from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS
@@ -33,6 +32,8 @@ __all__ = ["CHECK", "Witness", "kill_again_and_again"]
 #: A life lasts up to so many seconds: some tens of commits, or not even its recovery. On a machine so busy that no step
 #: is reached, each life may last as much longer than the one before.
 _LONGEST = 0.2
+#: Lives in a row that commit nothing, each longer than the last: the last of them may take eight seconds.
+_MOST_IDLE = 40
 #: Threads that a fork leaves as they are: GNU's OpenMP ends a process that is forked after its first use.
 _FORKABLE = {"NUMBA_THREADING_LAYER": "workqueue", "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 #: What a recovery may take at the 95th percentile.
@@ -132,6 +133,9 @@ def kill_again_and_again(folder: Path, random: Random, budget: Budget, level: st
             former = len(witness.replies)
             witness.hear(_one_life(process.stdout))
             idle = idle + 1 if len(witness.replies) == former else 0
+            require(
+                idle < _MOST_IDLE, f"after step {witness.last}, {idle} lives in a row have committed nothing ({level})"
+            )
         process.stdin.close()
     return witness
 
@@ -160,8 +164,7 @@ def require_undisturbed(folder: Path, witness: Witness) -> None:
     last = survivor.host.step
     promised = witness.durable if witness.level == "relaxed" else witness.last
     require(promised <= last <= witness.last + 1, f"step {last} at the end, {witness.last} was acknowledged")
-    undisturbed = make_driver(SessionStore("/undisturbed", files=ModelFiles()), [grid_mesh()])
-    undisturbed.open()
+    undisturbed = undisturbed_driver([grid_mesh()])
     expected = run_to(undisturbed, last)
     require(np.array_equal(final_points(survivor), final_points(undisturbed)), f"the coordinates of step {last} differ")
     expected |= run_to(undisturbed, max(witness.replies, default=0))

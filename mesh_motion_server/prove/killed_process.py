@@ -16,6 +16,7 @@ Forking keeps the time for imports out of each life; the process is killed as an
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -29,8 +30,7 @@ from mesh_motion_protocol.messages import Commit, Fetch, Move
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.prove.check import require
-from mesh_motion_server.prove.driver import Driver, make_driver, resume
-from mesh_motion_server.prove.model_files import ModelFiles
+from mesh_motion_server.prove.driver import Driver, make_driver, resume, undisturbed_driver
 from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
@@ -121,8 +121,9 @@ def _say(line: str) -> None:
 
 def main(folder: str, level: str) -> None:
     """Fork, wait, kill; whatever a life would load first has been loaded by then."""
-    rehearsal = make_driver(SessionStore("/rehearsal", files=ModelFiles()), [grid_mesh()])
-    rehearsal.open()
+    # or numba guards its threads by a semaphore that all forked processes share, and who is killed inside keeps it
+    multiprocessing.set_start_method("spawn")
+    rehearsal = undisturbed_driver([grid_mesh()])
     run_to(rehearsal, 3)
     rehearsal.host.close()
     for life, seconds in enumerate(sys.stdin):

@@ -27,8 +27,9 @@ from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.driver import Driver
 from mesh_motion_server.prove.holder import Holder, seeded_mesh, seeded_rows, twin_of
 from mesh_motion_server.prove.processes import Usage, proportional_bytes, usage_of
-from mesh_motion_server.prove.served import Served, memory_folder
-from mesh_motion_server.prove.stand_in_host import SessionHost
+from mesh_motion_server.prove.server_process import memory_folder
+from mesh_motion_server.prove.stand_in_server import StandInServer
+from mesh_motion_server.prove.stand_in_service import SessionHost
 from mesh_motion_server.prove.wire import Wire
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
@@ -79,7 +80,7 @@ class Fleet:
         self._seeds = iter(range(first_seed, first_seed + live + resting))
         self.stored = [self._store(next(self._seeds)) for _ in range(resting)]
         start = time.monotonic()
-        self.server = Served(folder, max_sessions=live, **_SETTINGS)
+        self.server = StandInServer(folder, max_sessions=live, **_SETTINGS).start()
         self.start_seconds = time.monotonic() - start
         self.resting = [Member(self._holder(seed).known_as(session, token, 1)) for seed, session, token in self.stored]
         self.live: list[Member] = []

@@ -32,7 +32,11 @@ class _File:
     pending: list[tuple[int, bytes]] = field(default_factory=list)
 
     def settle(self) -> None:
-        self.disk, self.pending = bytearray(self.cache), []
+        """What is pending gets to the disk; what a failed sync has dropped does not, though reads see it."""
+        self.disk = self.disk[: len(self.cache)].ljust(len(self.cache), b"\0")
+        for offset, data in self.pending:
+            self.disk[offset : offset + len(data)] = data
+        self.pending = []
 
     def copy(self) -> _File:
         return _File(bytearray(self.cache), bytearray(self.disk), list(self.pending))

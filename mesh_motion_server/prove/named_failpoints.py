@@ -20,9 +20,12 @@ from random import Random
 
 from mesh_motion_server.failpoint_table import POINTS
 from mesh_motion_server.prove.check import BrokenPromise, Budget, Check, Result, require
-from mesh_motion_server.prove.failing_server import PATIENCE, FailingServer, wait_until
+from mesh_motion_server.prove.failing_server import FailingServer
+from mesh_motion_server.prove.persistent_holder import PARTITIONS
 from mesh_motion_server.prove.persistent_user import PersistentUser
+from mesh_motion_server.prove.stand_in import grid_mesh, split_mesh
 from mesh_motion_server.prove.undisturbed import Undisturbed
+from mesh_motion_server.prove.waiting import PATIENCE, wait_until
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal_files import read_journal, verify_state
 
@@ -159,7 +162,7 @@ TASKS: Mapping[str, _Task] = {
 def rig() -> Iterator[Rig]:
     """A server with two sessions."""
     with tempfile.TemporaryDirectory(prefix="mm-") as folder:
-        server, undisturbed = FailingServer(Path(folder)), Undisturbed()
+        server, undisturbed = FailingServer(Path(folder)), Undisturbed(split_mesh(grid_mesh(), PARTITIONS))
         user, bystander = PersistentUser(server, undisturbed), PersistentUser(server, undisturbed)
         try:
             for each in (user, bystander):

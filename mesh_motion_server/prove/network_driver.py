@@ -9,23 +9,20 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from mesh_motion_client import Keys, Mesh, MeshMotionError, Patch, Session, Timeout, Unavailable, connect
+from mesh_motion_client import Keys, MeshMotionError, Session, Timeout, Unavailable, connect
 from mesh_motion_client.connection import DamagedReply
 from mesh_motion_client.server import Server
-from mesh_motion_protocol.messages import Commit, Fetch, Move
 
 from mesh_motion_server.prove.check import BrokenPromise, require
-from mesh_motion_server.prove.driver import make_driver
-from mesh_motion_server.prove.model_files import ModelFiles
+from mesh_motion_server.prove.client_mesh import client_mesh
 from mesh_motion_server.prove.stand_in import grid_mesh
-from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.prove.undisturbed import Step, Undisturbed
 
-__all__ = ["Driver", "Lost", "Undisturbed"]
+__all__ = ["Driver", "Lost"]
 
 _Answer = TypeVar("_Answer")
 
@@ -44,41 +41,6 @@ _EXCUSED = ("DEADLINE_EXCEEDED", "UNAVAILABLE", "ABORTED.FENCED", "ABORTED.TRIAL
 
 class Lost(Exception):
     """The session is not ours any more: it is to be resumed."""
-
-
-@dataclass(frozen=True)
-class Expected:
-    """One step undisturbed: what is sent, and what is answered."""
-
-    rows: list[Any]
-    displacements: list[Any]
-    digest: bytes
-    points: Any
-
-
-class Undisturbed:
-    """The same session, in this process."""
-
-    def __init__(self) -> None:
-        self._driver = make_driver(SessionStore("/undisturbed", files=ModelFiles()), [grid_mesh()])
-        self._driver.open()
-        self._steps: dict[int, Expected] = {}
-
-    def at(self, step: int) -> Expected:
-        """The next step, or one that was asked for before."""
-        if step not in self._steps:
-            self._steps = {step: self._advance(step)} | {k: v for k, v in self._steps.items() if k == step - 1}
-        return self._steps[step]
-
-    def _advance(self, step: int) -> Expected:
-        """To and fro, so small that the mesh is as good after ten thousand steps."""
-        sign = 0.01 if step % 2 else -0.01
-        (motion,) = self._driver.displacement((step + 1) // 2)
-        rows = [sign * factor * motion for factor in _MOVES]
-        moved = [self._driver.ask(Move, step=step, displacement=each) for each in rows]
-        committed = self._driver.ask(Commit, step=step)
-        points = np.asarray(self._driver.ask(Fetch).points)
-        return Expected(rows, [np.asarray(reply.displacement) for reply in moved], committed.digest, points)
 
 
 class Driver:
@@ -104,18 +66,16 @@ class Driver:
         self.under_way: tuple[str, float] | None = None
         self.acknowledged = 0
         self._committing = False
-        grid = grid_mesh()
-        patches = {name: Patch(patch.role, patch.nodes) for name, patch in grid.patches.items()}
-        self._mesh = Mesh(grid.points, {"triangle": np.asarray(grid.cells["triangle"])}, patches)
+        self._mesh = client_mesh(grid_mesh())
         self._server: Server | None = None
         self._session: Session | None = None
-        self._undisturbed = Undisturbed()
+        self._undisturbed = Undisturbed([grid_mesh()], _MOVES)
 
     # --- what it does ------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
         """Another session, from scratch."""
-        self._undisturbed, self.acknowledged, self._committing = Undisturbed(), 0, False
+        self._undisturbed, self.acknowledged, self._committing = Undisturbed([grid_mesh()], _MOVES), 0, False
         while not self._opened():
             pass
 
@@ -162,16 +122,16 @@ class Driver:
         bool
             Whether a wrong result was taken for a right one.
         """
-        session, expected = self._here, self._undisturbed.at(self.acknowledged + 1)
+        session, expected = self._here, self._undisturbed.step(self.acknowledged + 1)
         right = True
         try:
-            for rows, displacement in zip(expected.rows, expected.displacements, strict=True):
+            for (rows,), (displacement,) in zip(expected.given, expected.displacements, strict=True):
                 moved = self._once("MOVE", _QUICK, partial(session.move, rows, timeout=_QUICK))
                 right = right and np.array_equal(moved.displacement, displacement)
             committed = self._once("COMMIT", _QUICK, lambda: session.commit(timeout=_QUICK))
             right = right and committed.digest == expected.digest
             points = self._once("FETCH", _QUICK, lambda: session.points(timeout=_QUICK))
-            right = right and np.array_equal(points, expected.points)
+            right = right and np.array_equal(points, expected.points[0])
         except MeshMotionError as error:
             self.errors[error.code] += 1
         return not right
@@ -183,7 +143,7 @@ class Driver:
         except Lost:
             self.resume()
             return
-        expected = self._undisturbed.at(self.acknowledged).points
+        expected = self._undisturbed.points(self.acknowledged)[0]
         require(np.array_equal(points, expected), f"the coordinates of step {self.acknowledged} differ")
 
     def discard(self) -> None:
@@ -199,7 +159,7 @@ class Driver:
     def _stepped(self) -> bool:
         """Whether the next step was taken before the session was lost."""
         step = self.acknowledged + 1
-        expected = self._undisturbed.at(step)
+        expected = self._undisturbed.step(step)
         try:
             if self._here.step < step:
                 self._move_and_commit(step, expected)
@@ -208,9 +168,10 @@ class Driver:
         self.acknowledged, self._committing = step, False
         return True
 
-    def _move_and_commit(self, step: int, expected: Expected) -> None:
+    def _move_and_commit(self, step: int, expected: Step) -> None:
         self._committing = False
-        for number, (rows, displacement) in enumerate(zip(expected.rows, expected.displacements, strict=True), 1):
+        moves = zip(expected.given, expected.displacements, strict=True)
+        for number, ((rows,), (displacement,)) in enumerate(moves, 1):
             moved = self._again_here("MOVE", partial(Session.move, displacements=rows, timeout=_QUICK))
             require(np.array_equal(moved.displacement, displacement), f"MOVED {number} of step {step} is another array")
             require(moved.step == step, f"MOVED says step {moved.step}, not {step}")

@@ -13,17 +13,17 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any
 
-import zmq
-from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ERROR_CODES
 from mesh_motion_protocol.messages import Build, Close, Commit, ErrorReply, Join, Message, Probe, Resume
 
 from mesh_motion_server.prove.check import BrokenPromise, require
-from mesh_motion_server.prove.failing_server import PATIENCE, FailingServer
-from mesh_motion_server.prove.undisturbed import PARTITIONS
+from mesh_motion_server.prove.failing_server import FailingServer
+from mesh_motion_server.prove.waiting import PATIENCE
+from mesh_motion_server.prove.wire import Wire
 
-__all__ = ["SILENCE", "PersistentHolder", "SessionLost", "TrialLost"]
+__all__ = ["PARTITIONS", "SILENCE", "PersistentHolder", "SessionLost", "TrialLost"]
 
+PARTITIONS = 2
 #: Silence after which the user looks whether anybody is there; it doubles from look to look.
 SILENCE, _LONGEST_SILENCE = 0.3, 5.0
 #: Between two looks at a worker that starts.
@@ -42,30 +42,6 @@ class SessionLost(Exception):
 
 class TrialLost(Exception):
     """A COMMIT came after what it should commit was lost."""
-
-
-class _Line:
-    """A connection; a reply to something else than what was asked is passed over."""
-
-    def __init__(self, endpoint: str) -> None:
-        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-        self._socket.setsockopt(zmq.LINGER, 0)
-        self._socket.connect(endpoint)
-
-    def send(self, request: Message) -> None:
-        self._socket.send_multipart(encode(request))
-
-    def receive(self, request: Message, seconds: float) -> Any:
-        """Its reply, None if there is none in time."""
-        deadline = time.monotonic() + seconds
-        while self._socket.poll(max(0, round(1000 * (deadline - time.monotonic())))):
-            reply = decode([bytes(frame) for frame in self._socket.recv_multipart()])
-            if (reply.client, reply.sequence) == (request.client, request.sequence):
-                return reply
-        return None
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 class PersistentHolder:
@@ -95,8 +71,8 @@ class PersistentHolder:
         self.refusals: Counter[str] = Counter()
         self._client, self._sequence = uuid.uuid4().bytes, 0
         self._token, self._endpoint, self._epoch = b"", "", 0
-        self._control: _Line | None = None
-        self._lines: list[_Line] = []
+        self._control: Wire | None = None
+        self._lines: list[Wire] = []
         self.begin()
 
     def begin(self) -> None:
@@ -190,7 +166,7 @@ class PersistentHolder:
     def join(self) -> None:
         """New connections to the endpoint, both joined; none if that fails."""
         self.disconnect()
-        self._lines = [_Line(self._endpoint) for _ in range(PARTITIONS)]
+        self._lines = [Wire(self._endpoint) for _ in range(PARTITIONS)]
         joins = [self.new(Join, p, token=self._token) for p in range(PARTITIONS)]
         for line, join in zip(self._lines, joins, strict=True):
             line.send(join)
@@ -235,7 +211,7 @@ class PersistentHolder:
         while True:
             self._require_time(request.type)
             self.server.ensure()
-            self._control = self._control or _Line(self.server.endpoint)
+            self._control = self._control or Wire(self.server.endpoint)
             self._control.send(request)
             reply = self._control.receive(request, self._patience)
             if reply is None:

@@ -5,6 +5,7 @@ Every MOVE and COMMIT is asked for twice; each reply must be that of a run that 
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -28,8 +29,8 @@ from mesh_motion_protocol.messages import (
 from mesh_motion_server.prove.check import require
 from mesh_motion_server.prove.driver import parts_of
 from mesh_motion_server.prove.failing_server import FailingServer
-from mesh_motion_server.prove.persistent_holder import SILENCE, PersistentHolder, SessionLost, TrialLost
-from mesh_motion_server.prove.undisturbed import PARTITIONS, Undisturbed, committer, frames_of
+from mesh_motion_server.prove.persistent_holder import PARTITIONS, SILENCE, PersistentHolder, SessionLost, TrialLost
+from mesh_motion_server.prove.undisturbed import Undisturbed, committer, frames_of
 
 __all__ = ["PersistentUser"]
 
@@ -69,7 +70,7 @@ class PersistentUser(PersistentHolder):
         expected = self._undisturbed.step(number)
         commits = [self.new(Commit, p, client=committer(p), sequence=number, step=number) for p in range(PARTITIONS)]
         while True:
-            self._move(expected.given, expected.displacements)
+            self._move(expected.given[0], expected.displacements[0])
             try:
                 self.committing = True
                 self._require_same(commits, expected.replies)
@@ -81,7 +82,7 @@ class PersistentUser(PersistentHolder):
 
     def change_its_mind(self) -> None:
         """A MOVE that is rolled back, then the right one."""
-        self._move([-0.5 * rows for rows in self._undisturbed.step(self.step + 1).given], None)
+        self._move([-0.5 * rows for rows in self._undisturbed.step(self.step + 1).given[0]], None)
         self.deliver([self.new(Rollback, p, step=self.step + 1) for p in range(PARTITIONS)])
         self.advance()
 
@@ -112,14 +113,15 @@ class PersistentUser(PersistentHolder):
         self.connect()
         old, epoch = self._lines, self._epoch
         self._lines = []
-        self.resume()
-        self.connect()
-        intruder = replace(self.new(Status, 0), epoch=epoch)
-        old[0].send(intruder)
-        reply = old[0].receive(intruder, SILENCE)
-        require(reply is None or reply.type == "ERROR", f"the old holder was answered {reply}")
-        for line in old:
-            line.close()
+        with ExitStack() as closing:
+            for line in old:
+                closing.enter_context(line)
+            self.resume()
+            self.connect()
+            intruder = replace(self.new(Status, 0), epoch=epoch)
+            old[0].send(intruder)
+            reply = old[0].receive(intruder, SILENCE)
+            require(reply is None or reply.type == "ERROR", f"the old holder was answered {reply}")
 
     def _move(self, given: list[Any], expected: list[Any] | None) -> None:
         """One iteration; the stored replies are asked for as well."""

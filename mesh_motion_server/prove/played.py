@@ -19,10 +19,10 @@ from mesh_motion_server.prove.actions import ALL, Action
 from mesh_motion_server.prove.check import require
 from mesh_motion_server.prove.expected import Answer, Asked, compare, compare_all
 from mesh_motion_server.prove.in_process import InProcessServer, standing_of
+from mesh_motion_server.prove.in_process_parts import Replies
 from mesh_motion_server.prove.ranks import Ranks
 from mesh_motion_server.prove.session_fate import MortalSession
-from mesh_motion_server.prove.session_model import ADMITTED
-from mesh_motion_server.prove.wires import Replies
+from mesh_motion_server.prove.session_table import ADMITTED
 from mesh_motion_server.service.envelope import Envelope
 
 __all__ = ["Played"]

@@ -6,7 +6,18 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Usage", "command_of", "descendants", "proportional_bytes", "resident_bytes", "threads_of", "usage_of"]
+from mesh_motion_server.operation.room import resident_bytes
+
+__all__ = [
+    "Usage",
+    "alive",
+    "children_of",
+    "command_of",
+    "descendants",
+    "proportional_bytes",
+    "threads_of",
+    "usage_of",
+]
 
 
 @dataclass(frozen=True)
@@ -17,24 +28,37 @@ class Usage:
     resident_bytes: int
 
 
-def descendants(pid: int) -> set[int]:
-    """A process, its children, and theirs."""
+def alive(pid: int) -> bool:
+    """Whether it runs: one that has ended, and that nobody has asked about yet, does not."""
     try:
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def children_of(pid: int) -> list[int]:
+    """The processes that it has started and that have not ended, oldest first.
+
+    Raises
+    ------
+    OSError
+        If it has ended.
+    """
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()]
+
+
+def descendants(pid: int) -> set[int]:
+    """A process, its children, and theirs; empty once it has ended."""
+    try:
+        children = children_of(pid)
     except OSError:
         return set()
-    return {pid}.union(*(descendants(int(child)) for child in children))
+    return {pid}.union(*(descendants(child) for child in children))
 
 
 def usage_of(pid: int) -> Usage:
     """Of a process that lives."""
     return Usage(len(os.listdir(f"/proc/{pid}/fd")), resident_bytes(pid))
-
-
-def resident_bytes(pid: int | None = None) -> int:
-    """Memory of a process, by default of this one."""
-    words = Path(f"/proc/{pid or 'self'}/statm").read_text(encoding="ascii").split()
-    return int(words[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def proportional_bytes(pid: int) -> int:

@@ -8,7 +8,8 @@ from typing import Any
 
 from mesh_motion_server.prove.check import require
 from mesh_motion_server.prove.expected import Answer, Asked
-from mesh_motion_server.prove.session_model import DISK, OTHERS, SessionModel
+from mesh_motion_server.prove.session_model import SessionModel
+from mesh_motion_server.prove.session_table import DISK, OTHERS
 
 __all__ = ["MortalSession"]
 
@@ -74,7 +75,7 @@ class MortalSession(SessionModel):
     def _resumed(self, state: str, reply: Any) -> None:
         """By the worker that lives."""
         require((reply.state, reply.step) == (state, self.step), f"RESUMED says {reply.state} at step {reply.step}")
-        self.epoch, self.joined, self.waiting = reply.epoch, {}, {}
+        self.epoch, self.joined, self.waiting, self.discarded = reply.epoch, {}, {}, False
         self.all_is_durable()
         if self.built:
             self.lose_trial("READY")
@@ -91,7 +92,7 @@ class MortalSession(SessionModel):
         snapshot = found[0]
         require(snapshot is not None and reply.state == "READY", f"RESUMED says {reply.state}")
         self.state, self.worker, self.epoch, self.joined = "READY", "alive", reply.epoch, {}
-        self._discard, self.reopened = False, True
+        self.discarded, self.reopened = False, True
         self._adopt(snapshot)
 
     def _adopt(self, snapshot: Any) -> None:

@@ -7,9 +7,8 @@ bits (section 7); the digest of a committed state it takes from them (section 16
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,134 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.prove.check import require
-from mesh_motion_server.prove.expected import Answer, Asked, Codes, Share
-from mesh_motion_server.prove.reply_book import Book, Entry
+from mesh_motion_server.prove.expected import Answer, Asked, Codes
+from mesh_motion_server.prove.reply_book import Entry
+from mesh_motion_server.prove.session_state import SessionState, Snapshot
+from mesh_motion_server.prove.session_table import COLLECTIVE, DISK, OTHERS
 
-__all__ = ["ADMITTED", "DISK", "OPERATIONS", "OTHERS", "SessionModel", "Snapshot"]
-
-Points = list[NDArray[np.float64]]
-
-#: The columns of section 8's table.
-OPERATIONS = (
-    "JOIN",
-    "UPLOAD",
-    "BUILD",
-    "MOVE",
-    "COMMIT",
-    "ROLLBACK",
-    "FETCH",
-    "STATUS",
-    "CLOSE",
-    "RESUME",
-    "LEASE_END",
-)
-#: Its rows: what is not refused.
-ADMITTED = {
-    "NEW": "JOIN UPLOAD STATUS CLOSE RESUME LEASE_END",
-    "OPENING": "JOIN UPLOAD BUILD STATUS CLOSE RESUME LEASE_END",
-    "READY": "JOIN MOVE ROLLBACK FETCH STATUS CLOSE RESUME LEASE_END",
-    "TRIAL": "JOIN MOVE COMMIT ROLLBACK FETCH STATUS CLOSE RESUME LEASE_END",
-    "COMMITTING": "STATUS LEASE_END",
-    "SUSPENDED": "JOIN STATUS CLOSE RESUME LEASE_END",
-    "FROZEN": "JOIN FETCH STATUS CLOSE LEASE_END",
-    "FAILED": "JOIN STATUS CLOSE LEASE_END",
-    "CLOSED": "LEASE_END",
-}
-_COLLECTIVE = ("BUILD", "MOVE", "COMMIT", "ROLLBACK")
-#: Section 20: what those may ask of a session who do not own it, and what they are answered otherwise.
-OTHERS = {
-    "stranger": ("", "NOT_FOUND"),
-    "unlisted": ("", "UNAUTHENTICATED"),
-    "monitor": ("STATUS PROBE", "PERMISSION_DENIED"),
-    "admin": ("STATUS CLOSE PROBE", "PERMISSION_DENIED"),
-}
-DISK = "RESOURCE_EXHAUSTED.DISK"
+__all__ = ["SessionModel"]
 
 
-@dataclass(frozen=True)
-class Snapshot:
-    """What may be found after a crash: a step, its coordinates, and the COMMITs that made it, with its digest."""
+class SessionModel(SessionState):
+    """One session: which replies are due.
 
-    step: int
-    committed: Points
-    commits: Sequence[Asked] = ()
-    digest: bytes = b""
-
-
-class SessionModel:
-    """One session.
-
-    Parameters
-    ----------
-    opened : Opened
-    shares : list of Share
-        By partition.
-    kept : int
-        ``stored_replies``.
-    level : str
-        Of durability.
+    Its parameters are those of :class:`.session_state.SessionState`.
     """
-
-    def __init__(self, opened: Any, shares: Sequence[Share], kept: int, level: str = "full") -> None:
-        self.session, self.token, self.epoch = opened.session, opened.token, int(opened.epoch)
-        self.shares, self.kept, self.level = shares, kept, level
-        self.durable_step, self.reopened, self.untold = 0, False, False
-        self.state, self.worker, self.step, self.iteration = "NEW", "alive", 0, 0
-        self.lost = "no"
-        self.joined: dict[int, bytes] = {}
-        self.uploaded = [0] * len(shares)
-        self.waiting: dict[int, Asked] = {}
-        self.books: dict[bytes, Book] = {}
-        self.committed: Points = []
-        self.trial: Points = []
-        self.may_be_found: list[Snapshot | None] = [None]
-        self.disk_broken = False
-        self.visited: set[tuple[str, str]] = set()
-        self._discard = False
-        self._moved: dict[Any, bytes] = {}
-
-    # --- what it knows -----------------------------------------------------------------------------------------------
-
-    @property
-    def built(self) -> bool:
-        """Whether BUILT was answered, or a RESUME has found that it should have been."""
-        return bool(self.committed)
-
-    @property
-    def gone(self) -> bool:
-        """Whether nobody will find it again."""
-        return self.worker == "none" and self.may_be_found == [None]
-
-    @property
-    def complete(self) -> bool:
-        """Whether all of the mesh is uploaded, and nothing twice."""
-        return self.uploaded == [share.parts for share in self.shares]
-
-    @property
-    def spoilt(self) -> bool:
-        """Whether something is uploaded twice."""
-        return any(n > share.parts for n, share in zip(self.uploaded, self.shares, strict=True))
-
-    @property
-    def missing(self) -> list[int]:
-        """Partitions that a collective request waits for."""
-        return [p for p in range(len(self.shares)) if p not in self.waiting] if self.waiting else []
-
-    def admits(self, operation: str) -> bool:
-        """The cell of section 8's table; it is now visited."""
-        self.visited.add((self.state, operation))
-        return operation in ADMITTED[self.state].split()
-
-    def book(self, client: bytes) -> Book:
-        """The requests of a client."""
-        return self.books.setdefault(client, Book(self.kept))
-
-    def digest(self, step: int, points: Points) -> bytes:
-        """Section 16."""
-        ids, first = np.unique(np.concatenate([share.ids for share in self.shares]), return_index=True)
-        rows = np.concatenate(points)[first]
-        head = np.array([step, len(ids), rows.shape[1]], dtype="<i8").tobytes()
-        return hashlib.sha256(b"mesh-motion state 1\n" + head + rows.astype("<f8").tobytes()).digest()
 
     # --- requests to the data endpoint -------------------------------------------------------------------------------
 
@@ -153,15 +37,12 @@ class SessionModel:
         refusal = self._gate(asked)
         if refusal is not None:
             return [refusal]
-        if asked.kind in ("UPLOAD", *_COLLECTIVE):
+        if asked.kind in ("UPLOAD", *COLLECTIVE):
             return self._once(asked, fault)
         answer: list[Answer] = {"JOIN": self._join, "FETCH": self._fetch, "STATUS": self._status, "CLOSE": self._close}[
             asked.kind
         ](asked)
         return answer
-
-    def refuse(self, asked: Asked, *codes: str, state: str | None = None) -> Answer:
-        return Answer(asked, "ERROR", codes, {"state": self.state if state is None else state})
 
     def _gate(self, asked: Asked) -> Answer | None:
         """Who asks, of what, under which epoch, on which connection."""
@@ -186,15 +67,7 @@ class SessionModel:
     def _unless_admitted(self, asked: Asked) -> Answer | None:
         if self.admits(asked.kind):
             return None
-        return self.refuse(asked, *self._state_codes(asked.kind))
-
-    def _state_codes(self, kind: str) -> Codes:
-        if self.state == "FROZEN":
-            self.untold = False
-            return (DISK,)
-        if kind == "COMMIT" and self.state == "READY" and self.lost != "no":
-            return ("ABORTED.TRIAL_LOST", *(["FAILED_PRECONDITION.STATE"] if self.lost == "perhaps" else []))
-        return ("FAILED_PRECONDITION.STATE",)
+        return self.refuse(asked, *self.state_codes(asked.kind))
 
     def _join(self, asked: Asked) -> list[Answer]:
         refusal = self._unless_admitted(asked)
@@ -223,7 +96,7 @@ class SessionModel:
         refusal = self._unless_admitted(asked)
         if refusal:
             return [refusal]
-        partition, discard = asked.message.partition, self._discard or asked.message.outcome == "discard"
+        partition, discard = asked.message.partition, self.discarded or asked.message.outcome == "discard"
         left = {} if asked.user == "admin" else {p: peer for p, peer in self.joined.items() if p != partition}
         if not left and self.disk_broken and (discard or not self.built):
             return [self.refuse(asked, DISK)]
@@ -231,7 +104,7 @@ class SessionModel:
             self.untold = False
             return [self.refuse(asked, DISK)]
         answers = self.abandon("ABORTED")
-        self.joined, self._discard = left, discard
+        self.joined, self.discarded = left, discard
         if not left:
             self.end(discard=discard)
             answers = [replace(answer, fields={}) for answer in answers]  # before or after the end, both is true
@@ -241,44 +114,6 @@ class SessionModel:
         """CLOSED says the step that RESUME will find."""
         self.learn_durable(reply)
         require(reply.step == self.durable_step, f"CLOSED says step {reply.step}")
-
-    def learn_durable(self, reply: Any) -> None:
-        """Section 21: it never goes back, and is the last step unless the level is "relaxed"."""
-        told = getattr(reply, "durable_step", reply.step)
-        least = self.durable_step if self.level == "relaxed" else self.step
-        require(
-            least <= told <= self.step, f"{reply.type} says durable step {told}; {least} was told, {self.step} made"
-        )
-        self.durable_step = told
-        self.may_be_found = [s for s in self.may_be_found if s is None or s.step >= told]
-
-    def all_is_durable(self) -> None:
-        """Unless the disk has failed: then what is, is told by CLOSED or RESUMED."""
-        if self.built and self.state not in ("FROZEN", "FAILED"):
-            self.durable_step, self.may_be_found = self.step, [Snapshot(self.step, self.committed)]
-
-    def end(self, *, discard: bool) -> None:
-        """The worker has ended as it should; what is built stays."""
-        if discard or not self.built:
-            self.may_be_found = [None]
-        self.forget()
-        self.state, self.worker, self.trial, self.iteration = "CLOSED", "none", [], 0
-        self.waiting = {}
-
-    def forget(self) -> None:
-        """What no worker knows any more; a trial may have been lost, for all that the next one knows."""
-        self.lost = "surely" if self.trial or self.lost == "surely" else "perhaps"
-        for book in self.books.values():
-            book.restart()
-
-    def lose_trial(self, state: str) -> None:
-        self.lost = "surely" if self.trial else self.lost
-        self.state, self.trial, self.iteration = state, [], 0
-
-    def abandon(self, *codes: str) -> list[Answer]:
-        """Everyone who waits is refused."""
-        waiting, self.waiting = self.waiting, {}
-        return [self.refuse(waiting[p], *codes) for p in sorted(waiting)]
 
     # --- requests that are executed once -----------------------------------------------------------------------------
 
@@ -305,7 +140,7 @@ class SessionModel:
         if p in self.waiting:
             return [self.refuse(asked, "FAILED_PRECONDITION")]
         if asked.wrong or not self.admits("UPLOAD"):
-            codes = asked.wrong if self.admits("UPLOAD") else (*asked.wrong, *self._state_codes("UPLOAD"))
+            codes = asked.wrong if self.admits("UPLOAD") else (*asked.wrong, *self.state_codes("UPLOAD"))
             return self.refuse_all([asked], *codes)
         self.uploaded[p] += 1
         self.state = "OPENING"
@@ -316,7 +151,7 @@ class SessionModel:
         p, others = asked.message.partition, {q: a for q, a in self.waiting.items() if q != asked.message.partition}
         codes = (*asked.wrong, *self._wrong_step(asked))
         if not self.admits(asked.kind):
-            codes = (*codes, *self._state_codes(asked.kind))
+            codes = (*codes, *self.state_codes(asked.kind))
         if codes:
             return self.refuse_all([asked], *codes)
         answers = [self.refuse(self.waiting[p], "ABORTED.STALE")] if p in self.waiting else []
@@ -336,25 +171,6 @@ class SessionModel:
             return ()
         lost = self.reopened and self.level == "relaxed" and step > self.step + 1
         return ("ABORTED.STEPS_LOST",) if lost else ("FAILED_PRECONDITION.STEP",)
-
-    def executed(
-        self, asked: Asked, kind: str, effect: Callable[[Any], None] = lambda _: None, **fields: Any
-    ) -> Answer:
-        entry = Entry(asked.message.sequence, asked.content, executed=True, type=kind, fields=fields, kind=asked.kind)
-        self.book(asked.message.client).enter(entry, asked)
-
-        def keep(reply: Any) -> None:
-            entry.keep(reply)
-            effect(reply)
-
-        return Answer(asked, kind, fields=fields, effect=keep)
-
-    def refuse_all(self, all_asked: Sequence[Asked], *codes: str) -> list[Answer]:
-        """They are refused alike, and tried again when they are repeated."""
-        for asked in all_asked:
-            entry = Entry(asked.message.sequence, asked.content, executed=False, kind=asked.kind)
-            self.book(asked.message.client).enter(entry, asked)
-        return [self.refuse(asked, *codes) for asked in all_asked]
 
     def _build(self, all_asked: Sequence[Asked], fault: str) -> list[Answer]:
         if not self.complete:

@@ -12,13 +12,13 @@ remembered, 1024 of each and about 1 MB. Until they are full, a slope counts fro
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,9 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.operation.room import resident_bytes
 from mesh_motion_server.prove.check import BrokenPromise, Budget, Check, Result, require
-from mesh_motion_server.prove.processes import resident_bytes, threads_of, usage_of
-from mesh_motion_server.prove.served import Served, memory_folder
+from mesh_motion_server.prove.processes import threads_of, usage_of
+from mesh_motion_server.prove.server_process import memory_folder
+from mesh_motion_server.prove.stand_in_server import StandInServer
 
 __all__ = ["CHECK", "Reading", "Soak", "allowed_slope", "judge", "slope"]
 
@@ -41,9 +43,16 @@ _FILLING_SLOPE, _FULL_AFTER = 40.0, 45_000
 #: By so much the readings of a process that leaks nothing may drift over the steps that are fitted, bytes.
 _RESOLUTION = 128 << 10
 #: What is bounded by a number of bytes is to have reached it long before the readings that count.
-_SETTINGS: dict[str, Any] = {"stored_reply_bytes": 1 << 16, "factor_cache_bytes": 1 << 20, "idle_seconds": 60.0}
+_SETTINGS: dict[str, Any] = {
+    "stored_reply_bytes": 1 << 16,
+    "factor_cache_bytes": 1 << 20,
+    "history_bytes": 1 << 20,
+    "idle_seconds": 60.0,
+}
 #: Files of the state folder may take so much more than at the first reading: a manifest's successor, a session.
 _MOST_STORED = 8 << 20
+#: Of what a client that ends has said, characters.
+_MOST_SAID = 4000
 
 
 @dataclass(frozen=True)
@@ -70,8 +79,8 @@ class Soak:
     """
 
     def __init__(self, folder: Path, seed: int) -> None:
-        self._state = folder / "state"
-        self._server = Served(folder, **_SETTINGS)
+        self._state, self._said = folder / "state", folder / "client.log"
+        self._server = StandInServer(folder, **_SETTINGS).start()
         self.done: dict[str, int] = {}
         self.readings: dict[str, list[Reading]] = {}
         self.stored: list[int] = []
@@ -84,9 +93,17 @@ class Soak:
             raise
 
     def _start(self, seed: int) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "mesh_motion_server.prove.soak_client", self._server.endpoint, str(seed)]
-        client = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self._hear(client)
+        arguments = (self._server.endpoint, str(seed), str(os.getpid()))
+        command = [sys.executable, "-m", "mesh_motion_server.prove.soak_client", *arguments]
+        with self._said.open("w", encoding="utf-8") as log:
+            client = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, encoding="utf-8"
+            )
+        try:
+            self._hear(client)
+        except BaseException:
+            _end(client)
+            raise
         return client
 
     def _name(self, before: set[int]) -> dict[str, int]:
@@ -103,7 +120,10 @@ class Soak:
         """What the client has done by now."""
         assert client.stdout is not None
         line = client.stdout.readline()
-        require(line, "the soaking client has ended by itself")
+        if not line:
+            after = f"after {self.done.get('steps', 0)} steps or more"
+            said = self._said.read_text(encoding="utf-8", errors="replace")[-_MOST_SAID:].strip()
+            raise BrokenPromise(f"the soaking client has ended by itself, {after}: {said or 'without a word'}")
         self.done = {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
 
     def go(self, steps: int) -> None:
@@ -126,14 +146,19 @@ class Soak:
         """End both."""
         if self._client.stdin is not None:
             self._client.stdin.close()
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             self._client.wait(30)
-        except subprocess.TimeoutExpired:
-            self._client.kill()
-            self._client.wait()
-        if self._client.stdout is not None:
-            self._client.stdout.close()
+        _end(self._client)
         self._server.stop()
+
+
+def _end(client: subprocess.Popen[str]) -> None:
+    """Kill it if it has not ended, and close what it was told and heard through."""
+    client.kill()
+    client.wait()
+    for stream in (client.stdin, client.stdout):
+        if stream is not None:
+            stream.close()
 
 
 def _started(pid: int) -> int:
@@ -204,7 +229,7 @@ def judge(readings: dict[str, list[Reading]], stored: Sequence[int]) -> dict[str
 # --- the row ---
 
 
-@contextmanager
+@contextlib.contextmanager
 def soaking(seed: int) -> Iterator[Soak]:
     """A soak in a folder of its own."""
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-", dir=memory_folder()) as folder:

@@ -1,4 +1,4 @@
-"""Steps for ever, as somebody asks for: ``python -m mesh_motion_server.prove.soak_client ENDPOINT SEED``.
+"""Steps for ever, as somebody asks for: ``python -m mesh_motion_server.prove.soak_client ENDPOINT SEED PARENT``.
 
 Three sessions are held: one by the Python client, one by hand, whose requests are often sent twice and whose
 connection is cut often, and one with the real numerics. For each line of standard input, a number of steps, so many are
@@ -9,18 +9,22 @@ rejoin and resume, sessions are opened and discarded, closed and resumed, lists 
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
+import threading
+import time
 from collections import Counter
 from collections.abc import Callable
 from random import Random
 
 import numpy as np
-from mesh_motion_client import Mesh, MeshMotionError, Patch, connect
+from mesh_motion_client import MeshMotionError, connect
 from mesh_motion_client.session import Session
 
 from mesh_motion_server.prove.check import require
+from mesh_motion_server.prove.client_mesh import client_mesh
 from mesh_motion_server.prove.holder import Holder, seeded_mesh, seeded_rows
-from mesh_motion_server.prove.stand_in_host import REAL
+from mesh_motion_server.prove.stand_in_service import REAL
 
 __all__ = ["Soaker"]
 
@@ -30,6 +34,8 @@ REJOINS, RESUMES, SHORT_LIVED, LISTS = 80, 80, 500, 200
 _RESTS = 2
 _REHEARSED = 50
 _OPEN_SECONDS = 300.0
+#: Between two looks at whether the proof still runs, seconds.
+_LOOKS = 1.0
 
 
 class Soaker:
@@ -49,7 +55,7 @@ class Soaker:
     def __init__(self, endpoint: str, seed: int) -> None:
         self.random, self.done, self._endpoint = Random(f"soak {seed}"), Counter[str](), endpoint
         self._server = connect(endpoint, timeout=_OPEN_SECONDS, compute_timeout=_OPEN_SECONDS)
-        self._client = self._server.open(_mesh_of(1), {"support_radius": 2.0})
+        self._client = self._server.open(client_mesh(seeded_mesh(1)), {"support_radius": 2.0})
         self._by_hand, self._real = Holder(endpoint, 2), Holder(endpoint, 3)
         self._by_hand.open()
         self._real.open(REAL)
@@ -151,14 +157,20 @@ class Soaker:
         self._server.close()
 
 
-def _mesh_of(seed: int) -> Mesh:
-    mesh = seeded_mesh(seed)
-    patches = {name: Patch(patch.role, patch.nodes) for name, patch in mesh.patches.items()}
-    return Mesh(mesh.points, {"triangle": np.asarray(mesh.cells["triangle"])}, patches)
+def _end_with(proof: int) -> None:
+    """A proof that is interrupted while it starts this process does not know of it yet: nobody else would end it."""
+
+    def watch() -> None:
+        while os.getppid() == proof:
+            time.sleep(_LOOKS)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="proof", daemon=True).start()
 
 
-def main(endpoint: str, seed: str) -> None:
-    """Obey standard input."""
+def main(endpoint: str, seed: str, proof: str) -> None:
+    """Obey standard input; ``proof`` is the process that starts this one."""
+    _end_with(int(proof))
     soaker = Soaker(endpoint, int(seed))
     soaker.rehearse()
     _say(soaker.done)

@@ -24,7 +24,7 @@ from mesh_motion_server.prove.check import Budget, Check, Result
 from mesh_motion_server.prove.in_process import InProcessServer, allow_everybody_listed, quiet
 from mesh_motion_server.prove.played import Played
 from mesh_motion_server.prove.ranks import Ranks
-from mesh_motion_server.prove.session_model import ADMITTED, OPERATIONS
+from mesh_motion_server.prove.session_table import ADMITTED, OPERATIONS
 from mesh_motion_server.prove.stand_in import StandIn
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.protection import Protection

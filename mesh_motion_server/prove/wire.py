@@ -65,17 +65,30 @@ class Wire:
         """
         asked = time.monotonic()
         request = self.request(kind, **fields)
-        self._socket.send_multipart(encode(request))
+        self.send(request)
         if not self._socket.poll(1000 * _PATIENCE):
             raise BrokenPromise(f"{request.type} is not answered within {_PATIENCE} s")
         self.frames = self._socket.recv_multipart()
         self.seconds = time.monotonic() - asked
         return decode(self.frames)
 
+    def send(self, request: Message) -> None:
+        """Send a request, and do not wait."""
+        self._socket.send_multipart(encode(request))
+
+    def receive(self, request: Message, seconds: float) -> Any:
+        """The reply to this request, None if there is none in time; those to others are passed over."""
+        deadline = time.monotonic() + seconds
+        while self._socket.poll(max(0, round(1000 * (deadline - time.monotonic())))):
+            reply = decode([bytes(frame) for frame in self._socket.recv_multipart()])
+            if (reply.client, reply.sequence) == (request.client, request.sequence):
+                return reply
+        return None
+
     def is_refused(self, requests: Sequence[Message]) -> bool:
         """Send requests and say whether the handshake is refused, so that none of them is answered."""
         for request in requests:
-            self._socket.send_multipart(encode(request))
+            self.send(request)
         poller = zmq.Poller()
         poller.register(self._socket, zmq.POLLIN)
         poller.register(self._events, zmq.POLLIN)

@@ -23,9 +23,11 @@ from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import close, join, status
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.execution import Execution
-from mesh_motion_server.service.failures import error_reply, known_error
+from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.holders import Holders
+from mesh_motion_server.service.telling import Teller
 from mesh_motion_server.session.model import ModelBuilder, check_basis, model_builder
+from mesh_motion_server.session.replay import Progress, silent
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.state import State
@@ -58,7 +60,8 @@ class SessionHost:
         self._session = session
         self._store = store
         self._holders = Holders(session)
-        self._execution = Execution(session, limits=limits, clock=clock)
+        self._teller = Teller(session)
+        self._execution = Execution(session, limits=limits, clock=clock, teller=self._teller)
         self._counts: Counter[str] = Counter()
         self._discard = False
         self.closed = False
@@ -99,8 +102,9 @@ class SessionHost:
         limits: ServerSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
         build_model: ModelBuilder | None = None,
+        progress: Progress = silent,
     ) -> SessionHost:
-        """A stored session, at its last committed step and under a new epoch.
+        """A stored session, at its last committed step and under a new epoch; ``progress`` is told steps made again.
 
         Raises
         ------
@@ -113,11 +117,13 @@ class SessionHost:
         build_model = build_model or model_builder(limits)
         folder = store.open(session, token)
         try:
-            reopened = Session.reopen(folder, limits, build_model)
+            reopened = Session.reopen(folder, limits, build_model, progress)
         except BaseException:
             folder.release()
             raise
-        return cls(reopened, store, limits=limits, clock=clock)
+        host = cls(reopened, store, limits=limits, clock=clock)
+        host._teller.resumed()
+        return host
 
     # --- where it stands -------------------------------------------------------------------------------------------
 
@@ -200,11 +206,14 @@ class SessionHost:
         epoch = self._session.resume()
         self._holders.clear()
         self._execution.forget_waiting()
+        self._discard = False  # what the holders before wished ends with them, as in a process that starts anew
+        self._teller.resumed()
         return epoch
 
     def suspend(self) -> list[Envelope]:
         """The lease ended: whoever comes back has to join again."""
         self._session.suspend()
+        self._teller.suspended()
         return self._execution.abandon(
             SessionError("the lease ended while the request waited", code="ABORTED", hint="JOIN again")
         )
@@ -225,7 +234,8 @@ class SessionHost:
         try:
             replies = answer(envelope)
         except Exception as error:
-            refusal = error_reply(envelope.message, known_error(error), self._session)
+            refusal = failure_reply(envelope.message, known_error(error), self._session)
+            self._teller.refused(envelope.message, refusal, by_holder=self._holders.has_joined(envelope.peer))
             replies = [Envelope(envelope.peer, refusal)]
         self._counts.update(reply.message.type for reply in replies)
         return replies
@@ -249,7 +259,10 @@ class SessionHost:
             raise SessionError(f"a session does not take {request.type}", code="UNIMPLEMENTED.MESSAGE")
         self._holders.check_address(request)
         if isinstance(request, Join):
+            was_suspended = self._session.state is State.SUSPENDED
             reply: Message = join.answer(self._session, request)
+            if was_suspended:
+                self._teller.joined()
             failpoint("request.join")
             self._holders.join(peer, request.partition)
             return [Envelope(peer, reply)]
@@ -276,6 +289,8 @@ class SessionHost:
             self.closed = True  # also if the rest fails: nobody can join a closed session, so the process has to end
             failpoint("request.close.left")
             self._holders.clear()
+            if not discard and self._session.is_built:
+                self._teller.closed()
             self._session.close(keep=not discard)
         return [*replies, Envelope(peer, reply)]
 
@@ -284,3 +299,4 @@ class SessionHost:
         if discard or not self._session.is_built:
             failpoint("request.discard")
             self._store.discard(self.session)
+            self._session.history.close()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.digests import request_digest
-from mesh_motion_protocol.messages import Message, SessionMessage
+from mesh_motion_protocol.messages import Committed, ErrorReply, Message, SessionMessage
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import MeshMotionError, SessionError
@@ -17,8 +17,9 @@ from mesh_motion_server.service import build, commit, fetch, move, rollback, upl
 from mesh_motion_server.service.commands import Collective, Single
 from mesh_motion_server.service.counting import count_executed
 from mesh_motion_server.service.envelope import Envelope
-from mesh_motion_server.service.failures import error_reply, known_error
+from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.gathering import Arrival, Gathering
+from mesh_motion_server.service.telling import Teller
 from mesh_motion_server.session.replies import ReplyTable, RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.settings import ServerSettings
@@ -49,10 +50,13 @@ class Execution:
     limits : ServerSettings
     clock : callable
         Monotonic seconds.
+    teller : Teller
+        Hears what becomes of each request.
     """
 
-    def __init__(self, session: Session, *, limits: ServerSettings, clock: Callable[[], float]) -> None:
+    def __init__(self, session: Session, *, limits: ServerSettings, clock: Callable[[], float], teller: Teller) -> None:
         self._session = session
+        self._teller = teller
         self._timeout = limits.collective_timeout_seconds
         self._clock = clock
         holders = session.spec.partitions
@@ -139,7 +143,7 @@ class Execution:
 
     def _answer(self, arrivals: Sequence[Arrival], run: Callable[[], Sequence[Message]]) -> list[Envelope]:
         """Run, remember and address the replies; a failure is everybody's reply."""
-        started, parts = time.perf_counter(), self._session.upload.count
+        started, parts, iteration = time.perf_counter(), self._session.upload.count, self._session.iteration
         try:
             failpoint("request.execute")
             replies = run()
@@ -153,16 +157,21 @@ class Execution:
             self._stored.store(arrival.request_id, reply, _nbytes(reply))
         failpoint("request.stored")
         count_executed(replies[0], seconds)  # last: what was executed has its stored reply, whatever becomes of this
+        self._teller.executed(replies[0], seconds, iteration)
         return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _failed(self, arrivals: Sequence[Arrival], error: MeshMotionError) -> list[Envelope]:
         """The refusals; a commit that was durable before something failed is answered as it was journaled."""
         journaled = {known: reply for entry in self._session.commits for known, reply in commit.replies_of(entry)}
-        replies = []
+        replies: list[Committed | ErrorReply] = []
         for arrival in arrivals:
             made = journaled.get(arrival.request_id)
             self._stored.store(arrival.request_id, made, _nbytes(made) if made else 0)
-            replies.append(made or error_reply(arrival.request, error, self._session))
+            replies.append(made or failure_reply(arrival.request, error, self._session))
+        if isinstance(replies[0], Committed):
+            self._teller.executed(replies[0], 0.0, 0)
+        else:
+            self._teller.refused(arrivals[0].request, replies[0])
         return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _require_idle(self, partition: int) -> None:
@@ -200,7 +209,9 @@ class Execution:
         self._gathering = None
 
     def _refusal(self, peer: bytes, request: Message, error: MeshMotionError) -> Envelope:
-        return Envelope(peer, error_reply(request, error, self._session))
+        refusal = failure_reply(request, error, self._session)
+        self._teller.refused(request, refusal)
+        return Envelope(peer, refusal)
 
 
 def _arrays(reply: Message) -> list[NDArray[Any]]:

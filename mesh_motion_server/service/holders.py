@@ -63,6 +63,10 @@ class Holders:
                 details={"partition": partition},
             )
 
+    def has_joined(self, peer: bytes) -> bool:
+        """Whether the peer speaks for a partition."""
+        return peer in self._peers.values()
+
     def join(self, peer: bytes, partition: int) -> None:
         """The peer speaks for the partition from now on."""
         self._peers[partition] = peer

@@ -45,11 +45,13 @@ def summary_report(summary: Any, mesh: MergedMesh) -> dict[str, Any]:
 def move_quality(motion: Any, session: Session) -> dict[str, Any]:
     """Predicted quality of a Move, before and after its correction."""
     method = session.model.method
+    standard = summary_report(motion.standard, session.mesh)
+    unchanged = motion.corrected is motion.standard
     return {
         "metric": method.quality_metric,
         "threshold": float(method.quality_threshold),
-        "standard": summary_report(motion.standard, session.mesh),
-        "corrected": summary_report(motion.corrected, session.mesh),
+        "standard": standard,
+        "corrected": standard if unchanged else summary_report(motion.corrected, session.mesh),
     }
 
 
@@ -68,8 +70,8 @@ def correction_report(motion: Any) -> dict[str, Any]:
     }
 
 
-def mesh_report(session: Session) -> dict[str, Any]:
-    """Counts, bounding box and warnings of a mesh that was just built."""
+def mesh_report(session: Session, warnings: list[str] | None = None) -> dict[str, Any]:
+    """Counts, bounding box and warnings of a mesh that was just built; given ``warnings`` need no second check."""
     mesh = session.mesh
     patches = list(mesh.patches.items())[:_LONGEST]
     return {
@@ -78,7 +80,7 @@ def mesh_report(session: Session) -> dict[str, Any]:
         "patches": {name: {"role": patch.role, "nodes": len(patch.nodes)} for name, patch in patches},
         "moving_nodes": len(mesh.moving),
         "box": [mesh.points.min(axis=0).tolist(), mesh.points.max(axis=0).tolist()],
-        "warnings": shortened(session.mesh_warnings()),
+        "warnings": shortened(session.mesh_warnings() if warnings is None else warnings),
     }
 
 

@@ -21,21 +21,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.keeper import Floats, Keeper
 from mesh_motion_server.session.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.relaxed import RelaxedKeeper
 
-__all__ = ["FullKeeper", "Keeper", "ReplayKeeper", "keeper_of", "log_bytes", "logged_failure"]
+__all__ = ["FullKeeper", "ReplayKeeper", "keeper_of", "log_bytes", "logged_failure"]
 
 _LOG = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
 #: Least and most bytes of commits that are logged before a state is stored: opening reads them all.
 _LEAST_LOG, _MOST_LOG = 1 << 20, 32 << 20
 #: An input is logged if it has so many bytes at most, or is at most this part of the state (benchmarks.durability).
@@ -50,91 +46,13 @@ def log_bytes(state_bytes: int) -> int:
     return min(max(state_bytes // 2, _LEAST_LOG), _MOST_LOG)
 
 
-class Keeper(Protocol):
-    """Keeps the commits of a session, at one of the levels.
-
-    Attributes
-    ----------
-    journal : Journal
-    """
-
-    journal: Journal
-
-    @property
-    def commits(self) -> tuple[Commit, ...]:
-        """The latest commits, durable or not."""
-        ...
-
-    @property
-    def durable_step(self) -> int:
-        """No power loss takes the session back behind this step."""
-        ...
-
-    @property
-    def frozen(self) -> bool:
-        """Whether the disk failed, possibly unasked."""
-        ...
-
-    def durable_after(self, step: int) -> int:
-        """The durable step that is told to whoever commits ``step``."""
-        ...
-
-    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
-        """Take a commit: its state (n, d), ascending by global id, which nobody changes, and what determines it.
-
-        Raises
-        ------
-        JournalError
-            If the disk failed, or has failed before.
-        """
-
-    def catch_up(self) -> None:
-        """Return when all commits are durable.
-
-        Raises
-        ------
-        JournalError
-            If the disk failed, or has failed before.
-        """
-
-    def rest(self, state: Callable[[], Floats]) -> None:
-        """Catch up, and leave nothing to be computed: the session is about to be closed.
-
-        Raises
-        ------
-        JournalError
-            As :meth:`catch_up`.
-        """
-
-    def close(self) -> None:
-        """Give the files back; what is not durable yet is lost. Idempotent."""
-
-
-class FullKeeper:
-    """Level ``full``.
-
-    Parameters
-    ----------
-    journal : Journal
-    """
-
-    def __init__(self, journal: Journal) -> None:
-        self.journal = journal
+class FullKeeper(Keeper):
+    """Level ``full``."""
 
     @property
     def commits(self) -> tuple[Commit, ...]:
         """See :class:`Keeper`."""
         return self.journal.ledger.commits
-
-    @property
-    def durable_step(self) -> int:
-        """See :class:`Keeper`."""
-        return self.journal.ledger.step
-
-    @property
-    def frozen(self) -> bool:
-        """See :class:`Keeper`."""
-        return self.journal.frozen
 
     def durable_after(self, step: int) -> int:
         """See :class:`Keeper`."""
@@ -150,10 +68,6 @@ class FullKeeper:
 
     def rest(self, state: Callable[[], Floats]) -> None:
         """See :class:`Keeper`."""
-
-    def close(self) -> None:
-        """See :class:`Keeper`."""
-        self.journal.close()
 
 
 class ReplayKeeper(FullKeeper):

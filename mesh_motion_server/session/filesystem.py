@@ -15,7 +15,7 @@ from typing import Protocol
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.operation.tally import TALLY
 
-__all__ = ["FileSystem", "PosixFileSystem", "unreadable", "write_all"]
+__all__ = ["FileSystem", "PosixFileSystem", "disk_failure", "read_whole", "unreadable", "write_all"]
 
 Buffer = bytes | memoryview
 
@@ -81,15 +81,31 @@ def write_all(files: FileSystem, handle: int, offset: int, data: Buffer) -> int:
     return offset
 
 
+def read_whole(files: FileSystem, path: Path) -> bytes:
+    """All bytes of a file."""
+    handle = files.open(path, writable=False)
+    try:
+        return files.read(handle, 0, files.size(handle))
+    finally:
+        files.close(handle)
+
+
 def unreadable(what: str, error: OSError) -> JournalError:
     """Reading failed: nothing is known to be lost, unless the file itself is."""
     if isinstance(error, FileNotFoundError):
         return JournalError(f"{what} cannot be read: {error.strerror or error}")
+    return disk_failure(
+        f"{what} cannot be read", error, hint="see to the disk that holds the state folder, then try again"
+    )
+
+
+def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str) -> JournalError:
+    """What is told when the disk failed at doing something: the system's words, the error's name, the consequence."""
     name = errno.errorcode.get(error.errno or 0, "unknown")
     return JournalError(
-        f"{what} cannot be read: {error.strerror or error} ({name})",
+        f"{doing}: {error.strerror or error} ({name}){consequence}",
         code="RESOURCE_EXHAUSTED.DISK",
-        hint="see to the disk that holds the state folder, then try again",
+        hint=hint,
         details={"errno": name},
     )
 

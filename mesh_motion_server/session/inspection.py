@@ -15,6 +15,7 @@ from typing import Any
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal_files import read_journal, verify_state
+from mesh_motion_server.session.listing import SPEC
 from mesh_motion_server.session.mesh_store import read_mesh
 from mesh_motion_server.session.records import Record
 from mesh_motion_server.session.recovery import Findings
@@ -97,7 +98,7 @@ def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> I
         If it is no session's folder at all: it has no readable ``spec.json``.
     """
     path, files = Path(folder), files or PosixFileSystem()
-    raw = _read(path / "spec.json")
+    raw = _read(path / SPEC)
     spec = StoredSpec.from_bytes(raw)
     found, journal_check = _journal(path, files)
     checks = [journal_check]

@@ -22,7 +22,6 @@ there.
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -33,7 +32,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.filesystem import FileSystem, write_all
+from mesh_motion_server.session.filesystem import FileSystem, disk_failure, write_all
 from mesh_motion_server.session.journal_files import (
     KEPT_COMMITS,
     MANIFEST,
@@ -43,6 +42,7 @@ from mesh_motion_server.session.journal_files import (
     verified_state,
 )
 from mesh_motion_server.session.ledger import Commit, Foundation, Ledger, slot_of
+from mesh_motion_server.session.next_manifest import create_manifest, replace_manifest, reserve, write_new
 from mesh_motion_server.session.records import PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.recovery import Findings
 from mesh_motion_server.session.witness import Witness, has_witness, manifest_bytes
@@ -103,14 +103,15 @@ class Journal:
             If the disk does not take it; the manifest is then absent.
         """
         for name in SLOTS:
-            _write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
+            write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
         failpoint("journal.create.slots")
         capacity = capacity or _capacity(foundation)
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": epoch}
         packed = pack_record(0, bytes(32), body, foundation.format)
-        record = _install_manifest(folder, files, packed, manifest_bytes(foundation, capacity))
+        create_manifest(folder, files, packed, manifest_bytes(foundation, capacity))
+        record = _own(packed)
         journal = cls(folder, files, Ledger.start(record), record.length)
-        _reserve(folder, files, manifest_bytes(foundation, capacity))
+        reserve(folder, files, manifest_bytes(foundation, capacity))
         journal._open_files()
         return journal
 
@@ -223,7 +224,6 @@ class Journal:
             self._files.close(self._handles.pop())
 
     def _open_files(self) -> None:
-        self._handles = []
         for name in (MANIFEST, *SLOTS):
             self._handles.append(self._files.open(self._folder / name))
 
@@ -282,7 +282,8 @@ class Journal:
         failpoint("journal.rotate")
         capacity = self.ledger.capacity
         packed = self._next_record(self.ledger.checkpoint_body(capacity))
-        record = _install_manifest(self._folder, self._files, packed, manifest_bytes(self.ledger.foundation, capacity))
+        replace_manifest(self._folder, self._files, packed, manifest_bytes(self.ledger.foundation, capacity))
+        record = _own(packed)
         self._files.close(self._handles[0])
         self._handles[0] = self._files.open(self._folder / MANIFEST)
         self.ledger = Ledger.start(record)
@@ -304,7 +305,7 @@ class Journal:
             self._write_slot(slot, packed[-again[-1].length :], self.read_state())
         start = found.end if found.completion else found.end - len(packed)
         self._end = start + len(packed)
-        rest = bytes(max(0, self.ledger.capacity - self._end)) if found.torn else b""
+        rest = bytes(self.ledger.capacity - self._end) if found.torn else b""
         write_all(self._files, self._handles[0], start, packed + rest)
         self._files.sync(self._handles[0])
         failpoint("journal.settle.record")
@@ -323,7 +324,7 @@ class Journal:
     def _renew_reserve(self) -> None:
         """Hold the space of the next manifest; where there is none, the session goes on as long as it can."""
         try:
-            _reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, self.ledger.capacity))
+            reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, self.ledger.capacity))
         except OSError:
             self._files.remove(self._folder / NEXT_MANIFEST)
 
@@ -344,13 +345,8 @@ class Journal:
             self.frozen = True
             if not isinstance(error, OSError):
                 raise
-            name = errno.errorcode.get(error.errno or 0, "unknown")
-            raise JournalError(
-                f"{doing}: {error.strerror or error} ({name}); nothing more is written",
-                code="RESOURCE_EXHAUSTED.DISK",
-                hint="see to the disk, then resume the session",
-                details={"errno": name},
-            ) from error
+            hint = "see to the disk, then resume the session"
+            raise disk_failure(doing, error, "; nothing more is written", hint=hint) from error
 
 
 def _capacity(foundation: Foundation) -> int:
@@ -364,28 +360,3 @@ def _own(packed: bytes) -> Record:
     if record is None:
         raise JournalError("a record does not verify right after it was packed", code="INTERNAL")
     return record
-
-
-def _install_manifest(folder: Path, files: FileSystem, packed: bytes, capacity: int) -> Record:
-    """A manifest that starts with this record, durable under its name."""
-    _write_new(files, folder / NEXT_MANIFEST, packed, capacity)
-    failpoint("journal.create.unnamed")
-    files.rename(folder / NEXT_MANIFEST, folder / MANIFEST)
-    failpoint("journal.create.renamed")
-    files.sync_folder(folder)
-    return _own(packed)
-
-
-def _reserve(folder: Path, files: FileSystem, capacity: int) -> None:
-    """Hold the space of the next manifest. Nothing is lost with it, so it is not synced."""
-    files.close(files.create(folder / NEXT_MANIFEST, capacity))
-
-
-def _write_new(files: FileSystem, path: Path, data: bytes, size: int) -> None:
-    """A new file of this size that starts with ``data``, synced."""
-    handle = files.create(path, size)
-    try:
-        write_all(files, handle, 0, data)
-        files.sync(handle)
-    finally:
-        files.close(handle)

@@ -10,7 +10,7 @@ from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.filesystem import FileSystem, unreadable
+from mesh_motion_server.session.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.ledger import Foundation, Ledger, slot_of
 from mesh_motion_server.session.records import PAGE, Record, unpack_record
 from mesh_motion_server.session.recovery import Findings, SlotView, examine, read_chain, sum_up
@@ -22,6 +22,7 @@ __all__ = [
     "SLOTS",
     "read_journal",
     "read_ledger",
+    "read_stored_state",
     "verified_state",
     "verify_state",
 ]
@@ -52,7 +53,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
         return first, second
 
     try:
-        return examine(_read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)
+        return examine(read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)
     except OSError as error:
         raise unreadable("the journal", error) from error
 
@@ -90,15 +91,26 @@ def _read_chain(files: FileSystem, path: Path) -> list[Record]:
 
 def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
     """Raise DATA_LOSS.CHECKSUM unless the last stored coordinates match their digest."""
+    read_stored_state(folder, files, ledger)
+
+
+def read_stored_state(folder: Path, files: FileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
+    """The last step whose coordinates are stored, and these (n, d), ascending by global id; None at step 0.
+
+    Raises
+    ------
+    JournalError
+        DATA_LOSS.CHECKSUM if they do not match their digest.
+    """
     snapshot = ledger.snapshot
     if snapshot is None:
-        return
+        return None
     foundation = ledger.foundation
     try:
         raw = _read_part(files, folder / SLOTS[snapshot.slot], foundation.record_area, foundation.state_bytes)
     except OSError as error:
         raise unreadable("a slot", error) from error
-    verified_state(raw, ledger)
+    return snapshot.step, verified_state(raw, ledger)
 
 
 def verified_state(raw: bytes, ledger: Ledger) -> Floats:
@@ -116,14 +128,6 @@ def verified_state(raw: bytes, ledger: Ledger) -> Floats:
     return state
 
 
-def _read_whole(files: FileSystem, path: Path) -> bytes:
-    handle = files.open(path, writable=False)
-    try:
-        return files.read(handle, 0, files.size(handle))
-    finally:
-        files.close(handle)
-
-
 def view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView:
     """A slot's record; its coordinates are read only when they are asked for."""
     area = foundation.record_area
@@ -131,11 +135,11 @@ def view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView
     record = unpack_record(head)
 
     def state_verifies() -> bool:
-        if record is None or slot_of(record) is None:
-            return False
         state = _as_state(_read_part(files, path, area, foundation.state_bytes), foundation)
+        if state is None or record is None or slot_of(record) is None:
+            return False
         digest: bytes = record.body["digest"]
-        return state is not None and state_digest(record.body["step"], state) == digest
+        return state_digest(record.body["step"], state) == digest
 
     return SlotView(record, not any(head), state_verifies)
 

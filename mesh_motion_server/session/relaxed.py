@@ -10,17 +10,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.journal_files import KEPT_COMMITS
+from mesh_motion_server.session.keeper import Floats, Keeper
 from mesh_motion_server.session.ledger import BoundaryInput, Commit
 
 __all__ = ["Backlog", "RelaxedKeeper"]
-
-Floats = NDArray[np.float64]
 
 
 class Backlog:
@@ -52,8 +48,8 @@ class Backlog:
         return lambda: self._journal.store(entry, state, earlier)
 
 
-class RelaxedKeeper:
-    """See :class:`~mesh_motion_server.session.durability.Keeper`; its methods are called by one thread.
+class RelaxedKeeper(Keeper):
+    """Level ``relaxed``; its methods are called by one thread.
 
     Parameters
     ----------
@@ -62,7 +58,7 @@ class RelaxedKeeper:
     """
 
     def __init__(self, journal: Journal) -> None:
-        self.journal = journal
+        super().__init__(journal)
         self._commits = journal.ledger.commits
         self._backlog = Backlog(journal)
         self._failure: JournalError | None = None
@@ -72,26 +68,16 @@ class RelaxedKeeper:
 
     @property
     def commits(self) -> tuple[Commit, ...]:
-        """See ``Keeper``."""
+        """See :class:`Keeper`."""
         return self._commits
 
-    @property
-    def durable_step(self) -> int:
-        """See ``Keeper``: the ledger is exchanged as a whole, once what it says is synced."""
-        return self.journal.ledger.step
-
-    @property
-    def frozen(self) -> bool:
-        """See ``Keeper``."""
-        return self.journal.frozen
-
     def durable_after(self, step: int) -> int:
-        """See ``Keeper``."""
+        """See :class:`Keeper`."""
         del step
         return self.durable_step
 
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
-        """See ``Keeper``."""
+        """See :class:`Keeper`."""
         del boundary
         if self._thread is None:
             thread = threading.Thread(target=self._run, name="relaxed commits", daemon=True)
@@ -104,24 +90,24 @@ class RelaxedKeeper:
         self._commits = (*self._commits, entry)[-KEPT_COMMITS:]
 
     def catch_up(self) -> None:
-        """See ``Keeper``."""
+        """See :class:`Keeper`."""
         with self._news:
             self._news.wait_for(lambda: self._failure is not None or not (self._backlog or self._storing))
             self._require_working()
 
     def rest(self, state: Callable[[], Floats]) -> None:
-        """See ``Keeper``."""
+        """See :class:`Keeper`."""
         del state
         self.catch_up()
 
     def close(self) -> None:
-        """See ``Keeper``."""
+        """See :class:`Keeper`."""
         with self._news:
             self._over = True
             self._news.notify_all()
         if self._thread is not None:
             self._thread.join()
-        self.journal.close()
+        super().close()
 
     def _require_working(self) -> None:
         if self._failure is not None:

@@ -10,7 +10,8 @@ what computed it, and a session that was closed needs no recomputation (:mod:`~m
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -29,19 +30,30 @@ from mesh_motion_server.session.motions import Origin, compute
 from mesh_motion_server.session.partitions import MergedMesh
 from mesh_motion_server.session.state import CommittedState
 
-__all__ = ["boundary_input", "maker", "recompute", "restore"]
+__all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
 
 Floats = NDArray[np.float64]
+Progress = Callable[[int], None]
+#: States that took longer than this to compute again are stored, seconds.
+_LONG_SECONDS = 10.0
+
+
+def silent(_step: int) -> None:
+    """Nobody wants to know how far it is."""
 
 
 def boundary_input(mesh: MergedMesh, origin: Origin) -> BoundaryInput:
     """What is logged of a Move."""
-    rows = np.ascontiguousarray(origin.told[_by_global_id(mesh)], dtype="<f8")
+    rows = np.ascontiguousarray(origin.told[mesh.moving_by_id], dtype="<f8")
     return BoundaryInput(origin.frame, rows.tobytes(), maker())
 
 
-def restore(journal: Journal, model: Model, mesh: MergedMesh, factors: FactorCache) -> CommittedState:
+def restore(
+    journal: Journal, model: Model, mesh: MergedMesh, factors: FactorCache, progress: Progress = silent
+) -> CommittedState:
     """The last committed state of a journal, read or computed.
+
+    What took long to compute is stored at once: else a worker that falls again and again would have ever more to do.
 
     Raises
     ------
@@ -55,7 +67,11 @@ def restore(journal: Journal, model: Model, mesh: MergedMesh, factors: FactorCac
         points[mesh.id_order] = journal.read_state()
         points.flags.writeable = False
         stored = CommittedState(snapshot.step, points)
-    return recompute(model, mesh, factors, stored, journal.ledger.logged)
+    began = time.monotonic()
+    found = recompute(model, mesh, factors, stored, journal.ledger.logged, progress)
+    if time.monotonic() - began > _LONG_SECONDS:
+        journal.snapshot(np.take(found.points, mesh.id_order, axis=0))
+    return found
 
 
 @cache
@@ -66,7 +82,12 @@ def maker() -> str:
 
 
 def recompute(
-    model: Model, mesh: MergedMesh, factors: FactorCache, start: CommittedState, logged: Sequence[Commit]
+    model: Model,
+    mesh: MergedMesh,
+    factors: FactorCache,
+    start: CommittedState,
+    logged: Sequence[Commit],
+    progress: Progress = silent,
 ) -> CommittedState:
     """The last committed state.
 
@@ -76,6 +97,8 @@ def recompute(
         That of the last snapshot.
     logged : sequence of Commit
         The commits behind it.
+    progress : callable
+        Told each step that was computed again.
 
     Raises
     ------
@@ -89,6 +112,7 @@ def recompute(
         if found != commit.digest:
             raise _diverged(commit, f"digest {found.hex()[:16]}… instead of {commit.digest.hex()[:16]}…")
         start = CommittedState(commit.step, points)
+        progress(commit.step)
     return start
 
 
@@ -96,7 +120,7 @@ def _points_after(
     model: Model, mesh: MergedMesh, factors: FactorCache, before: CommittedState, commit: Commit
 ) -> Floats:
     """The coordinates (n, d) of a logged commit, in canonical order."""
-    boundary, order = commit.boundary, _by_global_id(mesh)
+    boundary, order = commit.boundary, mesh.moving_by_id
     if boundary is None or len(boundary.rows) != 8 * order.size * mesh.points.shape[1]:
         raise _diverged(commit, "displacements that are not those of this mesh's moving nodes")
     told = np.empty((order.size, mesh.points.shape[1]))
@@ -105,11 +129,6 @@ def _points_after(
         return compute(model, mesh, before.points, Origin(boundary.frame, told), factors, told_apart=False).points
     except MeshMotionError as error:
         raise _diverged(commit, f"{error.code} ({error.message})") from error
-
-
-def _by_global_id(mesh: MergedMesh) -> NDArray[np.int64]:
-    """(k,) order that sorts the moving nodes by global id."""
-    return np.argsort(mesh.global_ids[mesh.moving])
 
 
 def _diverged(commit: Commit, what: str) -> JournalError:

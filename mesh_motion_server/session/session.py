@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,11 +24,13 @@ from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.durability import keeper_of, logged_failure
 from mesh_motion_server.session.factors import FactorCache
+from mesh_motion_server.session.history import History
 from mesh_motion_server.session.ledger import Commit
+from mesh_motion_server.session.merging import merge
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings, release
 from mesh_motion_server.session.motions import Origin, compute
-from mesh_motion_server.session.partitions import MergedMesh, merge
-from mesh_motion_server.session.replay import boundary_input, restore
+from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.standing import Built, CommitOutcome, MoveOutcome, Standing
@@ -54,6 +56,11 @@ class Session:
         Held by this process.
     limits : ServerSettings
     build_model : callable
+
+    Attributes
+    ----------
+    history : History
+        What is told people; nothing depends on it.
     """
 
     def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
@@ -66,10 +73,13 @@ class Session:
         self._epoch = 1
         self.upload = MeshUpload(self.spec.dimension, self.spec.partitions, limits.max_session_bytes)
         self.factors = FactorCache(limits.factor_cache_bytes)
+        self.history = History(folder.path, limits.history_bytes, limits.reserve_disk_bytes)
 
     @classmethod
-    def reopen(cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> Session:
-        """A stored session at its last durable step, under a new epoch.
+    def reopen(
+        cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder, progress: Progress = silent
+    ) -> Session:
+        """A stored session at its last durable step, under a new epoch; ``progress`` is told steps computed again.
 
         Raises
         ------
@@ -83,7 +93,7 @@ class Session:
             failpoint("session.reopen.start")
             mesh = merge(partitions)
             model = build_model(mesh.points, mesh.cells, mesh.patches, session.spec.settings.to_method())
-            committed = restore(journal, model, mesh, session.factors)
+            committed = restore(journal, model, mesh, session.factors, progress)
             failpoint("session.reopen.restored")
             session._epoch = journal.raise_epoch()
         except BaseException:
@@ -257,7 +267,7 @@ class Session:
         judged = computed.motion.corrected if computed.exact and in_full else None
         trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, origin)
         failpoint("session.move.computed")
-        self._swap(state=state, trial=trial, trial_lost=False)
+        self._swap(state=state, trial=trial)
         return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements)
 
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
@@ -286,7 +296,8 @@ class Session:
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
         after = Standing(state, CommittedState(trial.step, trial.points))
-        boundary = partial(boundary_input, built.mesh, trial.origin)
+        boundary = cache(partial(boundary_input, built.mesh, trial.origin))  # for history and journal
+        self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
         self._write(lambda: built.keeper.commit(entry, durable, boundary), after)
         self.factors.next_step()
         return outcome
@@ -311,11 +322,7 @@ class Session:
             self._epoch += 1
             return self._epoch
         self.catch_up()
-        try:
-            self._epoch = self._built.keeper.journal.raise_epoch()
-        except JournalError:
-            self._swap(state=State.FROZEN)
-            raise
+        self._epoch = self._built.keeper.journal.raise_epoch()
         failpoint("session.resume.raised")
         self._swap(state=state, trial=None, trial_lost=True)
         return self._epoch
@@ -326,14 +333,14 @@ class Session:
         Raises
         ------
         JournalError
-            If the disk failed, and no request has been told yet; the session is FROZEN.
+            If the disk failed, and no request has been told yet; the session is FROZEN, or FAILED as it was.
         """
-        if self._built is None or self._now.state in (State.FROZEN, State.CLOSED):
+        if self._built is None or self._now.disk_told or self._now.state in (State.FROZEN, State.CLOSED):
             return
         try:
             self._built.keeper.catch_up()
         except JournalError:
-            self._swap(state=State.FROZEN)
+            self._swap(state=State.FAILED if self._now.state is State.FAILED else State.FROZEN, disk_told=True)
             raise
 
     def suspend(self) -> None:
@@ -356,11 +363,15 @@ class Session:
 
     def close(self, *, keep: bool = True) -> None:
         """Give files and lock back; idempotent. What is to be kept becomes durable before, unless the disk failed."""
-        if keep and self._built is not None and self.state in _WRITING:
+        if keep and self._built is not None:
             with logged_failure(self.spec.session):
-                self._built.keeper.rest(self._durable_points)
+                if self.state in _WRITING:
+                    self._built.keeper.rest(self._durable_points)
+                elif self.state is State.FAILED:
+                    self.catch_up()  # no state is made of what nobody trusts
         self._swap(state=State.CLOSED, trial=None)
         failpoint("session.close")
+        self.history.close()
         self.factors.clear()
         if self._built is not None:
             release(self._built.model)

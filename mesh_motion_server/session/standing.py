@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.session.durability import Keeper
+from mesh_motion_server.session.keeper import Keeper
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions import MergedMesh
 from mesh_motion_server.session.state import CommittedState, State, Trial
@@ -20,12 +20,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Standing:
-    """Where the session stands; swapped as a whole. ``trial_lost``: a trial may have been dropped unasked."""
+    """Where the session stands; swapped as a whole.
+
+    ``trial_lost``: a trial may have been dropped unasked. ``disk_told``: somebody was told that the disk failed.
+    """
 
     state: State
     committed: CommittedState | None = None
     trial: Trial | None = None
     trial_lost: bool = False
+    disk_told: bool = False
 
 
 @dataclass(frozen=True, eq=False)

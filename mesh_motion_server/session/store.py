@@ -7,6 +7,7 @@
         spec.json                            what OPEN fixed; only the token's sha256
         mesh.bin                             the mesh as uploaded
         manifest, slot-0, slot-1             the journal
+        history/                             what is told people; nothing depends on it
 
 The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record. A session without a manifest was never
 built: it is not durable, cannot be resumed, and its folder is removed when nobody holds it.
@@ -19,48 +20,24 @@ import hashlib
 import re
 import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.errors import JournalError, ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.durability import log_bytes
-from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, unreadable, write_all
+from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, read_whole, write_all
 from mesh_motion_server.session.journal import Journal, record_area
-from mesh_motion_server.session.journal_files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST, SLOTS, read_ledger
+from mesh_motion_server.session.journal_files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST, SLOTS
 from mesh_motion_server.session.ledger import Foundation
+from mesh_motion_server.session.listing import SPEC, Listing, Remembered, StoredSession
 from mesh_motion_server.session.mesh_store import read_mesh, write_mesh
 from mesh_motion_server.session.partitions import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec, StoredSpec
-from mesh_motion_server.session.state import State
 
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
 
-_SPEC, _MESH, _LOCK = "spec.json", "mesh.bin", "lock"
+_MESH, _LOCK = "mesh.bin", "lock"
 _SESSION_ID = re.compile(r"[0-9a-f]{32}")
-
-
-@dataclass(frozen=True)
-class StoredSession:
-    """A session at rest, for lists; holds no secret.
-
-    Attributes
-    ----------
-    session, label : str
-    dimension, partitions, step : int
-    state : State
-        READY, or FAILED when its files do not verify.
-    owner : str
-        The public key of who opened it, empty where there are no keys.
-    """
-
-    session: str
-    label: str
-    dimension: int
-    partitions: int
-    step: int
-    state: State
-    owner: str = ""
 
 
 class SessionFolder:
@@ -74,7 +51,7 @@ class SessionFolder:
 
     def __init__(self, path: Path, files: FileSystem, lock: int) -> None:
         self.path = path
-        raw = _read_file(files, path / _SPEC)
+        raw = read_whole(files, path / SPEC)
         self.spec = StoredSpec.from_bytes(raw)
         self._spec_digest = hashlib.sha256(raw).digest()
         self._files = files
@@ -135,7 +112,7 @@ class SessionFolder:
         foundation = journal.ledger.foundation
         try:
             if foundation.spec != self._spec_digest:
-                raise JournalError("the session's spec does not match its digest", details={"file": _SPEC})
+                raise JournalError("the session's spec does not match its digest", details={"file": SPEC})
             return journal, read_mesh(self.path / _MESH, self._files, foundation.mesh)
         except BaseException:
             journal.close()
@@ -162,6 +139,8 @@ class SessionStore:
         self.root = Path(root).expanduser()
         self._files = files or PosixFileSystem()
         self._sessions = self.root / "sessions"
+        self._listing = Listing(self._files)
+        self._names: Remembered[list[str]] = Remembered(1)
 
     def create(self, spec: SessionSpec) -> SessionFolder:
         """A folder for a new session, held by this process.
@@ -174,6 +153,7 @@ class SessionStore:
             RESOURCE_EXHAUSTED.DISK when the disk does not take it.
         """
         path = self._path(spec.session)
+        lock = None
         try:
             self._make_durable_folder(self._sessions)
             if self._files.exists(path):
@@ -181,13 +161,14 @@ class SessionStore:
             self._files.make_folder(path)
             failpoint("store.create.folder-made")
             lock = self._files.lock(path / _LOCK)
-            _write_file(self._files, path / _SPEC, StoredSpec.of(spec).to_bytes())
+            _write_file(self._files, path / SPEC, StoredSpec.of(spec).to_bytes())
             failpoint("store.create.spec-written")
-            self._files.sync_folder(path)
-            self._files.sync_folder(self._sessions)
+            self._files.sync_folder(self._sessions)  # the folder's own entries are synced with the manifest
             return SessionFolder(path, self._files, lock)
         except OSError as error:
             shutil.rmtree(path, ignore_errors=True)
+            if lock is not None:
+                self._files.close(lock)
             raise _disk_error("the session cannot be stored", error) from error
 
     def open(self, session: str, token: bytes) -> SessionFolder:
@@ -229,9 +210,9 @@ class SessionStore:
         JournalError
             If the session's spec cannot be read.
         """
-        if not _SESSION_ID.fullmatch(session) or not self._files.exists(self._sessions / session / MANIFEST):
+        if not self._is_stored(session):
             return None
-        return self._read_spec(self._sessions / session).owner
+        return self._listing.spec(self._sessions / session).owner
 
     def check_token(self, session: str, token: bytes) -> StoredSpec:
         """The spec of a session whose token this is.
@@ -243,13 +224,13 @@ class SessionStore:
         """
         if not self._files.exists(self._path(session) / MANIFEST):
             raise _not_found(session)
-        spec = self._read_spec(self._path(session))
+        spec = self._listing.spec(self._path(session))
         if not spec.admits(token):
             raise _not_found(session)
         return spec
 
-    def sessions(self) -> list[StoredSession]:
-        """The sessions that can be resumed, by id; reads the manifests' chains only.
+    def names(self) -> list[str]:
+        """What may be sessions, by id: folders of such a name.
 
         Raises
         ------
@@ -258,9 +239,29 @@ class SessionStore:
         """
         try:
             failpoint("store.list")
-            return [self._describe(path) for path in self._folders() if self._files.exists(path / MANIFEST)]
+            return self._names.get(self._sessions, lambda: [path.name for path in self._folders()])
         except OSError as error:
             raise _disk_error("the sessions cannot be listed", error) from error
+
+    def owner_listed(self, session: str) -> str | None:
+        """Like :meth:`owner`, but nobody's, ``""``, where that cannot be read."""
+        if not self._is_stored(session):
+            return None
+        return self._listing.owner(self._sessions / session)
+
+    def describe(self, session: str) -> StoredSession:
+        """A stored session for lists; reads the manifest's chain only, and nothing that it has read before."""
+        return self._listing.describe(self._path(session))
+
+    def sessions(self) -> list[StoredSession]:
+        """The sessions that can be resumed, by id.
+
+        Raises
+        ------
+        ResourceError
+            As :meth:`names`.
+        """
+        return [self.describe(name) for name in self.names() if self._is_stored(name)]
 
     def discard(self, session: str) -> None:
         """Delete a session that this process holds, or nobody does; not an error if it is gone.
@@ -270,8 +271,6 @@ class SessionStore:
         ResourceError
             RESOURCE_EXHAUSTED.DISK if the disk does not let it; the session is then as before.
         """
-        if not _SESSION_ID.fullmatch(session):
-            raise _not_found(session)
         path = self._path(session)
         # renamed first: a session that is half deleted by a crash is no session
         away = path.with_name(f"{session}.discarded")
@@ -303,6 +302,9 @@ class SessionStore:
                 removed.append(path.name)
         return removed
 
+    def _is_stored(self, session: str) -> bool:
+        return bool(_SESSION_ID.fullmatch(session)) and self._files.exists(self._sessions / session / MANIFEST)
+
     def _path(self, session: str) -> Path:
         if not _SESSION_ID.fullmatch(session):
             raise _not_found(session)
@@ -318,22 +320,6 @@ class SessionStore:
     def _folders(self) -> Iterator[Path]:
         if self._sessions.is_dir():
             yield from (path for path in sorted(self._sessions.iterdir()) if _SESSION_ID.fullmatch(path.name))
-
-    def _read_spec(self, path: Path) -> StoredSpec:
-        try:
-            return StoredSpec.from_bytes(_read_file(self._files, path / _SPEC))
-        except OSError as error:
-            raise unreadable("the session's spec", error) from error
-
-    def _describe(self, path: Path) -> StoredSession:
-        owner = ""
-        try:
-            spec = self._read_spec(path)
-            owner = spec.owner
-            step = read_ledger(path, self._files).step
-        except MeshMotionError:
-            return StoredSession(path.name, "", 0, 0, 0, State.FAILED, owner)
-        return StoredSession(path.name, spec.label, spec.dimension, spec.partitions, step, State.READY, spec.owner)
 
 
 def _not_found(session: str) -> SessionError:
@@ -359,13 +345,5 @@ def _write_file(files: FileSystem, path: Path, data: bytes) -> None:
     try:
         write_all(files, handle, 0, data)
         files.sync(handle)
-    finally:
-        files.close(handle)
-
-
-def _read_file(files: FileSystem, path: Path) -> bytes:
-    handle = files.open(path, writable=False)
-    try:
-        return files.read(handle, 0, files.size(handle))
     finally:
         files.close(handle)

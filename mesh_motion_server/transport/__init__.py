@@ -1,9 +1,10 @@
-"""Sockets and processes: the only place with zmq.
+"""Sockets and processes: the only part of the server with zmq.
 
 ::
 
     serve ─── supervisor (no sockets)           sessions, workers, RESUME, drain
                  ├── gateway                    the control endpoint: headers only, forwards what it does not answer
+                 ├── monitor                    metrics and probes over HTTP, if they are asked for
                  ├── worker  session A          a data endpoint each, its own memory limit
                  ├── worker  session B
                  └── worker  (spare)            everything imported, waits for an order

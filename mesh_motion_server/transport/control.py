@@ -8,40 +8,39 @@ from __future__ import annotations
 import contextlib
 import secrets
 import time
-from collections import deque
 from collections.abc import Callable
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from mesh_motion_protocol.codec import decode
 from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, Probe, Probed, Resume, Resumed
 
-from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError
+from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.allow_list import Access
 from mesh_motion_server.security.authorisation import Verdict, decide, not_found, refusal
+from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.late_replies import LateReplies
 from mesh_motion_server.transport.opening import check_open, check_room
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook, fit
-from mesh_motion_server.transport.replies import encoded, error_reply
+from mesh_motion_server.transport.replies import encoded
 from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["Control"]
 
-#: A worker imports, reads its journal and factorizes within this, seconds.
+#: A worker imports, reads its journal and factorizes within this, seconds; then it has as long again for each step
+#: that it computes again.
 _START_SECONDS = 600.0
 #: A live worker that shall take a new holder but computes for the old one has this long, seconds; then it is killed,
 #: for the trial that it computes is lost anyway, and another one resumes from the journal. One that has heard of the
 #: new holder only writes, possibly commits that were answered: it has as long as a drain.
 _RECLAIM_SECONDS = 5.0
-#: NOT_FOUND is told so long after the question: longer than looking a session up takes, so that the time tells nothing.
-_NOT_FOUND_SECONDS = 0.05
-#: Waiting for sockets ends up to a millisecond late, counted from when the wait began: a reply that is sent then tells
-#: how long the lookup before it took. So the wait ends this early, and the rest is slept to the microsecond.
-_ROUNDING_SECONDS = 0.002
+#: RESUMEs that wait for one session; each fences the one before.
+_WAITING = 32
 _SEEN = (Verdict.USE, Verdict.OVERSEE)
 
 
@@ -58,6 +57,8 @@ class Control:
         Peer and frame → to the gateway.
     access : Access
         Which roles a user has.
+    disk : DiskWatch
+        Of the store: while it does not answer nothing is asked of the store, for this thread would not come back.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class Control:
         start: Callable[[dict[str, Any]], Child],
         send: Callable[[bytes, bytes], None],
         access: Access,
+        disk: DiskWatch,
     ) -> None:
         self.registry = registry
         self.draining = False
@@ -74,15 +76,15 @@ class Control:
         self._start = start
         self._send = send
         self._access = access
+        self._disk = disk
         self._book = RequestBook()
-        self._asked_at = 0.0
-        self._later: deque[tuple[float, bytes, bytes]] = deque()
+        self._later = LateReplies(send)
 
     # --- requests ----------------------------------------------------------------------------------------------------
 
     def request(self, peer: bytes, user: str, frame: bytes) -> None:
         """Take a control request that the gateway has checked; ``user`` is the key that it came under."""
-        self._asked_at = time.monotonic()
+        self._later.asked()
         request = decode([frame])
         try:
             if isinstance(request, List):
@@ -120,7 +122,7 @@ class Control:
     def _open(self, asked: Asked, request: Open) -> None:
         self._check_room()
         durability = check_open(request, self._settings)
-        check_room(request, self._settings)
+        check_room(request, self._settings, self._disk)
         session, token = secrets.token_hex(16), secrets.token_bytes(32)
         child = self._start(
             {
@@ -165,13 +167,14 @@ class Control:
             self._expect(live, asked)
             log().info("resume", session=live.session, worker=live.child.pid)
         elif live.asked is not None:
+            _require_place(live)
             live.queue.append(asked)
         elif live.status == "dead":
             self._check_room()
             self._restart(live, asked)
         else:
             live.reclaiming = True
-            live.child.channel.send({"order": "reclaim", "token": request.token})
+            live.child.channel.offer({"order": "reclaim", "token": request.token})
             self._expect(live, asked, seconds=_RECLAIM_SECONDS)
 
     def _restart(self, live: Live, asked: Asked) -> None:
@@ -193,6 +196,15 @@ class Control:
         SessionError
             NOT_FOUND alike for an unknown session, a wrong token, and somebody else's session.
         """
+        try:
+            return self._look_up(request, user)
+        except SessionError:
+            self._disk.require_answers()  # while it is silent every session that cannot be used is answered alike
+            raise
+
+    def _look_up(self, request: Resume | Probe, user: str) -> Live | None:
+        if request.session not in self.registry.live:
+            self._disk.require_answers()
         verdict = decide(self._access.roles(user), request.type, own=self._is_own(request.session, user))
         if verdict is Verdict.USE:
             return self.registry.authorised(request.session, request.token)
@@ -213,6 +225,7 @@ class Control:
         sees = {own: decide(roles, request.type, own=own) for own in (True, False)}
         if sees[True] not in _SEEN:
             raise refusal(sees[True], request.type)
+        self._disk.require_answers()
         page, more = self.registry.page(request.after, lambda owner: sees[owner == user] in _SEEN)
         named = sees[False] in _SEEN
         sessions = [entry | ({"owner": self._access.name(owner)} if named else {}) for owner, entry in page]
@@ -247,6 +260,8 @@ class Control:
             live.epoch, live.state, live.step = event["epoch"], event["state"], event["step"]
         elif kind == "reclaiming" and live.deadline is not None:
             live.deadline = time.monotonic() + max(_RECLAIM_SECONDS, self._settings.drain_seconds)
+        elif kind == "recomputed" and live.deadline is not None:
+            live.deadline = time.monotonic() + _START_SECONDS
         elif kind == "failed":
             live.failure = MeshMotionError(
                 event["message"], code=event["code"], hint=event["hint"], details=event["details"]
@@ -292,30 +307,33 @@ class Control:
         """A worker has ended: by an order, by itself, or by an accident."""
         log().info("worker_ended", session=live.session, worker=live.child.pid, code=code, over=live.over)
         asked, live.asked, live.deadline = live.asked, None, None
+        reclaiming, live.reclaiming = live.reclaiming, False
         _remove_socket(live.endpoint)
         live.status, live.endpoint = "dead", ""
         failure, live.failure = live.failure, None
-        refusal = failure or _worker_ended(code)
-        if asked is not None and live.reclaiming and not self.draining:
-            try:
-                self._restart(live, asked)
-                return
-            except OSError as error:
-                refusal = _known(error)
-        live.reclaiming = False
-        if asked is not None:
-            self._refuse(asked, refusal)
-        if live.over or failure is not None:
+        if live.over or (failure is not None and not reclaiming):
             # Its journal, if it has one, tells the rest.
             self.registry.live.pop(live.session, None)
+        if asked is not None:
+            self._go_on(live, asked, reclaiming, failure or _worker_ended(code))
         self._next(live)
+        self.registry.forget_fallen()
+
+    def _go_on(self, live: Live, asked: Asked, reclaiming: bool, failure: MeshMotionError) -> None:
+        """Answer who waited for a worker that has ended, or start another one for it."""
+        if not reclaiming or (self.draining and not live.over):
+            self._refuse(asked, failure)
+        elif live.over:
+            self._execute(asked)  # it ended as its last holder wished: another one finds what is stored, if anything is
+        else:
+            try:
+                self._restart(live, asked)
+            except OSError as error:
+                self._refuse(asked, _known(error))
 
     def keep_time(self, now: float) -> None:
         """Kill workers that did not start or did not take the new holder in time; :meth:`gone` then goes on."""
-        while self._later and self._later[0][0] - now <= _ROUNDING_SECONDS:
-            due, peer, frame = self._later.popleft()
-            time.sleep(max(0.0, due - time.monotonic()))
-            self._send(peer, frame)
+        self._later.send_due(now)
         for live in self.registry.live.values():
             if live.deadline is not None and live.deadline <= now:
                 live.deadline = None
@@ -323,8 +341,8 @@ class Control:
 
     def next_deadline(self) -> float | None:
         """When :meth:`keep_time` will have something to do."""
-        deadlines = [live.deadline for live in self.registry.live.values() if live.deadline]
-        return min(deadlines + [due - _ROUNDING_SECONDS for due, _, _ in islice(self._later, 1)], default=None)
+        deadlines = (self._later.next_due(), *(live.deadline for live in self.registry.live.values()))
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     # --- replies -----------------------------------------------------------------------------------------------------
 
@@ -342,12 +360,22 @@ class Control:
         TALLY.count("refused", label=error.code)
         if error.code == "NOT_FOUND":
             reply = error_reply(request, not_found(getattr(request, "session", "")))
-            self._later.append((self._asked_at + _NOT_FOUND_SECONDS, peer, bytes(encoded(reply)[0])))
+            self._later.put(peer, bytes(encoded(reply)[0]))
             return
         self._reply(peer, error_reply(request, error))
 
     def _reply(self, peer: bytes, reply: Message) -> None:
         self._send(peer, bytes(encoded(reply)[0]))
+
+
+def _require_place(live: Live) -> None:
+    """Raise where as many RESUMEs of one session wait as may."""
+    if len(live.queue) >= _WAITING:
+        raise ResourceError(
+            f"{_WAITING} requests wait to resume session {live.session} already",
+            code="UNAVAILABLE",
+            hint="try again in a second; one holder at a time moves a session",
+        )
 
 
 def _resume_order(session: Resume | Live, owner: str) -> dict[str, Any]:

@@ -26,12 +26,13 @@ from mesh_motion_server.failpoints import activate, failpoint
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.allow_list import AllowList
 from mesh_motion_server.security.authorisation import Verdict, refusal
+from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.authenticator import Authenticator
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
 from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, limit_descriptors
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
-from mesh_motion_server.transport.replies import encoded, error_reply, undecodable, unexpected
+from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
 
@@ -102,7 +103,9 @@ class Gateway:
             self._send(order["peer"], [order["frame"]])
         else:
             tell_suppressed()
-            self._channel.send({"event": "pong", "tally": TALLY.take()})
+            taken = TALLY.take()
+            if not self._channel.offer({"event": "pong", "tally": taken}):
+                TALLY.add(taken)  # the supervisor is behind with reading, and asks again
 
     def _receive(self) -> None:
         peer, *parts = self._socket.recv_multipart(copy=False)
@@ -129,7 +132,8 @@ class Gateway:
             self._reply(peer, Pong(client=request.client, sequence=request.sequence))
         elif request.type in CONTROL:
             failpoint("gateway.forward")
-            self._channel.send({"peer": peer, "user": user, "frame": frames[0]})
+            if not self._channel.offer({"peer": peer, "user": user, "frame": frames[0]}):
+                self._reply(peer, error_reply(request, _busy()))
         else:
             self._reply(peer, unexpected(request, "control"))
 
@@ -168,6 +172,11 @@ class Gateway:
         TALLY.count("sent_bytes", sum(map(len, frames)))
         with contextlib.suppress(zmq.Again, zmq.ZMQError):
             self._socket.send_multipart([peer, *frames], flags=zmq.NOBLOCK)
+
+
+def _busy() -> MeshMotionError:
+    """For a request that the supervisor cannot take: nothing was begun, and nobody waits."""
+    return MeshMotionError("the server is behind with its requests", code="UNAVAILABLE")
 
 
 def main(arguments: list[str]) -> int:

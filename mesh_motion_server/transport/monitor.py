@@ -52,11 +52,11 @@ class Pages:
         self._build = build
         self._stuck_seconds = stuck_seconds
         self._news: dict[str, Any] = {"at": time.monotonic(), "gateway_at": time.monotonic(), "missing": "starting"}
-        self._metrics: bytes | None = None
+        self._metrics: dict[bool, bytes] = {}
 
     def hear(self, news: dict[str, Any]) -> None:
         """The supervisor's message of this second."""
-        self._news, self._metrics = news, None
+        self._news, self._metrics = news, {}
 
     def answer(self, path: str) -> _Answer:
         """Status, content type and body of a page."""
@@ -76,11 +76,13 @@ class Pages:
         return ""
 
     def _page(self) -> bytes:
-        """Made once for each message, however often it is asked for."""
-        if self._metrics is None:
+        """Made once for each message, however often it is asked for; a stuck server is not ready, whatever it said."""
+        stuck = bool(self._stuck())
+        if stuck not in self._metrics:
             totals = self._news.get("totals", {"counts": [], "spreads": {}})
-            self._metrics = exposition(totals, self._news.get("gauges", ()), self._build)
-        return self._metrics
+            ready = [("ready", "", 0.0)] if stuck else []
+            self._metrics[stuck] = exposition(totals, [*self._news.get("gauges", ()), *ready], self._build)
+        return self._metrics[stuck]
 
 
 class _Listener:

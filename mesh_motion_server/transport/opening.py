@@ -5,7 +5,8 @@ from __future__ import annotations
 from mesh_motion_protocol.messages import Open
 
 from mesh_motion_server.errors import InvalidInput, ResourceError
-from mesh_motion_server.operation.room import available_memory, disk_room
+from mesh_motion_server.operation.disk_watch import DiskWatch
+from mesh_motion_server.operation.room import available_memory
 from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability
 
 __all__ = ["check_open", "check_room"]
@@ -48,7 +49,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
     return check_durability(request.durability, limits.durability)
 
 
-def check_room(request: Open, limits: ServerSettings) -> None:
+def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
     """Refuse a new session where it would take what the running ones need: the disk's and the memory's reserve.
 
     Raises
@@ -56,7 +57,7 @@ def check_room(request: Open, limits: ServerSettings) -> None:
     ResourceError
         RESOURCE_EXHAUSTED.DISK or .SESSIONS, with what is left; both may be otherwise later.
     """
-    free, wanted = disk_room(limits.state_folder).free, limits.reserve_disk_bytes + request.bytes_reserved
+    free, wanted = disk.fresh().free, limits.reserve_disk_bytes + request.bytes_reserved
     if free < wanted:
         raise ResourceError(
             f"the disk of the state folder has {free} bytes left, a new session needs {wanted}",

@@ -27,6 +27,8 @@ __all__ = [
 ]
 
 _PR_SET_PDEATHSIG = 1
+#: A child ends within this once its line is closed, and once more after SIGKILL, seconds.
+_END_SECONDS = 5.0
 #: Of -1000 … 1000; 0 is usual.
 _OOM_SCORE = 500
 
@@ -56,13 +58,14 @@ class Child:
             return None
 
     def reap(self) -> int:
-        """Collect the exit status of a child that has ended or is about to."""
+        """Collect the exit status of a child that has ended or is about to; finite whatever it does."""
         self.channel.close()
-        try:
-            return self.process.wait(timeout=5)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            return self.process.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self.process.wait(timeout=_END_SECONDS)
+        self.process.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self.process.wait(timeout=_END_SECONDS)
+        return -signal.SIGKILL  # the kernel does not let it go: it waits for a disk that does not answer
 
 
 def spawn(module: str, *arguments: str, threads: int = 0) -> Child:

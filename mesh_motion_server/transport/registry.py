@@ -6,6 +6,7 @@ Values only: no process, no socket. The supervisor acts on it.
 from __future__ import annotations
 
 import hmac
+from bisect import bisect_right
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,8 +23,10 @@ from mesh_motion_server.transport.processes import Child
 
 __all__ = ["Asked", "Live", "Registry", "RequestBook", "fit"]
 
-#: Control requests whose replies are remembered.
+#: Control requests of a user whose replies are remembered.
 _REMEMBERED = 1024
+#: Sessions whose worker fell and of which that is remembered.
+_FALLEN = 1024
 #: Sessions in one LISTED.
 _LISTED = 200
 #: Bytes of their entries, which leave room for the rest of the header.
@@ -79,11 +82,12 @@ class Live:
 class RequestBook:
     """Control requests by user and id: a repeat gets the stored reply, or takes the place of the one that waits.
 
-    The ids are the users' own: nobody gets a reply, and the token in it, by using another one's id.
+    The ids are the users' own: nobody gets a reply, and the token in it, by using another one's id, and nobody makes
+    the server forget another one's by many requests. What waits is not forgotten.
     """
 
     def __init__(self) -> None:
-        self._known: OrderedDict[tuple[str, bytes, int], Asked] = OrderedDict()
+        self._users: dict[str, OrderedDict[tuple[bytes, int], Asked]] = {}
 
     def enter(self, peer: bytes, user: str, request: Message) -> tuple[Asked, bool]:
         """The entry of a request, and whether it is new.
@@ -93,12 +97,14 @@ class RequestBook:
         SessionError
             ABORTED.CONFLICT if the id was used for another content.
         """
-        key, content = (user, request.client, request.sequence), request_digest(request)
-        known = self._known.get(key)
+        own = self._users.setdefault(user, OrderedDict())
+        key, content = (request.client, request.sequence), request_digest(request)
+        known = own.get(key)
         if known is None:
-            self._known[key] = asked = Asked(peer, user, request, content)
-            while len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
+            answered = (key for key, asked in own.items() if asked.reply is not None)
+            if len(own) >= _REMEMBERED and (oldest := next(answered, None)) is not None:
+                del own[oldest]
+            own[key] = asked = Asked(peer, user, request, content)
             return asked, True
         if known.content != content:
             raise SessionError(
@@ -111,7 +117,10 @@ class RequestBook:
 
     def forget(self, asked: Asked) -> None:
         """The request failed without any effect: a repeat is a new try."""
-        self._known.pop((asked.user, asked.request.client, asked.request.sequence), None)
+        own = self._users.get(asked.user, OrderedDict())
+        own.pop((asked.request.client, asked.request.sequence), None)
+        if not own:
+            self._users.pop(asked.user, None)
 
 
 class Registry:
@@ -162,19 +171,37 @@ class Registry:
             raise not_found(session)
         return self.live.get(session)
 
+    def forget_fallen(self) -> None:
+        """Of sessions whose worker fell and whom nobody resumed only the latest are kept: the store has the others."""
+        fallen = [live.session for live in self.live.values() if live.status == "dead"]
+        for session in fallen[:-_FALLEN]:
+            del self.live[session]
+
     def working(self) -> int:
         """Sessions with a worker."""
         return sum(live.status != "dead" for live in self.live.values())
 
     def page(self, after: str, shown: Callable[[str], bool]) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
-        """LISTED's sessions behind ``after`` with their owners, and whether there are more.
+        """LISTED's sessions behind ``after`` with their owners, and whether there are more; reads what is on the page.
 
         ``shown`` says of an owner whether the asker may see the sessions.
         """
-        entries = {s.session: (s.owner, _stored(s)) for s in self._store.sessions()}
-        entries |= {live.session: (live.owner, live.listed()) for live in self.live.values()}
-        behind = [entries[name] for name in sorted(entries) if name > after and shown(entries[name][0])]
-        return behind[:_LISTED], len(behind) > _LISTED
+        names = sorted(self.live.keys() | set(self._store.names()))
+        page: list[tuple[str, dict[str, Any]]] = []
+        for name in names[bisect_right(names, after) :]:
+            owner = self._owner_listed(name)
+            if owner is None or not shown(owner):
+                continue
+            if len(page) == _LISTED:
+                return page, True
+            live = self.live.get(name)
+            page.append((owner, live.listed() if live is not None else _stored(self._store.describe(name))))
+        return page, False
+
+    def _owner_listed(self, session: str) -> str | None:
+        live = self.live.get(session)
+        owner: str | None = live.owner if live is not None else self._store.owner_listed(session)
+        return owner
 
     def of(self, child: Child) -> Live | None:
         """The session of a worker, None for the spare."""

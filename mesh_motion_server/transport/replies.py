@@ -4,28 +4,14 @@ from __future__ import annotations
 
 from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import encode
-from mesh_motion_protocol.errors import ProtocolError, brief, brief_details, error_code
+from mesh_motion_protocol.errors import ProtocolError, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
 
 from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.telemetry import log
 
-__all__ = ["encoded", "error_reply", "undecodable", "unexpected"]
-
-
-def error_reply(request: Message, error: MeshMotionError, *, state: str = "") -> ErrorReply:
-    """The reply to a request that raised ``error``."""
-    known = error_code(error.code)
-    return ErrorReply(
-        client=request.client,
-        sequence=request.sequence,
-        code=error.code,
-        message=brief(error.message),
-        hint=error.hint or known.hint,
-        retryable=known.retryable,
-        state=state,
-        details=brief_details(error.details),
-    )
+__all__ = ["encoded", "undecodable", "unexpected"]
 
 
 def undecodable(error: ProtocolError, *, state: str = "") -> ErrorReply:

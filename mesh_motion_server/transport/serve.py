@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import sys
 from pathlib import Path
+from typing import TextIO
 
 from mesh_motion_server import __version__
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.failpoints import activate
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.settings import ServerSettings
@@ -28,6 +30,11 @@ EXIT_UNAVAILABLE = 69
 #: Environment variable with the number of an inherited file descriptor: the server drains when it reads as ended. A
 #: client that starts a private server holds the other end, so that the server never outlives it.
 LIFELINE = "MESH_MOTION_LIFELINE_FD"
+#: How else than from another machine.
+_INSTEAD = {
+    "metrics": "let something on this machine fetch them",
+    "monitor": "from another machine look through `ssh -L 7441:127.0.0.1:7441 HOST`",
+}
 
 
 def serve(
@@ -48,8 +55,9 @@ def serve(
     insecure : bool
         Listen on an address that other machines reach, without encryption and authentication.
     ready_file : Path, optional
-        Written, whole at once, when clients may connect: JSON with ``endpoint``, ``metrics`` (empty without),
-        ``pid``, ``boot``, ``version``. The same endpoint goes to standard output in one line, ``ready ENDPOINT``.
+        Written, whole at once, when clients may connect: JSON with ``endpoint``, ``metrics`` and ``monitor`` (empty
+        without), ``pid``, ``boot``, ``version``. The same endpoint goes to standard output in one line,
+        ``ready ENDPOINT``.
     level : {"debug", "info", "warning", "error"}
         Of the logs on standard error.
     hosting : Hosting, optional
@@ -65,26 +73,16 @@ def serve(
     if ready_file is not None:
         ready_file.unlink(missing_ok=True)
     lifeline = os.environ.pop(LIFELINE, None)
-    try:
-        protection = Protection.of_folder(settings.keys_folder.expanduser()) if settings.keys_folder else None
-        endpoint = _allowed(settings.endpoint, insecure=insecure, protected=protection is not None)
-        _check_metrics(settings.metrics, insecure=insecure)
-        lock = lock_folder(endpoint)
-        failpoints = activate()
-    except (EndpointError, InvalidInput) as error:
-        log().error("refused", reason=error.message, hint=error.hint)
-        return EXIT_CONFIGURATION
-    if failpoints is not None:
-        log().warning("failpoints", folder=str(failpoints), consequence="this server fails on purpose: a test's")
     settings = settings.model_copy(update={"state_folder": settings.state_folder.expanduser()})
     manager = ServiceManager.of_environment()
-    supervisor = Supervisor(settings, hosting or Hosting(), level, protection, manager)
     try:
-        where, metrics = supervisor.start()
-    except EndpointError as error:
-        log().error("refused", reason=error.message, hint=error.hint)
-        return EXIT_CONFIGURATION if isinstance(error, ProtectionError) else EXIT_UNAVAILABLE
-    _announce(where, metrics, supervisor.boot, ready_file)
+        protection, lock = _prepare(settings, insecure=insecure)
+        supervisor = Supervisor(settings, hosting or Hosting(), level, protection, manager)
+        listening = _start(supervisor)
+    except _RefusedError as refusal:
+        log().error("refused", reason=refusal.error.message, hint=refusal.error.hint)
+        return refusal.status
+    _announce(listening, supervisor.boot, ready_file)
     manager.tell("READY=1", f"MAINPID={os.getpid()}")
     try:
         return supervisor.run(int(lifeline) if lifeline else None)
@@ -93,6 +91,41 @@ def serve(
             ready_file.unlink(missing_ok=True)
         if lock is not None:
             lock.close()
+
+
+class _RefusedError(Exception):
+    """The server does not start; with the status that says so."""
+
+    def __init__(self, error: MeshMotionError, status: int) -> None:
+        super().__init__(error.message)
+        self.error = error
+        self.status = status
+
+
+def _prepare(settings: ServerSettings, *, insecure: bool) -> tuple[Protection | None, TextIO | None]:
+    """Check what was asked for: the keys, if there shall be some, and the lock on the endpoint's folder."""
+    try:
+        protection = Protection.of_folder(settings.keys_folder.expanduser()) if settings.keys_folder else None
+        endpoint = _allowed(settings.endpoint, insecure=insecure, protected=protection is not None)
+        _check_watching("metrics", settings.metrics, insecure=insecure)
+        _check_watching("monitor", settings.monitor, insecure=insecure)
+        _require_page(settings.monitor)
+        lock = lock_folder(endpoint)
+        failpoints = activate()
+    except (EndpointError, InvalidInput) as error:
+        raise _RefusedError(error, EXIT_CONFIGURATION) from error
+    if failpoints is not None:
+        log().warning("failpoints", folder=str(failpoints), consequence="this server fails on purpose: a test's")
+    return protection, lock
+
+
+def _start(supervisor: Supervisor) -> dict[str, str]:
+    """The endpoints of clients and of what watches, once they are listened on."""
+    try:
+        return supervisor.start()
+    except EndpointError as error:
+        status = EXIT_CONFIGURATION if isinstance(error, ProtectionError) else EXIT_UNAVAILABLE
+        raise _RefusedError(error, status) from error
 
 
 def _allowed(text: str, *, insecure: bool, protected: bool) -> Endpoint:
@@ -110,26 +143,34 @@ def _allowed(text: str, *, insecure: bool, protected: bool) -> Endpoint:
     return endpoint
 
 
-def _check_metrics(address: str | None, *, insecure: bool) -> None:
-    """Raise if other machines would reach the metrics, which no key protects, unless the caller insists."""
+def _check_watching(name: str, address: str | None, *, insecure: bool) -> None:
+    """Raise if other machines would reach metrics or page, which no key protects, unless the caller insists."""
     if address is None or Endpoint.parse(f"tcp://{address}").is_local:
         return
     if not insecure:
         raise EndpointError(
-            f"metrics on {address} would be read by other machines, and keys do not protect them",
-            hint="listen on 127.0.0.1 and let something on this machine fetch them; --insecure listens there all the "
-            "same",
+            f"the {name} on {address} would be read by other machines, and keys do not protect it",
+            hint=f"listen on 127.0.0.1; {_INSTEAD[name]}; --insecure listens there all the same",
         )
-    log().warning("insecure", metrics=address, consequence="whoever reaches this address may read the metrics")
+    log().warning("insecure", **{name: address}, consequence=f"whoever reaches this address may read the {name}")
 
 
-def _announce(endpoint: str, metrics: str, boot: str, ready_file: Path | None) -> None:
-    log().info("ready", endpoint=endpoint, metrics=metrics, pid=os.getpid(), version=__version__)
-    sys.stdout.write(f"ready {endpoint}\n")
+def _require_page(address: str | None) -> None:
+    """Raise unless what serves the page is installed, where there shall be one."""
+    missing = [name for name in ("starlette", "uvicorn") if address and importlib.util.find_spec(name) is None]
+    if missing:
+        raise EndpointError(
+            f"the monitor page needs {' and '.join(missing)}, not installed here",
+            hint="pip install 'mesh-motion-server[monitor]', or start without --monitor",
+        )
+
+
+def _announce(listening: dict[str, str], boot: str, ready_file: Path | None) -> None:
+    log().info("ready", **listening, pid=os.getpid(), version=__version__)
+    sys.stdout.write(f"ready {listening['endpoint']}\n")
     sys.stdout.flush()
     if ready_file is not None:
-        values = {"endpoint": endpoint, "metrics": metrics, "pid": os.getpid(), "boot": boot}
-        text = json.dumps(values | {"version": __version__})
+        text = json.dumps(listening | {"pid": os.getpid(), "boot": boot, "version": __version__})
         partial = ready_file.with_name(ready_file.name + ".part")
         partial.write_text(text, encoding="utf-8")
         partial.replace(ready_file)

@@ -20,25 +20,23 @@ from mesh_motion_protocol.limits import default_limits
 
 from mesh_motion_server import __version__
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.attendant import Attendant
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
+from mesh_motion_server.transport.gateway_line import GatewayLine
 from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.processes import Child, spawn, wake_on_signals
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
-from mesh_motion_server.transport.self_test import ProtectionError
 from mesh_motion_server.transport.telemetry import log
 from mesh_motion_server.transport.watch import Watch
 
 __all__ = ["Supervisor"]
 
-#: A gateway that falls more often than this has a reason that restarting does not cure.
-_GATEWAY_STARTS = 20
-#: Seconds between two of them where the first did not come to listen.
-_GATEWAY_PAUSE = 0.2
 #: Workers that end one after the other before they have said a word: what they import or warm up is broken.
 _WORKER_STARTS = 3
 #: A worker that has closed its line ends within this time, seconds.
@@ -75,15 +73,13 @@ class Supervisor:
         self._level = level
         self._selector = selectors.DefaultSelector()
         self._boot = os.urandom(16)
-        self._endpoint = settings.endpoint
-        self._gateway: Child | None = None
-        self._gateway_starts = 0
         self._spare: Child | None = None
         self._silent_ends = 0
         self._leaving: dict[Child, float] = {}
         self._killed_at: float | None = None
         self._signals = 0
-        self._watch = Watch(settings, level, manager or ServiceManager(""))
+        disk = DiskWatch(settings.state_folder)
+        self._watch = Watch(settings, level, manager or ServiceManager(""), disk)
         self.boot = self._boot.hex()
         self._private = tempfile.TemporaryDirectory(prefix="mesh-motion-") if protection is not None else None
         self._protection = protection
@@ -92,38 +88,49 @@ class Supervisor:
         store = hosting.load_store()(settings.state_folder)
         for name in store.sweep():
             log().info("swept", session=name)
+        self._gateway = GatewayLine(self._selector, settings.endpoint, self._launch_gateway, self._request)
         self._control = Control(
-            Registry(store), settings, self._start_session, self._to_gateway, Protection.access(protection)
+            Registry(store), settings, self._start_session, self._gateway.reply, Protection.access(protection), disk
         )
 
     # --- the server's life -------------------------------------------------------------------------------------------
 
-    def start(self) -> tuple[str, str]:
-        """Start gateway, monitor and spare worker; returns the endpoints of clients and of the monitor, or "".
+    def start(self) -> dict[str, str]:
+        """Start gateway, attendants and spare worker.
+
+        Returns
+        -------
+        dict
+            ``endpoint`` of clients, ``metrics`` and ``monitor``; of what nobody asked for, "".
 
         Raises
         ------
         EndpointError
             If an endpoint cannot be bound; ProtectionError if it admits or refuses the wrong ones.
         """
-        self._start_gateway()
+        self._gateway.start()
         try:
-            self._start_monitor()
-        except EndpointError:
+            for attendant in self._watch.attendants:
+                self._attend(attendant)
+            for attendant in self._watch.attendants:
+                attendant.await_word()
+        except (EndpointError, OSError):
             self._stop()
             raise
         self._spare = self._next_spare()
-        return self._endpoint, self._watch.address
+        # whoever hears that it is ready may stop it at once
+        self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
+        return {"endpoint": self._gateway.endpoint} | {of.name: of.address for of in self._watch.attendants}
 
     def run(self, lifeline: int | None = None) -> int:
         """Serve until SIGTERM, SIGINT or the end of ``lifeline``, then drain; returns the exit status."""
-        self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
         if lifeline is not None:
             self._listen(lifeline, self._lifeline_ended)
         while not self._finished():
             self._hear()
             now = time.monotonic()
             self._control.keep_time(now)
+            self._gateway.keep_time(now)
             if now >= self._watch.next_beat:
                 self._beat(now)
             if self._killed_at is not None and now >= self._killed_at:
@@ -141,14 +148,18 @@ class Supervisor:
         self._hurry(now)
         if self._spare is None and not (self._control.draining or self._workers_fail):
             self._spare = self._next_spare()  # there was no process or memory for it when it was wanted
+        for attendant in self._watch.attendants:
+            if attendant.child is None:
+                self._attend_again(attendant)
         self._watch.beat(self._control.registry, self._gateway, self._spare, draining=self._control.draining)
 
     def _finished(self) -> bool:
         working = any(live.status != "dead" for live in self._control.registry.live.values())
-        return self._gateway is None or (self._control.draining and not working)
+        return self._gateway.lost or (self._control.draining and not working)
 
     def _patience(self) -> float:
-        deadlines = (self._control.next_deadline(), self._killed_at, self._watch.next_beat)
+        own = (self._killed_at, self._watch.next_beat)
+        deadlines = (self._control.next_deadline(), self._gateway.next_deadline(), *own)
         return max(0.0, min(d for d in deadlines if d is not None) - time.monotonic())
 
     def _signalled(self, source: socket.socket) -> None:
@@ -178,7 +189,7 @@ class Supervisor:
             self._end(self._spare)
             self._spare = None
         for live in self._control.registry.live.values():
-            live.child.channel.send({"order": "drain"})
+            live.child.channel.offer({"order": "drain"})
 
     def _kill_workers(self) -> None:
         self._killed_at = None
@@ -189,14 +200,13 @@ class Supervisor:
 
     def _stop(self) -> int:
         """End the children that are left."""
-        gateway, self._gateway = self._gateway, None
-        if gateway is None:
+        if self._gateway.lost:
             self._kill_workers()
             return _DEFECT
-        self._selector.unregister(gateway.channel)
-        gateway.reap()
-        if self._watch.monitor is not None:
-            self._end(self._watch.monitor)
+        self._gateway.stop()
+        for attendant in self._watch.attendants:
+            if attendant.child is not None:
+                self._end(attendant.child)
         if self._private is not None:
             self._private.cleanup()
         log().info("stopped")
@@ -204,8 +214,7 @@ class Supervisor:
 
     # --- the gateway -------------------------------------------------------------------------------------------------
 
-    def _start_gateway(self) -> None:
-        self._gateway_starts += 1
+    def _launch_gateway(self, endpoint: str) -> Child:
         gateway = spawn("mesh_motion_server.transport.gateway", self._level)
         limits = default_limits() | self._settings.limits()
         limits["max_partitions"] = min(limits["max_partitions"], default_limits()["max_partitions"])
@@ -215,72 +224,40 @@ class Supervisor:
             "limits": limits,
             "durability": self._settings.durability,
         }
-        insecure = self._protection is None and not Endpoint.parse(self._endpoint).is_local
-        order = self._order() | {"welcome": welcome, "insecure": insecure}
-        gateway.channel.send(order | {"handshake_seconds": self._settings.handshake_seconds})
-        answer = gateway.channel.receive()
-        if answer is None or answer["event"] != "bound":
-            gateway.reap()
-            if answer is not None and answer["unprotected"]:
-                raise ProtectionError(answer["reason"])
-            reason = answer["reason"] if answer else "the gateway ended"
-            raise EndpointError(
-                f"cannot listen on {self._endpoint}: {reason}", hint="stop who listens there, or use another endpoint"
-            )
-        self._endpoint = answer["endpoint"]
-        self._gateway = gateway
-        self._watch.gateway_started()
-        self._listen(gateway.channel, self._gateway_spoke)
+        insecure = self._protection is None and not Endpoint.parse(endpoint).is_local
+        order = self._order(endpoint) | {"welcome": welcome, "insecure": insecure}
+        gateway.channel.offer(order | {"handshake_seconds": self._settings.handshake_seconds})
+        return gateway
 
-    def _order(self) -> dict[str, Any]:
+    def _request(self, peer: bytes, user: str, frame: bytes) -> None:
+        self._control.request(peer, user, frame)
+
+    def _order(self, endpoint: str) -> dict[str, Any]:
         """What gateway and workers have to know alike."""
         protection = self._protection.to_order() if self._protection is not None else None
-        return {"endpoint": self._endpoint, "protection": protection}
+        return {"endpoint": endpoint, "protection": protection}
 
-    def _gateway_spoke(self, _source: Any) -> None:
-        gateway = self._gateway
-        if gateway is None:
+    # --- the attendants ----------------------------------------------------------------------------------------------
+
+    def _attend(self, attendant: Attendant) -> None:
+        """Start it, if there shall be one, without waiting for what it says."""
+        if attendant.launch() and attendant.child is not None:
+            self._listen(attendant.child.channel, lambda _: self._attendant_spoke(attendant))
+
+    def _attendant_spoke(self, attendant: Attendant) -> None:
+        """Its one word, whether it listens, or its end."""
+        child = attendant.child
+        if child is None or attendant.spoke():
             return
-        message = gateway.channel.receive()
-        if message is not None and "frame" in message:
-            failpoint("supervisor.request")
-            self._control.request(message["peer"], message["user"], message["frame"])
-            return
-        if message is not None:
-            self._watch.gateway_answered()
-            TALLY.add(message["tally"])
-            return
-        self._selector.unregister(gateway.channel)
-        failpoint("supervisor.gateway-ended")
-        log().error("gateway_ended", code=gateway.reap())
-        self._gateway = None
-        while self._gateway is None and self._gateway_starts < _GATEWAY_STARTS:
-            try:
-                self._start_gateway()
-            except (EndpointError, OSError) as error:
-                log().error("gateway_not_started", reason=str(error))
-                time.sleep(_GATEWAY_PAUSE)
+        attendant.child = None
+        log().error("monitor_ended", of=attendant.name, code=self._end(child))
+        self._attend_again(attendant)
 
-    def _to_gateway(self, peer: bytes, frame: bytes) -> None:
-        if self._gateway is not None:
-            self._gateway.channel.send({"peer": peer, "frame": frame})
-
-    # --- the monitor -------------------------------------------------------------------------------------------------
-
-    def _start_monitor(self) -> None:
-        if self._watch.start_monitor() and self._watch.monitor is not None:
-            self._listen(self._watch.monitor.channel, self._monitor_ended)
-
-    def _monitor_ended(self, _source: Any) -> None:
-        """It says nothing after its first word: it has fallen."""
-        monitor, self._watch.monitor = self._watch.monitor, None
-        if monitor is None:
-            return
-        log().error("monitor_ended", code=self._end(monitor))
+    def _attend_again(self, attendant: Attendant) -> None:
         try:
-            self._start_monitor()
-        except (EndpointError, OSError) as error:
-            log().error("no_monitor", reason=str(error))
+            self._attend(attendant)
+        except OSError as error:
+            log().error("no_monitor", of=attendant.name, reason=str(error))
 
     # --- the workers -------------------------------------------------------------------------------------------------
 
@@ -300,7 +277,9 @@ class Supervisor:
     def _start_session(self, order: dict[str, Any]) -> Child:
         """Give the order to the spare, which reads it as soon as it has imported everything; start the next spare."""
         child, self._spare = self._spare or self._start_worker(), None
-        child.channel.send(order | self._order() | {"settings": self._settings.model_dump_json()})
+        child.channel.offer(
+            order | self._order(self._gateway.endpoint) | {"settings": self._settings.model_dump_json()}
+        )
         failpoint("supervisor.ordered")
         self._spare = self._next_spare()
         return child

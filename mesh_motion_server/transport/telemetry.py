@@ -1,12 +1,10 @@
 """Structured logs to standard error: one line an event, never a payload, a token or a coordinate.
 
-How often, how long, and what of an exception: :mod:`.log_bounds`.
+How often, how long, and what of an exception: :mod:`.log_bounds`; where no line is taken: :mod:`.log_stream`.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
 import logging
 import sys
 from collections.abc import MutableMapping
@@ -15,6 +13,7 @@ from typing import Any, TextIO, cast
 import structlog
 
 from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shorten
+from mesh_motion_server.transport.log_stream import Unfailing
 
 __all__ = ["configure", "log", "name_session", "tell_suppressed"]
 
@@ -37,34 +36,16 @@ def configure(role: str, level: str = "info") -> None:
     structlog.configure(
         processors=[_THROTTLE, *shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(logging.getLevelNamesMapping()[level.upper()]),
-        logger_factory=structlog.PrintLoggerFactory(cast("TextIO", _Unfailing(sys.stderr))),
+        logger_factory=structlog.PrintLoggerFactory(cast("TextIO", Unfailing(sys.stderr))),
         cache_logger_on_first_use=True,
     )
     structlog.contextvars.bind_contextvars(role=role)
-    handler = logging.StreamHandler(_Unfailing(sys.stderr))
+    handler = logging.StreamHandler(Unfailing(sys.stderr))
     handler.setFormatter(structlog.stdlib.ProcessorFormatter(processors=[_clean, renderer], foreign_pre_chain=shared))
     handler.addFilter(_seldom)
     logging.basicConfig(handlers=[handler], level=level.upper())
     logging.captureWarnings(True)
     sys.excepthook = _log_uncaught
-
-
-class _Unfailing(io.TextIOBase):
-    """A stream whose reader may go and whose disk may be full: the line is lost then, and the server goes on."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        """See :class:`io.TextIOBase`."""
-        with contextlib.suppress(OSError, ValueError):
-            self._stream.write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        """See :class:`io.TextIOBase`."""
-        with contextlib.suppress(OSError, ValueError):
-            self._stream.flush()
 
 
 def name_session(session: str) -> None:

@@ -1,4 +1,4 @@
-"""What the supervisor looks at every second: children, disk, memory; and whom it tells: monitor, systemd, the log.
+"""What the supervisor looks at every second: children, disk, memory; and whom it tells: attendants, systemd, the log.
 
 Its own loop calls :meth:`Watch.beat`, so that whoever listens learns that the loop turns.
 """
@@ -12,14 +12,16 @@ from collections import Counter
 from mesh_motion_protocol import PROTOCOL_VERSION
 
 from mesh_motion_server import __version__
+from mesh_motion_server.operation.disk_watch import SILENT_SECONDS, DiskWatch
 from mesh_motion_server.operation.readiness import Standing
-from mesh_motion_server.operation.room import DiskRoom, available_memory, disk_room, resident_bytes
+from mesh_motion_server.operation.room import DiskRoom, available_memory, resident_bytes
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
-from mesh_motion_server.transport.processes import Child, spawn
-from mesh_motion_server.transport.registry import Registry
+from mesh_motion_server.transport.attendant import Attendant
+from mesh_motion_server.transport.gateway_line import GatewayLine
+from mesh_motion_server.transport.processes import Child
+from mesh_motion_server.transport.registry import Live, Registry
 from mesh_motion_server.transport.telemetry import log, tell_suppressed
 
 __all__ = ["Watch"]
@@ -29,9 +31,9 @@ _SECONDS = 1.0
 _SPARE_SECONDS = 300.0
 #: The log warns when so many times the reserve is left.
 _WARNED = 2
-#: A monitor that falls more often has a reason that restarting does not cure.
-_STARTS = 20
-_MAKE_ROOM = "make room: below the reserve new sessions are refused"
+#: Live sessions of which the page is told, the latest; their entries fit into one message.
+_TOLD = 500
+_MAKE_ROOM = "make room, such as by removing history/ of closed sessions: below the reserve new sessions are refused"
 #: Of a session with a worker.
 _STATES = ("NEW", "OPENING", "READY", "TRIAL", "COMMITTING", "SUSPENDED", "FROZEN", "FAILED")
 
@@ -45,65 +47,47 @@ class Watch:
     ----------
     settings : ServerSettings
     level : str
-        Log level, handed to the monitor.
+        Log level, handed to the attendants.
     manager : ServiceManager
+    disk : DiskWatch
+        Of the state folder.
+
+    Attributes
+    ----------
+    metrics, page : Attendant
+        Who answers Prometheus and probes, and who shows people the sessions.
     """
 
-    def __init__(self, settings: ServerSettings, level: str, manager: ServiceManager) -> None:
-        self.monitor: Child | None = None
+    def __init__(self, settings: ServerSettings, level: str, manager: ServiceManager, disk: DiskWatch) -> None:
         self.manager = manager
-        self.address = f"tcp://{settings.metrics}" if settings.metrics else ""
+        self.metrics = Attendant(
+            "metrics",
+            "mesh_motion_server.transport.monitor",
+            settings.metrics,
+            {"build": _build(), "stuck_seconds": settings.stuck_seconds},
+            level,
+        )
+        self.page = Attendant(
+            "monitor",
+            "mesh_motion_server.monitor_page.process",
+            settings.monitor,
+            {"build": _build(), "state": str(settings.state_folder)},
+            level,
+        )
         self.next_beat = time.monotonic() + _SECONDS
+        self._disk = disk
+        self._disk.ask()
         self._settings = settings
-        self._level = level
-        self._starts = 0
-        self._asked_gateway = False
-        self._gateway_at = time.monotonic()
         self._warm = False
         self._spare: tuple[Child | None, float] = (None, time.monotonic())
-        self._disk_low = False
+        self._disk_trouble = ""
 
-    # --- the monitor -------------------------------------------------------------------------------------------------
-
-    def start_monitor(self) -> bool:
-        """Start the process that answers over HTTP, where there shall be one; whether it runs.
-
-        Raises
-        ------
-        EndpointError
-            If its address cannot be bound.
-        """
-        if not self.address or self._starts >= _STARTS:
-            return False
-        self._starts += 1
-        where = Endpoint.parse(self.address)
-        monitor = spawn("mesh_motion_server.transport.monitor", self._level)
-        version = ".".join(map(str, PROTOCOL_VERSION))
-        build = {"version": __version__, "protocol": version, "python": platform.python_version()}
-        host = "127.0.0.1" if where.host == "localhost" else where.host.strip("[]")
-        monitor.channel.send(
-            {"host": host, "port": where.port, "build": build, "stuck_seconds": self._settings.stuck_seconds}
-        )
-        answer = monitor.channel.receive()
-        if answer is None or answer["event"] != "bound":
-            monitor.reap()
-            reason = answer["reason"] if answer else "the monitor ended"
-            raise EndpointError(
-                f"cannot listen for metrics on {self._settings.metrics}: {reason}", hint="use another address"
-            )
-        self.address, self.monitor = f"tcp://{answer['address']}", monitor
-        return True
+    @property
+    def attendants(self) -> tuple[Attendant, ...]:
+        """All of them, those included that nobody has asked for."""
+        return self.metrics, self.page
 
     # --- what happens ------------------------------------------------------------------------------------------------
-
-    def gateway_started(self) -> None:
-        """It has said that it listens."""
-        TALLY.count("gateway_starts")
-        self._gateway_at, self._asked_gateway = time.monotonic(), False
-
-    def gateway_answered(self) -> None:
-        """Its loop turns."""
-        self._gateway_at, self._asked_gateway = time.monotonic(), False
 
     def worker_started(self) -> None:
         """A worker, spare or not."""
@@ -119,45 +103,62 @@ class Watch:
 
     # --- every second ------------------------------------------------------------------------------------------------
 
-    def beat(self, registry: Registry, gateway: Child | None, spare: Child | None, *, draining: bool) -> None:
+    def beat(self, registry: Registry, gateway: GatewayLine, spare: Child | None, *, draining: bool) -> None:
         """Look and tell."""
         now = time.monotonic()
         self.next_beat = now + _SECONDS
         tell_suppressed()
-        if gateway is not None and not self._asked_gateway:
-            self._asked_gateway = gateway.channel.offer({"order": "ping"})
+        gateway.ask(now, self._settings.stuck_seconds)
+        for attendant in self.attendants:
+            attendant.end_silent(now)
         if spare is not self._spare[0]:
             self._spare = (spare, now)
-        standing = self._standing(now, draining=draining)
-        self._log_disk(standing.disk)
+        standing = self._standing(now, now - gateway.answered_at, draining=draining)
+        self._log_disk(standing)
         missing = standing.missing()
         if not standing.gateway_silent:
             self.manager.tell("WATCHDOG=1", f"STATUS={registry.working()} sessions{missing and '; ' + missing}")
-        if self.monitor is not None:
+        if self.metrics.child is not None:
             gauges = [*self._gauges(registry, spare, standing.disk), ("ready", "", float(not missing))]
-            news = {"at": now, "gateway_at": self._gateway_at, "missing": missing, "gauges": gauges}
-            self.monitor.channel.offer(news | {"totals": TALLY.values()})
+            news = {"at": now, "gateway_at": gateway.answered_at, "missing": missing, "gauges": gauges}
+            self.metrics.tell(news | {"totals": TALLY.values()})
+        if self.page.child is not None:
+            told = [[*_told(live)] for live in registry.live.values()]
+            # the latest, and those that fell only where there is room behind the working ones
+            told = sorted(told, key=lambda entry: entry[1] != "dead")[-_TOLD:]
+            self.page.tell({"missing": missing, "sessions": told})
+        self._disk.ask()  # for the next time
 
-    def _standing(self, now: float, *, draining: bool) -> Standing:
+    def _standing(self, now: float, silence: float, *, draining: bool) -> Standing:
         spare, since = self._spare
         late = spare is not None and not spare.spoke and now - since > _SPARE_SECONDS
         return Standing(
             draining=draining,
-            gateway_silent=now - self._gateway_at > self._settings.stuck_seconds,
+            gateway_silent=silence > self._settings.stuck_seconds,
             warm=self._warm,
             spare_silent=spare is None or late,
-            disk=disk_room(self._settings.state_folder),
+            disk=self._disk.room,
+            disk_silence=self._disk.silence(),
             reserve=self._settings.reserve_disk_bytes,
         )
 
-    def _log_disk(self, disk: DiskRoom) -> None:
-        """Once when the room gets low, once when there is enough again."""
-        low = disk.free < _WARNED * self._settings.reserve_disk_bytes
-        if low and not self._disk_low:
-            log().warning("disk_low", free=disk.free, reserve=self._settings.reserve_disk_bytes, hint=_MAKE_ROOM)
-        elif self._disk_low and not low:
+    def _log_disk(self, standing: Standing) -> None:
+        """Once when the room gets low or the disk silent, once when all is well again."""
+        disk, reserve = standing.disk, self._settings.reserve_disk_bytes
+        trouble = ""
+        if standing.disk_silence > SILENT_SECONDS:
+            trouble = "disk_silent"
+        elif disk.free < _WARNED * reserve:
+            trouble = "disk_low"
+        if trouble == self._disk_trouble:
+            return
+        self._disk_trouble = trouble
+        if trouble == "disk_silent":
+            log().error(trouble, hint="see to the disk or network mount of the state folder")
+        elif trouble:
+            log().warning(trouble, free=disk.free, reserve=reserve, hint=_MAKE_ROOM)
+        else:
             log().info("disk_has_room", free=disk.free)
-        self._disk_low = low
 
     def _gauges(self, registry: Registry, spare: Child | None, disk: DiskRoom) -> _Gauges:
         lives = [live for live in registry.live.values() if live.status != "dead"]
@@ -168,5 +169,17 @@ class Watch:
         gauges += [("worker_resident_bytes", "", float(sum(sizes)))]
         gauges += [("largest_worker_resident_bytes", "", float(max(sizes, default=0)))]
         gauges += [("disk_free_bytes", "", float(disk.free)), ("disk_size_bytes", "", float(disk.size))]
+        gauges += [("disk_silence_seconds", "", self._disk.silence())]
         memory = available_memory()
         return gauges if memory is None else [*gauges, ("memory_available_bytes", "", float(memory))]
+
+
+def _build() -> dict[str, str]:
+    """Which software this is."""
+    version = ".".join(map(str, PROTOCOL_VERSION))
+    return {"version": __version__, "protocol": version, "python": platform.python_version()}
+
+
+def _told(live: Live) -> tuple[str, str, str, int, int]:
+    """Of a session that has or had a worker: no token, no owner, no label."""
+    return live.session, live.status, live.state, live.step, live.epoch

@@ -14,14 +14,16 @@ import math
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
+import msgpack
 import zmq
 import zmq.utils.monitor
 from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import decode
-from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.errors import ProtocolError, brief, brief_details
 from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import CONTROL, REPLIES, ErrorReply, Message, Ping, Pong
 
@@ -30,6 +32,7 @@ from mesh_motion_server.failpoints import activate, failpoint
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.authorisation import Verdict
 from mesh_motion_server.service.envelope import Envelope
+from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.channel import Channel
@@ -43,7 +46,7 @@ from mesh_motion_server.transport.processes import (
     wake_on_signals,
 )
 from mesh_motion_server.transport.protection import Protection, forward_handshakes, keep_secrets_out_of_core_files
-from mesh_motion_server.transport.replies import encoded, error_reply, undecodable, unexpected
+from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.self_test import check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, name_session, tell_suppressed
@@ -55,6 +58,8 @@ __all__ = ["Lease", "Worker", "main"]
 _QUEUED = 2
 #: Open files and connections: the journal's few, libraries', and one connection a partition and client.
 _DESCRIPTORS = 2048
+#: Details of a failure that is told to the supervisor, whose line takes headers; the message says the same.
+_DETAILS_BYTES = 16 << 10
 _DATA = REPLIES.keys() - CONTROL
 #: What was counted is told after each of these, and otherwise so often, seconds: a killed worker loses no more.
 _STEPS = frozenset({"BUILD", "MOVE", "COMMIT"})
@@ -64,7 +69,8 @@ _TALLY_SECONDS = 1.0
 class Lease:
     """Knows the open connections of a socket and tells for how long there has been none.
 
-    They are told apart by their descriptors: the end of one whose handshake failed is not that of another.
+    They are told apart by their descriptors: the end of one whose handshake failed is not that of another. Who only
+    looks on keeps no lease: a session that nobody moves is at rest, however many watch it.
     """
 
     def __init__(self, socket: zmq.Socket[bytes], now: float) -> None:
@@ -78,9 +84,14 @@ class Lease:
             news = zmq.utils.monitor.recv_monitor_message(self.monitor)
             if news["event"] == zmq.EVENT_ACCEPTED:
                 self._connections.add(news["value"])
-            else:
-                self._connections.discard(news["value"])
-            self._alone_since = now
+            elif news["value"] in self._connections:
+                self._connections.remove(news["value"])
+                self._alone_since = now
+
+    def pass_over(self, frame: zmq.Frame, now: float) -> None:
+        """The connection that a frame came from does not count."""
+        self.update(now)  # or its beginning would be heard of later
+        self._connections.discard(int(frame.get(zmq.SRCFD)))
 
     def alone(self, now: float) -> float:
         """Seconds without any connection."""
@@ -177,7 +188,10 @@ class Worker:
         started = time.perf_counter()
         TALLY.count("received_bytes", sum(map(len, parts)))
         user = self._rights.user(parts[-1] if parts else peer)
-        state = str(self._host.state) if self._rights.is_owner(user) else ""
+        owns = self._rights.is_owner(user)
+        state = str(self._host.state) if owns else ""
+        if not owns:
+            self._lease.pass_over(parts[-1] if parts else peer, time.monotonic())
         try:
             request = decode([part.buffer for part in parts])
         except ProtocolError as error:
@@ -242,9 +256,11 @@ class Worker:
         now = (str(self._host.state), self._host.step, self._host.epoch)
         if now == self._reported and not (TALLY and time.monotonic() >= self._tally_due):
             return
-        self._reported, self._tally_due = now, time.monotonic() + _TALLY_SECONDS
-        news = {"event": "status", "state": now[0], "step": now[1], "epoch": now[2], "tally": TALLY.take()}
-        self._channel.send(news)
+        taken = TALLY.take()
+        if self._channel.offer({"event": "status", "state": now[0], "step": now[1], "epoch": now[2], "tally": taken}):
+            self._reported, self._tally_due = now, time.monotonic() + _TALLY_SECONDS
+        else:
+            TALLY.add(taken)  # the supervisor is behind with reading: the client does not wait for it
 
 
 def _count(reply: Message, frames: Sequence[Buffer]) -> None:
@@ -287,7 +303,7 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
     context.set(zmq.MAX_SOCKETS, 64)
     socket = router(context, message_bytes=FRAME_BYTES, queued=_QUEUED, handshake_seconds=settings.handshake_seconds)
     try:
-        host = _host(order, hosts, stores(settings.state_folder), settings)
+        host = _host(order, hosts, stores(settings.state_folder), settings, partial(_tell_progress, channel))
     except Exception as error:
         channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
         return 1
@@ -345,9 +361,17 @@ def _listen(
     return Endpoint.parse(endpoint).advertised_as(settings.advertised_host)
 
 
-def _host(order: dict[str, Any], hosts: Any, store: Any, settings: ServerSettings) -> SessionHost:
+def _tell_progress(channel: Channel, step: int) -> None:
+    """A step was computed again: the supervisor goes on waiting."""
+    channel.offer({"event": "recomputed", "step": step})
+
+
+def _host(
+    order: dict[str, Any], hosts: Any, store: Any, settings: ServerSettings, progress: Callable[[int], None]
+) -> SessionHost:
     if order["order"] == "resume":
-        resumed: SessionHost = hosts.resume(order["session"], order["token"], store, limits=settings)
+        given = order["session"], order["token"], store
+        resumed: SessionHost = hosts.resume(*given, limits=settings, progress=progress)
         return resumed
     spec = SessionSpec(
         session=order["session"],
@@ -367,10 +391,14 @@ def _failure(error: Exception) -> dict[str, Any]:
     """What the supervisor needs to answer; an error nobody foresaw is INTERNAL, its trace is logged."""
     if not isinstance(error, (MeshMotionError, MemoryError)):
         log().exception("start_failed")
-        return {"code": "INTERNAL", "message": f"{type(error).__name__}: {error}", "hint": "", "details": {}}
+        text = brief(f"{type(error).__name__}: {error}")
+        return {"code": "INTERNAL", "message": text, "hint": "", "details": {}}
     if isinstance(error, MemoryError):
         error = ResourceError("the session does not fit into the worker's memory", code="RESOURCE_EXHAUSTED.MEMORY")
-    return {"code": error.code, "message": error.message, "hint": error.hint, "details": error.details}
+    details = brief_details(error.details)
+    if len(msgpack.packb(details, default=str)) > _DETAILS_BYTES:
+        details = {}
+    return {"code": error.code, "message": brief(error.message), "hint": error.hint, "details": details}
 
 
 if __name__ == "__main__":

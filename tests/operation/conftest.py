@@ -18,9 +18,7 @@ def serve(tmp_path):
     servers = []
 
     def start(**settings):
-        folder = tmp_path / f"server{len(servers)}"
-        folder.mkdir()
-        servers.append(Served(folder, settings))
+        servers.append(Served(tmp_path / f"server{len(servers)}", **settings))
         return servers[-1].start()
 
     yield start

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from mesh_motion_client import MeshMotionError, connect
 from mesh_motion_protocol.messages import Build, Commit, Fetch, Status
-from served import small_mesh, wait_until
+from served import small_mesh
 
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.prove.driver import Driver, make_driver, resume_driver
 from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.session import journal
 from mesh_motion_server.session.store import SessionStore
 
@@ -79,7 +80,7 @@ def test_a_session_that_is_built_needs_no_more_room(small_disk: Any, monkeypatch
 def test_frozen_then_room_then_bitwise_on(small_disk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal, "_LEAST_CAPACITY", 1 << 17)
     monkeypatch.setattr(journal, "_LEAST_RECORDS", 2)
-    monkeypatch.setattr(journal, "_reserve", lambda folder, files, capacity: None)  # another one has taken it
+    monkeypatch.setattr(journal, "reserve", lambda folder, files, capacity: None)  # another one has taken it
     disk = small_disk(4 * _MIB)
     filler = Filler(disk)
     driver = make_driver(SessionStore(disk), [grid_mesh()])
@@ -149,7 +150,7 @@ def test_a_server_on_a_full_disk(serve: Any, small_disk: Any) -> None:
         filler.fill()
         wait_until(lambda: server.get("/readyz")[1].startswith("disk: "), "the page says so")
         assert server.get("/healthz")[0] == 200
-        assert server.logs("disk_low")
+        assert server.events("disk_low")
         with pytest.raises(MeshMotionError) as refused:
             client.open(mesh, {"support_radius": 1.0})
         assert refused.value.code == "RESOURCE_EXHAUSTED.DISK"

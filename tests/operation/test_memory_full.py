@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_motion_client import Mesh, MeshMotionError, Patch, connect
-from served import small_mesh, wait_until
+from served import small_mesh
+
+from mesh_motion_server.prove.waiting import wait_until
 
 
 def strip(nodes: int) -> Mesh:
@@ -44,4 +46,4 @@ def test_a_session_beyond_its_workers_memory_is_refused_and_others_go_on(serve: 
         modest.close()
     counted = ("refused_total", "RESOURCE_EXHAUSTED.MEMORY")
     wait_until(lambda: server.metrics().get(counted) == 1, "the refusal is counted")
-    assert not [line for line in server.logs("worker_ended") if line["code"] != 0]
+    assert not [line for line in server.events("worker_ended") if line["code"] != 0]

@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 from mesh_motion_client import MeshMotionError, connect
 from prometheus_client.parser import text_string_to_metric_families
-from served import small_mesh, wait_until
+from served import small_mesh
 
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
+from mesh_motion_server.prove.waiting import wait_until
 
 #: prometheus.io/docs/practices/naming: base units, and what promtool check metrics objects to.
 _OTHER_UNITS = re.compile(r"_(ms|milliseconds|minutes|hours|kb|kilobytes|mb|megabytes|percent)(_|$)")
@@ -88,7 +89,7 @@ def test_the_numbers_are_those_of_the_client(serve: Any) -> None:
         assert found["build_info", "1.0", *_versions(found)[1:]] == 1
         assert lint(server.get("/metrics")[1]) == []
 
-        worker = server.logs("open")[0]["worker"]
+        worker = server.events("open")[0]["worker"]
         scores = {pid: int(Path(f"/proc/{pid}/oom_score_adj").read_text()) for pid in (server.process.pid, worker)}
         assert scores[worker] > scores[server.process.pid]  # the kernel takes a worker when the memory is full:
         os.kill(worker, signal.SIGKILL)  # what it had done stays counted, and the next one's work is added

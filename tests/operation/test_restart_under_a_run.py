@@ -15,7 +15,9 @@ import pytest
 from mesh_motion_client import connect
 from mesh_motion_client.session import Session
 from mesh_motion_protocol.messages import Uploaded
-from served import PATIENCE, Served, small_mesh, wait_until
+from served import Served, small_mesh
+
+from mesh_motion_server.prove.waiting import PATIENCE, wait_until
 
 FSI = Path(__file__).parents[2] / "examples" / "mock_fsi"
 STEPS = 7
@@ -51,9 +53,9 @@ def test_a_coupled_run_is_bitwise_the_same_across_two_restarts(serve: Any, tmp_p
     disturbed = couple(server, tmp_path / "disturbed", (2, 4))
     assert len(list(csv.DictReader(undisturbed.splitlines()))) == STEPS
     assert disturbed == undisturbed
-    assert len(server.logs("stopped")) == 2
-    assert len(server.logs("resume")) == 2
-    assert not server.logs("killed")
+    assert len(server.events("stopped")) == 2
+    assert len(server.events("resume")) == 2
+    assert not server.events("killed")
 
 
 @pytest.fixture
@@ -91,7 +93,7 @@ def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: 
         trial.move(rows)
 
         assert server.stop() == 0  # idle is at a step, trial has one that is not committed
-        wait_until(lambda: server.logs("stopped"), "stopped")
+        wait_until(lambda: server.events("stopped"), "stopped")
         committed = background(trial.commit)  # asks while nobody is there
         server.start()
         assert committed().digest == digest
@@ -102,7 +104,7 @@ def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: 
 
         for session in (idle, trial):
             session.close()
-    assert [line["event"] for line in server.logs() if line["level"] == "error"] == []
+    assert [line["event"] for line in server.events() if line["level"] == "error"] == []
 
 
 def test_an_upload_is_begun_anew_at_the_next_server(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:

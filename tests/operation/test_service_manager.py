@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from served import wait_until
 
 from mesh_motion_server.operation.service_manager import ServiceManager
+from mesh_motion_server.prove.waiting import wait_until
 
 UNIT = Path(__file__).parents[2] / "docs" / "mesh-motion.service"
 

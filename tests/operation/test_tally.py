@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import threading
 
@@ -79,3 +80,19 @@ def test_two_threads_count_and_nothing_is_lost() -> None:
     total.add(tally.take())
     assert sum(total.counts.values()) == rounds
     assert (sum(total.spreads["fsync_seconds"][:-1]), total.spreads["fsync_seconds"][-1]) == (rounds, 0.5 * rounds)
+
+
+def test_counts_that_alarms_look_at_are_shown_before_the_first() -> None:
+    """Prometheus sees no increase between nothing and one."""
+    text = exposition(Tally().values(), [], {"version": "1"}).decode()
+    assert 'mesh_motion_refused_total{code="INTERNAL"} 0.0' in text
+    assert 'mesh_motion_worker_ends_total{how="signal"} 0.0' in text
+    assert "mesh_motion_gateway_falls_total 0.0" in text
+    tally = Tally()
+    tally.count("refused", label="INTERNAL")
+    tally.count("refused", label="NOT_FOUND")
+    text = exposition(tally.values(), [], {"version": "1"}).decode()
+    assert re.findall(r'^mesh_motion_refused_total\{code="(.*)"\} (.*)$', text, re.MULTILINE) == [
+        ("INTERNAL", "1.0"),
+        ("NOT_FOUND", "1.0"),
+    ]

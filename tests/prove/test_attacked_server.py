@@ -13,7 +13,7 @@ import pytest
 from mesh_motion_server.prove import attacked_server
 from mesh_motion_server.prove.attacked_server import CHECK, Target
 from mesh_motion_server.prove.check import BrokenPromise, Budget
-from mesh_motion_server.prove.processes import Usage, descendants, resident_bytes, usage_of
+from mesh_motion_server.prove.processes import Usage, descendants, usage_of
 
 
 @pytest.mark.slow
@@ -99,4 +99,3 @@ def test_an_attack_that_works_is_found(monkeypatch: pytest.MonkeyPatch, attack: 
 def test_processes_are_seen(sleeper: Any) -> None:
     assert {os.getpid(), sleeper.pid} <= descendants(os.getpid())
     assert usage_of(sleeper.pid).files >= 3
-    assert resident_bytes() == pytest.approx(resident_bytes(os.getpid()), rel=0.1)

@@ -15,7 +15,7 @@ from mesh_motion_server.prove.extreme_inputs import prove_extreme_inputs
 from mesh_motion_server.prove.inputs.extremes import EXTREMES
 from mesh_motion_server.prove.numerical_input import CHECK
 from mesh_motion_server.service import move
-from mesh_motion_server.session import motions, partitions, session, uploads
+from mesh_motion_server.session import merging, motions, partitions, session, uploads
 
 
 def rows(*starts: str) -> list[Any]:
@@ -60,8 +60,8 @@ def nothing(*args: Any, **kwargs: Any) -> None:
     [
         (uploads, "_check_finite", ("node at nan",)),
         (uploads, "_check_cell_type", ("'tetra' cells", "'line' cells")),
-        (partitions, "_check_range", ("a cell with node -1", "a patch with node 25")),
-        (partitions, "_check_no_duplicate", ("a cell twice",)),
+        (merging, "_check_range", ("a cell with node -1", "a patch with node 25")),
+        (merging, "_check_no_duplicate", ("a cell twice",)),
         (partitions.MergedMesh, "_check_agreement", ("partitions that disagree",)),
         (mesh_check, "_refuse_geometry", ("an inverted cell", "a folded mesh")),
         (mesh_check, "_check_extent", ("square × 1e+200", "cube × 1e-120")),

@@ -59,7 +59,7 @@ def test_a_failure_and_a_case_that_was_left_out_are_told() -> None:
     result = conformance._result({"server": told, "Python": verdict("Python", outcomes[:1])})
     assert not result.passed
     assert result.got == "2 of 5 failed: server 3-bad, server 9-odd"
-    assert conformance._result({"Python": verdict("Python", outcomes[:1])}).got.endswith("C, Fortran not built")
+    assert conformance._result({"Python": verdict("Python", outcomes[:1])}).got.endswith("C, C++, Fortran not built")
 
 
 def test_clients_are_command_lines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
+from believing_journal import believe_every_slot
 
 from mesh_motion_server.prove.check import BrokenPromise, Budget
 from mesh_motion_server.prove.journal_damage import CHECK, FOLDER, STEPS, damage, read_back, small_journal
-from mesh_motion_server.session import journal as journal_module
-from mesh_motion_server.session import journal_files
 from mesh_motion_server.session.records import PAGE
 from mesh_motion_server.settings import DURABILITY_LEVELS
 
@@ -45,18 +43,7 @@ def test_a_logged_commit_that_vanishes_with_its_last_byte_is_found(monkeypatch: 
 
 def test_a_journal_that_verifies_no_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     contents = small_journal()
-    honest = journal_files.view_slot
-
-    def believe(path, files, foundation):  # type: ignore[no-untyped-def]
-        view = honest(path, files, foundation)
-        return journal_files.SlotView(view.record, view.blank, lambda: True)
-
-    monkeypatch.setattr(journal_files, "view_slot", believe)
-    monkeypatch.setattr(
-        journal_module,
-        "verified_state",
-        lambda raw, ledger: np.frombuffer(raw, "<f8").reshape(ledger.foundation.nodes, 2),
-    )
+    believe_every_slot(monkeypatch)
     newest = FOLDER / f"slot-{STEPS % 2}"
     with pytest.raises(BrokenPromise, match="a wrong array is read as step 3"):
         damage(contents, newest, PAGE + 9, 3)

@@ -9,7 +9,7 @@ from contextlib import suppress
 import pytest
 
 from mesh_motion_server.failpoint_table import POINTS
-from mesh_motion_server.prove import failing_server, named_failpoints, persistent_holder
+from mesh_motion_server.prove import named_failpoints, persistent_holder, waiting
 from mesh_motion_server.prove.check import BrokenPromise, Budget
 from mesh_motion_server.prove.named_failpoints import CHECK, TASKS, NotPassed, Rig, let_fail, passages, rig
 
@@ -76,7 +76,7 @@ def test_a_bug_is_found(
 ) -> None:
     seed(bug)
     hangs = bug.startswith(("a worker", "a spare"))
-    monkeypatch.setattr(persistent_holder, "PATIENCE", 4.0 if hangs else failing_server.PATIENCE)
+    monkeypatch.setattr(persistent_holder, "PATIENCE", 4.0 if hangs else waiting.PATIENCE)
     point, fault, hit = re.split("[=@]", failing)
     with pytest.raises(BrokenPromise, match=said):
         try_several_times(task, point, fault, int(hit))

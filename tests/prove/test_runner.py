@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from mesh_motion_server.cli import ExitStatus, main
@@ -14,6 +16,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.prove import table
 from mesh_motion_server.prove.check import BrokenPromise, Budget, Check, Result, require
 from mesh_motion_server.prove.runner import HEADING, Plan, chosen, prove
+from mesh_motion_server.prove.waiting import wait_until
 
 
 def check(name: str, run: Any) -> Check:
@@ -91,6 +94,24 @@ def test_a_proof_that_was_cut_short_is_none(tmp_path: Path) -> None:
     proof = json.loads((tmp_path / "proof.json").read_text())
     assert (proof["passed"], proof["finished"]) == (False, None)
     assert [each["check"] for each in proof["checks"]] == ["good"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("how", "status"), [(signal.SIGTERM, ExitStatus.INTERRUPTED), (signal.SIGKILL, -signal.SIGKILL)]
+)
+def test_a_proof_that_is_told_to_end_leaves_no_process_behind(tmp_path: Path, how: int, status: int) -> None:
+    proof = psutil.Popen([sys.executable, "-m", "mesh_motion_server", "prove", "--only", "soak", "-o", str(tmp_path)])
+
+    def soaking() -> list[psutil.Process]:
+        started: list[psutil.Process] = proof.children(recursive=True)
+        return started if any("soak_client" in " ".join(each.cmdline()) for each in started) else []
+
+    started = wait_until(soaking, "the client of the soak")
+    proof.send_signal(how)
+    assert proof.wait(60) == status
+    _, alive = psutil.wait_procs(started, 60)
+    assert [each.cmdline() for each in alive] == []
 
 
 def test_time_instead_of_counts_is_shared_out(tmp_path: Path) -> None:

@@ -50,6 +50,12 @@ def test_replies_that_are_never_dropped_are_found(seed: Seed) -> None:
         judge(soak.readings, soak.stored)
 
 
+@pytest.mark.slow
+def test_a_client_that_fails_says_why() -> None:
+    with soaking(1) as soak, pytest.raises(BrokenPromise, match=r"(?s)ended by itself, after \d+ steps.*ValueError"):
+        soak.go("some")  # type: ignore[arg-type]
+
+
 def readings(slope_bytes: float, *, steps: int = 100_000, files: float = 0.0) -> list[Reading]:
     noise = np.random.default_rng(1).integers(0, 16, 60) * 4096
     at = np.linspace(0, steps, 60).astype(int)

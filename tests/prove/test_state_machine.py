@@ -18,7 +18,7 @@ from mesh_motion_server.prove import state_machine
 from mesh_motion_server.prove.actions import ALL, EVENTS, REQUESTS, TWISTS, Action, read_story, story
 from mesh_motion_server.prove.check import BrokenPromise, Budget
 from mesh_motion_server.prove.in_process import allow_everybody_listed, quiet
-from mesh_motion_server.prove.session_model import ADMITTED, OPERATIONS
+from mesh_motion_server.prove.session_table import ADMITTED, OPERATIONS
 from mesh_motion_server.prove.state_machine import CELLS, CHECK, Life, begin, nth_life, replay
 from mesh_motion_server.service import dispatch, execution
 from mesh_motion_server.service.gathering import Gathering
@@ -105,11 +105,28 @@ def test_hypothesis_finds_no_difference(protection: Protection) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("between", ["STOP/1//5 ", ""])
+def test_a_wish_to_discard_ends_with_its_epoch(between: str) -> None:
+    """Found by the row: the model went on with it; and so did the server, where the worker lived on."""
+    replay(
+        "partitions=2 level=full numerics=stand-in JOIN/*//0 UPLOAD/*//29 UPLOAD/*//21 UPLOAD/*//31 UPLOAD/*//27 "
+        f"BUILD/*//18 CLOSE/1/discard/21 {between}RESUME/0//31 JOIN/*//0 CLOSE/*//20"
+    )
+
+
 def test_a_closed_session_stays_closed_when_its_lease_ends() -> None:
     """Found by the row: behind a disk that had failed it became FROZEN."""
     replay(
         "partitions=1 level=relaxed numerics=stand-in JOIN/*//0 UPLOAD/*//1 UPLOAD/*//2 UPLOAD/*//3 UPLOAD/*//4 "
         "BUILD/*//5 MOVE/*//6 BREAK/0//0 COMMIT/*//7 MOVE/*//8 CLOSE/*//9 LEASE_END/0//0"
+    )
+
+
+def test_a_disk_that_fails_behind_a_reply_is_told_unasked() -> None:
+    """A worker tells its supervisor at its next waking, so LIST shows FROZEN although nobody has asked the session."""
+    replay(
+        "partitions=2 level=relaxed numerics=stand-in JOIN/*//0 UPLOAD/*//1 UPLOAD/*//2 UPLOAD/*//3 UPLOAD/*//4 "
+        "UPLOAD/*//5 BUILD/*//6 MOVE/*//7 BREAK/2//13 COMMIT/*//13 LIST/*/monitor/16"
     )
 
 

@@ -15,8 +15,9 @@ from mesh_motion_server.security import key_folder
 from mesh_motion_server.security.allow_list import AllowList, Entry, Everybody, read_entries, write_entries
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys, read_list, revoke
 
-KEY = zmq.curve_keypair()[0].decode()
-OTHER = zmq.curve_keypair()[0].decode()
+# Fixed, for they stand in the names of tests: those are the same in every process and every run.
+KEY = "rq:rM>}U?@Lns47E1%kR.o@n%FcmmsL/@{H8]yf7"
+OTHER = "Yne@$w-vo<fVvi]a<NY6T1ed:M$fCG*[IaLV{hID"
 ALICE = '{ name = "alice", roles = ["owner"] }'
 #: Every character that Z85 has, 40 at a time.
 Z85 = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ.-:+=^!/*?&<>()[]{}@%$#"

@@ -185,6 +185,15 @@ def test_discarding_is_done_when_all_have_left(pair: Any, store: Any) -> None:
     assert store.sessions() == []
 
 
+def test_a_wish_to_discard_ends_with_its_epoch(kit: Any, pair: Any, store: Any) -> None:
+    pair.ask(Close, 0, outcome="discard")
+    assert pair.host.reclaim(kit.TOKEN) == 2
+    pair.join()
+    for partition in (0, 1):
+        assert pair.ask(Close, partition).type == "CLOSED"
+    assert len(store.sessions()) == 1
+
+
 def test_who_waits_when_the_lease_ends_is_told(pair: Any) -> None:
     pair.send(move(pair, 0))
     (told,) = pair.host.suspend()

@@ -140,6 +140,34 @@ def test_the_log_is_bounded_by_time(opened: Any, monkeypatch: pytest.MonkeyPatch
     assert records(opened.folder) == ["epoch 1", "step 1, logged", "step 2", "step 3, logged"]
 
 
+def test_each_step_that_is_computed_again_is_told(opened: Any, kit: Any) -> None:
+    """Whoever waits for the session knows that it comes, however long the log of another machine takes here."""
+    driver = opened.open("replay")
+    for step in (1, 2, 3):
+        driver.advance(step)
+    driver.host._session.close(keep=False)
+    told: list[int] = []
+    again = kit.resume_driver(driver, opened.store, progress=told.append)
+    assert told == [1, 2, 3]
+    again.host.close()
+
+
+def test_what_took_long_to_compute_again_is_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a worker that falls again and again has ever more to compute."""
+    driver = opened.open("replay")
+    for step in (1, 2):
+        driver.advance(step)
+    points = driver.ask(Fetch).points
+    opened.again()
+    assert records(opened.folder)[-1] == "epoch 2"
+    monkeypatch.setattr(replay_module, "_LONG_SECONDS", -1.0)
+    again = opened.again()
+    assert records(opened.folder)[-2:] == ["step 2, stored", "epoch 3"]
+    np.testing.assert_array_equal(again.ask(Fetch).points, points)
+    again.advance(3)
+    assert records(opened.folder)[-1] == "step 3, logged"
+
+
 def test_an_input_as_costly_as_the_state_is_not_logged(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mesh_motion_server.session.durability._SMALL_INPUT", 0)
     driver = opened.open("replay")
@@ -274,10 +302,11 @@ def test_what_was_not_durable_is_lost_and_said_so(opened: Any, held: threading.E
 
 
 @pytest.mark.parametrize("leave", ["close", "end", "suspend", "reclaim"])
-def test_everything_is_durable_before(opened: Any, kit: Any, leave: str) -> None:
+def test_everything_is_durable_before(opened: Any, kit: Any, leave: str, held: threading.Event) -> None:
     driver = opened.open("relaxed")
     for step in range(1, 6):
         driver.advance(step)
+    threading.Timer(0.3, held.set).start()
     if leave == "close":
         assert driver.ask(Close).step == 5
     elif leave == "end":
@@ -286,6 +315,7 @@ def test_everything_is_durable_before(opened: Any, kit: Any, leave: str) -> None
         driver.host.suspend()
     else:
         driver.host.reclaim(kit.TOKEN)
+    assert held.is_set()
     assert inspect_session(opened.folder).step == 5
 
 
@@ -322,6 +352,60 @@ def test_a_close_that_cannot_keep_is_refused_once(opened: Any, held: threading.E
     refused = driver.ask(Close)
     assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
     assert driver.ask(Close).step == 0
+
+
+@pytest.mark.parametrize("leave", ["close", "end", "suspend"])
+def test_what_was_answered_before_a_session_failed_is_kept(opened: Any, kit: Any, leave: str, held: Any) -> None:
+    """The thread stores step 1 while the others wait: ending must not drop them."""
+    driver = opened.open("relaxed")
+    digests = [driver.advance(step)[0].digest for step in range(1, 5)]
+    driver.host._session.fail()
+    threading.Timer(0.2, held.set).start()
+    if leave == "close":
+        assert driver.ask(Close).step == 4
+    elif leave == "end":
+        driver.host.close()
+    else:
+        driver.host.suspend()
+        assert driver.host.state == "FAILED"
+        driver.host.close()
+    again = kit.resume_driver(driver, opened.store)
+    assert again.host._session.commits[-1].digest == digests[-1]
+    again.host.close()
+
+
+@pytest.mark.parametrize("suspended", [False, True])
+def test_a_session_that_failed_stays_so_when_its_disk_fails_too(
+    opened: Any, held: threading.Event, monkeypatch: Any, suspended: bool
+) -> None:
+    """FROZEN would hand out coordinates that nobody trusts."""
+    driver = opened.open("relaxed")
+    driver.advance(1)
+    driver.host._session.fail()
+
+    def broken(self: Any, handle: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(PosixFileSystem, "sync", broken)
+    held.set()
+    if suspended:
+        driver.host.suspend()  # the log is told
+    else:
+        refused = driver.ask(Close)
+        assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FAILED")
+    assert driver.ask(Status).state == "FAILED"
+    assert driver.ask(Fetch).code == "FAILED_PRECONDITION.STATE"
+    assert driver.ask(Close).step == 0
+
+
+def test_of_a_session_that_failed_no_state_is_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("replay")
+    driver.advance(1)
+    driver.host._session.fail()
+    monkeypatch.setattr(Journal, "snapshot", None)
+    assert driver.ask(Close).step == 1
+    monkeypatch.undo()
+    assert records(opened.folder)[-1] == "step 1, logged"
 
 
 def test_nothing_is_waited_for_where_nothing_is_kept(opened: Any, held: threading.Event, monkeypatch: Any) -> None:

@@ -29,7 +29,7 @@ def folder(kit: Any, tmp_path: Path) -> Path:
 
 
 def test_a_whole_session(folder: Path) -> None:
-    before = {path: path.read_bytes() for path in folder.iterdir()}
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     found = inspect_session(folder)
     assert (found.state, found.step, found.epoch, found.label, found.nodes) == ("whole", 2, 2, "wing", 25)
     assert [line.says for line in found.records] == ["epoch 1", "step 1", "epoch 2", "step 2"]
@@ -37,7 +37,7 @@ def test_a_whole_session(folder: Path) -> None:
     assert found.digest == (folder.parents[1] / "digest").read_text()
     assert found.settings["correction"] == "optimised"
     json.dumps(found.as_dict())
-    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
 def test_a_torn_tail_is_unfinished(folder: Path) -> None:

@@ -12,6 +12,7 @@ from mesh_motion_protocol.digests import state_digest
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.prove.journal_damage import read_back
+from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.session import journal as journal_module
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal import Journal, record_area
@@ -203,6 +204,7 @@ class Crowded(PosixFileSystem):
     def create(self, path: Path, size: int) -> int:
         """See FileSystem."""
         if self.replaced and path.name == "manifest.new":
+            self.close(super().create(path, 0))
             raise OSError(errno.ENOSPC, "No space left on device")
         return super().create(path, size)
 
@@ -217,7 +219,63 @@ def test_a_manifest_without_room_for_the_next_one_is_filled(tmp_path: Path, smal
         journal.store(entry_of(steps), state_of(steps))
     journal.store(entry_of(steps + 1), state_of(steps + 1))
     assert not journal.frozen
+    assert not (tmp_path / "manifest.new").exists()
     journal.close()
     again = reopen(tmp_path)
     assert again.ledger.step == steps + 1
     again.close()
+
+
+def test_the_record_area_in_bytes() -> None:
+    assert [record_area(partitions) for partitions in (1, 16, 17, 256)] == [20_480, 20_480, 24_576, 81_920]
+    assert record_area(17, commits=8) == 8 * 24_576
+
+
+@pytest.mark.parametrize(
+    ("area", "log_bytes", "capacity"),
+    [(20_480, 0, 1 << 20), (81_920, 0, 24 * 81_920), (20_480, 1 << 20, 3 << 20)],
+)
+def test_a_manifest_has_room_for_a_checkpoint_and_as_much_again(area: int, log_bytes: int, capacity: int) -> None:
+    foundation = Foundation("0" * 32, b"s", b"m", 4, 2, area, log_bytes=log_bytes)
+    files = ModelFiles()
+    Journal.create(Path("/session"), files, foundation).close()
+    for name in ("manifest", "manifest.new"):
+        assert len(files.entries[Path("/session") / name].cache) == capacity
+
+
+@pytest.mark.usefixtures("small")
+def test_a_manifest_is_filled_to_its_last_page_before_it_is_replaced(tmp_path: Path) -> None:
+    journal = write(tmp_path, 7)
+    assert [record.kind for record in read_journal(tmp_path, PosixFileSystem()).records] == ["build"] + 7 * ["commit"]
+    journal.store(entry_of(8), state_of(8))
+    assert [record.kind for record in read_journal(tmp_path, PosixFileSystem()).records] == ["checkpoint", "commit"]
+    assert (tmp_path / "manifest.new").stat().st_size == 8 * PAGE
+    journal.close()
+
+
+@pytest.mark.parametrize(
+    ("capacity", "receipt", "says"),
+    [(PAGE, 1, "does not fit the manifest"), (8 * PAGE, PAGE, "takes 8192 bytes of 4096")],
+)
+def test_a_record_that_does_not_fit_is_refused(tmp_path: Path, capacity: int, receipt: int, says: str) -> None:
+    journal = Journal.create(tmp_path, PosixFileSystem(), FOUNDATION, capacity=capacity)
+    commit = Commit(1, state_digest(1, state_of(1)), (), bytes(receipt))
+    with pytest.raises(JournalError, match=says) as caught:
+        journal.store(commit, state_of(1))
+    assert (caught.value.code, journal.frozen, journal.ledger.step) == ("INTERNAL", True, 0)
+    assert (tmp_path / "manifest").stat().st_size == capacity
+    journal.close()
+
+
+def test_an_error_of_the_disk_without_a_number_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    journal = write(tmp_path, 0)
+
+    def broken(self: Any, handle: int) -> None:
+        raise OSError("the disk is gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(PosixFileSystem, "sync", broken)
+        with pytest.raises(JournalError, match=r"the disk is gone \(unknown\)") as caught:
+            journal.raise_epoch()
+    assert caught.value.details == {"errno": "unknown"}
+    journal.close()

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from mesh_motion_server.prove import kill_nine
 from mesh_motion_server.prove.check import BrokenPromise, Budget
 from mesh_motion_server.prove.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
 from mesh_motion_server.session.store import SessionStore
@@ -73,6 +74,22 @@ def test_a_process_that_ends_by_itself_is_found(tmp_path: Path) -> None:
     (tmp_path / "sessions").write_text("in the way of the folder")
     with pytest.raises(BrokenPromise, match=r"not ended by a kill; its last words: .*failed"):
         kill_again_and_again(tmp_path, Random(4), Budget(3))
+
+
+def test_lives_that_commit_nothing_end_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kill_nine, "_MOST_IDLE", 3)
+    monkeypatch.setattr(kill_nine, "_LONGEST", 1e-6)
+    with pytest.raises(BrokenPromise, match="after step 0, 3 lives in a row have committed nothing"):
+        kill_again_and_again(tmp_path, Random(5), Budget(100))
+
+
+def test_a_life_shares_no_lock_with_the_next(tmp_path: Path) -> None:
+    """Whoever is killed while it holds one that is shared keeps it: no later life would get anywhere."""
+    script = "import sys; from numba.np.ufunc import parallel; from mesh_motion_server.prove import killed_process\n"
+    script += "sys.stdin = []; killed_process.main(sys.argv[1], 'full')\n"
+    script += "print(type(parallel._backend_init_process_lock).__module__)"
+    done = subprocess.run([sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=True)
+    assert done.stdout == "numba.np.ufunc.parallel\n"  # its stand-in for a lock, not one of multiprocessing
 
 
 @pytest.mark.parametrize("held", [True, False])

@@ -8,12 +8,14 @@ from typing import Any
 import pytest
 from mesh_motion_protocol.messages import Commit, Move
 
-from mesh_motion_server.prove.driver import SESSION, make_driver
+from mesh_motion_server.prove.driver import SESSION, make_driver, resume_driver
 from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.session import listing
 from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
 from mesh_motion_server.session.recovery import read_chain, sum_up
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.transport import registry
 
 
 class CountingFiles(ModelFiles):
@@ -64,3 +66,90 @@ def test_a_young_session_is_listed_by_64_kib(journal: Any) -> None:
     before = files.read_bytes
     read_ledger(folder, files)
     assert files.read_bytes - before == 64 << 10
+
+
+OTHERS = [letter * 32 for letter in "bcde"]
+
+
+@pytest.fixture
+def five(tmp_path: Path) -> SessionStore:
+    """A store on a real disk with five sessions at rest."""
+    store = SessionStore(tmp_path)
+    for session in (SESSION, *OTHERS):
+        driver_at_rest(store, session)
+    return store
+
+
+def driver_at_rest(store: SessionStore, session: str) -> Any:
+    """A session with a step, and who has driven it."""
+    driver = make_driver(store, [grid_mesh()], session=session)
+    driver.open()
+    advance(driver, 1)
+    driver.host.close()
+    return driver
+
+
+@pytest.fixture
+def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The sessions whose manifests were read."""
+    found: list[str] = []
+
+    def counting(folder: Path, files: Any) -> Any:
+        found.append(folder.name)
+        return read_ledger(folder, files)
+
+    monkeypatch.setattr(listing, "read_ledger", counting)
+    return found
+
+
+def names_of(page: Any) -> list[str]:
+    return [entry["session"] for _, entry in page]
+
+
+def test_a_page_reads_its_own_sessions_and_each_once(
+    five: SessionStore, reads: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listing, "_SETTLED_SECONDS", -1.0)
+    monkeypatch.setattr(registry, "_LISTED", 2)
+    sessions = sorted([SESSION, *OTHERS])
+    known = registry.Registry(five)
+    for _ in range(3):
+        page, more = known.page("", lambda owner: owner == "")
+        assert (names_of(page), more, reads) == (sessions[:2], True, sessions[:2])
+    page, more = known.page(sessions[3], lambda owner: True)
+    assert (names_of(page), more) == (sessions[4:], False)
+    assert known.page("", lambda owner: owner != "") == ([], False)
+    assert reads == [*sessions[:2], sessions[4]]
+
+
+def test_what_has_changed_is_read_again(five: SessionStore, reads: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(listing, "_SETTLED_SECONDS", -1.0)
+    driver = driver_at_rest(five, "f" * 32)
+    assert [found.step for found in five.sessions()] == [1] * 6
+    driver = resume_driver(driver, five)
+    advance(driver, 2)
+    driver.host.close()
+    five.discard(OTHERS[1])
+    reads.clear()
+    expected = {name: 1 for name in (SESSION, *OTHERS) if name != OTHERS[1]} | {"f" * 32: 3}
+    assert {found.session: found.step for found in five.sessions()} == expected
+    assert reads == ["f" * 32]
+
+
+def test_what_may_still_change_unseen_is_not_remembered(five: SessionStore, reads: list[str]) -> None:
+    """Within the tick of a file system's clock two changes bear the same time."""
+    five.sessions()
+    five.sessions()
+    assert len(reads) == 10
+
+
+def test_no_more_is_remembered_than_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(listing, "_SETTLED_SECONDS", -1.0)
+    remembered: Any = listing.Remembered(2)
+    paths = [tmp_path / name for name in "abc"]
+    reads: list[Path] = []
+    for path in paths:
+        path.write_bytes(b"")
+    for path in (*paths, paths[2], paths[1], paths[0], tmp_path / "missing", tmp_path / "missing"):
+        remembered.get(path, lambda path=path: reads.append(path))
+    assert [path.name for path in reads] == ["a", "b", "c", "a", "missing", "missing"]

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.session.merging import merge
 from mesh_motion_server.session.numbering import in_senders_numbers, upload_view
-from mesh_motion_server.session.partitions import merge
 
 
 def assert_same(a: Any, b: Any) -> None:

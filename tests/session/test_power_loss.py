@@ -10,14 +10,13 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import numpy as np
 import pytest
+from believing_journal import believe_every_slot
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.prove.check import BrokenPromise
 from mesh_motion_server.prove.power_loss import explore, fail_each, random_script
 from mesh_motion_server.session import journal as journal_module
-from mesh_motion_server.session import journal_files
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit, Ledger
 from mesh_motion_server.session.relaxed import RelaxedKeeper
@@ -171,18 +170,7 @@ def test_a_log_that_is_stored_too_late_is_found(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_missing_slot_checksum_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = journal_files.view_slot
-
-    def believe(path: Any, files: Any, foundation: Any) -> Any:
-        view = honest(path, files, foundation)
-        return journal_files.SlotView(view.record, view.blank, lambda: True)
-
-    monkeypatch.setattr(journal_files, "view_slot", believe)
-    monkeypatch.setattr(
-        journal_module,
-        "verified_state",
-        lambda raw, ledger: np.frombuffer(raw, "<f8").reshape(ledger.foundation.nodes, ledger.foundation.dimension),
-    )
+    believe_every_slot(monkeypatch)
     with pytest.raises(FOUND):
         explore(SCRIPT, Random(1))
 

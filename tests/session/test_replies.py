@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 
 from mesh_motion_server.errors import SessionError
@@ -81,9 +83,49 @@ def test_clients_are_bounded() -> None:
     assert table.nbytes == 1024 * 10
 
 
+def test_the_longest_silent_client_is_forgotten_first() -> None:
+    table: ReplyTable[str] = ReplyTable(2, 10_000_000)
+    for number in range(1024):
+        table.store(ask(1, client=number.to_bytes(16)), "reply")
+    table.store(ask(2, client=bytes(16)), "the first is heard again")
+    table.store(ask(1, client=b"new"), "reply")
+    found = [number for number in range(1024) if table.find(ask(1, client=number.to_bytes(16))) is None]
+    assert found == [1]
+    assert table.find(ask(1, client=b"new")) == "reply"
+
+
+def test_holders_are_those_that_were_answered_last() -> None:
+    table: ReplyTable[str] = ReplyTable(2, 100, holders=1)
+    for client in (b"c", b"d", b"c"):
+        table.store(ask(1, client=client), "reply", 60)
+    assert table.find(ask(1, client=b"c")) == "reply"
+    with pytest.raises(SessionError, match="older than the replies kept"):
+        table.find(ask(1, client=b"d"))
+
+
+def test_what_just_fits_the_budget_is_kept() -> None:
+    table: ReplyTable[str] = ReplyTable(10, 100)
+    for sequence in (1, 2, 3):
+        table.store(ask(sequence), "reply", 50)
+    assert (table.nbytes, table.find(ask(2)), table.find(ask(3))) == (100, "reply", "reply")
+
+
+def test_a_client_without_replies_takes_next_to_nothing() -> None:
+    table: ReplyTable[str] = ReplyTable(64, 64)
+    tracemalloc.start()
+    for number in range(200):
+        for sequence in range(1, 65):
+            table.store(ask(sequence, client=number.to_bytes(16)), "reply", 1)
+    taken, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert table.nbytes == 64
+    assert taken < 200 * 1000
+
+
 def test_storing_again_replaces() -> None:
     table: ReplyTable[str] = ReplyTable(2, 1000)
     table.store(ask(1), None)
-    table.store(ask(1), "done", 7)
-    assert table.find(ask(1)) == "done"
-    assert table.nbytes == 7
+    for size in (9, 7):
+        table.store(ask(1), "done", size)
+        assert table.find(ask(1)) == "done"
+        assert table.nbytes == size

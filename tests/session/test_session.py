@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesh_motion_server.errors import InvalidInput, NumericalError, SessionError
+from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
+from mesh_motion_server.prove.model_files import FailingFiles, ModelFiles
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
@@ -88,6 +89,7 @@ def test_nothing_can_be_asked_of_a_mesh_that_is_not_there(kit: Any, tmp_path: Pa
     with pytest.raises(SessionError, match="FETCH is not allowed in state NEW"):
         session.admit(Operation.FETCH)
     assert (session.step, session.iteration, session.epoch, session.commits) == (0, 0, 1, ())
+    assert (session.durable_step, session.is_built) == (0, False)
     session.close()
     session.close()
 
@@ -108,4 +110,187 @@ def test_a_build_that_failed_can_be_repaired(kit: Any, tmp_path: Path) -> None:
     session.add_part(0, Part("patch", "left", "moving", mesh.patches["left"].nodes[:, None]))
     session.build()
     assert session.state is State.READY
+    session.close()
+
+
+def test_what_is_committed_is_committing_meanwhile(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    session.move("committed", right(0.1))
+    keeper = session._built.keeper  # type: ignore[union-attr]
+    honest, seen = keeper.commit, []
+
+    def watched(*given: Any) -> None:
+        seen.append((session.state, session.step, session.iteration))
+        honest(*given)
+
+    monkeypatch.setattr(keeper, "commit", watched)
+    commit(session)
+    assert seen == [(State.COMMITTING, 0, 1)]
+    assert (session.state, session.step, session.iteration) == (State.READY, 1, 0)
+
+
+def test_factorizations_of_past_states_are_not_kept(session: Session) -> None:
+    for _ in range(6):
+        session.move("committed", right(0.01))
+        commit(session)
+    assert len(session.factors) <= 2
+
+
+def test_a_trial_that_was_rolled_back_is_not_lost(session: Session) -> None:
+    session.move("committed", right(0.1))
+    session.rollback()
+    assert (session.state, session.iteration) == (State.READY, 0)
+    with pytest.raises(SessionError, match="there is no trial to commit"):
+        commit(session)
+
+
+@pytest.mark.parametrize("trial", [False, True])
+def test_only_a_trial_that_was_there_is_lost_with_the_lease(session: Session, trial: bool) -> None:
+    if trial:
+        session.move("committed", right(0.1))
+    session.suspend()
+    assert session.state is State.SUSPENDED
+    session.join()
+    with pytest.raises(SessionError) as caught:
+        commit(session)
+    assert caught.value.code == ("ABORTED.TRIAL_LOST" if trial else "FAILED_PRECONDITION.STATE")
+
+
+# --- a journal that fails --------------------------------------------------------------------------------------------
+
+
+def with_a_trial(kit: Any, level: str) -> tuple[Session, FailingFiles]:
+    """A session in TRIAL of step 1, and its disk."""
+    files = FailingFiles(ModelFiles(), for_ever=False)
+    driver = kit.make_driver(SessionStore("/state", files=files), [kit.grid_mesh()], spec={"durability": level})
+    driver.open()
+    driver.move(1)
+    return driver.host._session, files
+
+
+@pytest.mark.parametrize("level", ["full", "replay"])
+def test_a_commit_that_the_disk_refuses_is_told_and_changes_nothing_but_the_state(kit: Any, level: str) -> None:
+    session, files = with_a_trial(kit, level)
+    files.fail_at = files.count + 1
+    with pytest.raises(JournalError, match="committing step 1") as caught:
+        commit(session)
+    assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
+    assert (session.state, session.step, session.durable_step) == (State.FROZEN, 0, 0)
+    assert session.coordinates("committed") is session.mesh.points
+    session.close()
+
+
+@pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
+def test_a_commit_that_the_journal_does_not_take_can_be_repeated(
+    kit: Any, level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, _ = with_a_trial(kit, level)
+
+    def refuse(*given: Any) -> None:
+        raise JournalError("does not fit", code="INTERNAL")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(session._built.keeper, "commit", refuse)  # type: ignore[union-attr]
+        with pytest.raises(JournalError, match="does not fit"):
+            commit(session)
+    assert (session.state, session.step, session.iteration) == (State.TRIAL, 0, 1)
+    assert commit(session).step == 1
+    session.close()
+
+
+def test_a_failure_that_a_commit_has_told_is_not_told_again(kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With "relaxed" the disk may fail between a request's admission and its commit; CLOSE goes on then."""
+    session, _ = with_a_trial(kit, "relaxed")
+    keeper = session._built.keeper  # type: ignore[union-attr]
+
+    def fail(*given: Any) -> None:
+        keeper.journal.frozen = True
+        raise JournalError("the disk failed", code="RESOURCE_EXHAUSTED.DISK")
+
+    monkeypatch.setattr(keeper, "commit", fail)
+    monkeypatch.setattr(keeper, "catch_up", fail)
+    with pytest.raises(JournalError, match="the disk failed"):
+        commit(session)
+    assert session.state is State.FROZEN
+    session.catch_up()
+    session.close()
+
+
+@pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
+def test_a_resume_that_the_disk_refuses_is_told_and_keeps_the_epoch(kit: Any, level: str) -> None:
+    session, files = with_a_trial(kit, level)
+    files.fail_at = files.count + 1
+    with pytest.raises(JournalError, match="raising the epoch"):
+        session.resume()
+    assert (session.state, session.epoch, session.step) == (State.FROZEN, 1, 0)
+    session.catch_up()  # for CLOSE
+    session.close()
+
+
+# --- at rest and again -----------------------------------------------------------------------------------------------
+
+
+def closed(kit: Any, level: str, steps: int = 2) -> tuple[SessionStore, ModelFiles]:
+    """A session at rest after so many steps."""
+    files = ModelFiles()
+    store = SessionStore("/state", files=files)
+    driver = kit.make_driver(store, [kit.grid_mesh()], spec={"durability": level})
+    driver.open()
+    for step in range(1, steps + 1):
+        driver.advance(step)
+    driver.host.close()
+    return store, files
+
+
+@pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
+def test_a_closed_session_holds_nothing(kit: Any, level: str) -> None:
+    store, files = closed(kit, level)
+    assert files.handles == {}
+    given_back: list[Any] = []
+
+    class Remote(kit.StandIn):  # type: ignore[misc]
+        def close(self) -> None:
+            given_back.append(self)
+
+    session = Session.reopen(store.open(kit.SESSION, kit.TOKEN), ServerSettings(), Remote)
+    assert session.state is State.READY
+    session.move("committed", right(0.1))
+    model = session.model
+    session.close()
+    assert (given_back, len(session.factors), files.handles) == ([model], 0, {})
+    session.close()
+    assert (session.state, session.iteration) == (State.CLOSED, 0)
+
+
+def test_a_session_that_cannot_be_reopened_gives_its_journal_back(kit: Any) -> None:
+    store, files = closed(kit, "full")
+    folder = store.open(kit.SESSION, kit.TOKEN)
+
+    def broken(*given: Any) -> Any:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        Session.reopen(folder, ServerSettings(), broken)
+    assert list(files.handles.values()) == [("lock", folder.path / "lock")]
+    folder.release()
+
+
+@pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
+@pytest.mark.parametrize("reopened", [False, True])
+def test_a_step_out_of_turn(kit: Any, level: str, reopened: bool) -> None:
+    """What was answered and not durable may be missed after a restart, where the level allows that: never otherwise."""
+    store, _ = closed(kit, level, steps=2 if reopened else 0)
+    if reopened:
+        session = Session.reopen(store.open(kit.SESSION, kit.TOKEN), ServerSettings(), kit.StandIn)
+    else:
+        spec = kit.make_spec("a" * 32, durability=level)
+        session = Session(store.create(spec), ServerSettings(), kit.StandIn)
+    step = session.step
+    assert step == (2 if reopened else 0)
+    session.require_next_step(step + 1)
+    for ahead in (-1, 0, 2, 3):
+        with pytest.raises(SessionError) as caught:
+            session.require_next_step(step + ahead)
+        lost = reopened and level == "relaxed" and ahead > 1
+        assert caught.value.code == ("ABORTED.STEPS_LOST" if lost else "FAILED_PRECONDITION.STEP")
+        assert caught.value.details == {"expected": step + 1, "got": step + ahead}
     session.close()

@@ -2,9 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
-import time
 import uuid
 from pathlib import Path
 
@@ -14,6 +11,7 @@ from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.key_files import PublicKey, SecretKey
 from mesh_motion_protocol.messages import Join, Open
 
+from mesh_motion_server.prove.server_process import ServerProcess
 from mesh_motion_server.security.key_folder import make_client_keys
 
 HERE = Path(__file__).parent
@@ -22,76 +20,15 @@ PATIENCE = 30.0
 PYTHONPATH = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
-def wait_until(condition, what, seconds=PATIENCE):
-    """Poll until the condition holds and return what it gave."""
-    deadline = time.monotonic() + seconds
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"{what}: not within {seconds} s"
-        time.sleep(0.01)
-    return value
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-class Server:
+class Server(ServerProcess):
     """The server under test."""
 
-    wait_until, alive = staticmethod(wait_until), staticmethod(alive)
+    def __init__(self, folder, *arguments, environment=(), **options):
+        super().__init__(folder, environment={"PYTHONPATH": PYTHONPATH} | dict(environment), **options)
+        self._arguments = arguments
 
-    def __init__(self, folder, *arguments, environment=(), pass_fds=(), **settings):
-        self.folder, self.state = folder, folder / "state"
-        self.ready_file = folder / "ready.json"
-        values = {"endpoint": "tcp://127.0.0.1:0", "state_folder": str(self.state), "threads": 1, **settings}
-        self.ready_file.unlink(missing_ok=True)  # a killed server leaves it behind
-        self.log_path = folder / "log.jsonl"
-        lifeline, self._lifeline = os.pipe()  # the server ends with the tests, even if they are killed
-        with self.log_path.open("ab") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(self.ready_file), *arguments],
-                env=os.environ
-                | {"PYTHONPATH": PYTHONPATH, "MESH_MOTION_LIFELINE_FD": str(lifeline)}
-                | dict(environment),
-                stdout=subprocess.PIPE,
-                stderr=log,
-                text=True,
-                pass_fds=[lifeline, *pass_fds],
-            )
-        os.close(lifeline)
-
-    def wait_ready(self):
-        def ready():
-            assert self.process.poll() is None, self.log_path.read_text()
-            return self.ready_file.exists()
-
-        wait_until(ready, "the server is ready")
-        self.endpoint = json.loads(self.ready_file.read_text())["endpoint"]
-        return self
-
-    def logs(self, event):
-        lines = [json.loads(line) for line in self.log_path.read_text().splitlines() if line.startswith("{")]
-        return [line for line in lines if line["event"] == event]
-
-    def children(self):
-        path = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
-        return [int(pid) for pid in path.read_text().split()]
-
-    def stop(self):
-        if self._lifeline >= 0:
-            os.close(self._lifeline)
-            self._lifeline = -1
-        if self.process.poll() is None:
-            self.process.terminate()
-            try:
-                self.process.wait(PATIENCE)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-        self.process.stdout.close()
+    def command(self, ready):
+        return [str(HERE / "run_server.py"), json.dumps(self.settings), str(ready), *self._arguments]
 
 
 class Wire:
@@ -130,9 +67,9 @@ class Wire:
 def server_starter(base, servers):
     def start(*arguments, ready=True, **settings):
         folder = base / f"server{len(servers)}" if "folder" not in settings else settings.pop("folder")
-        folder.mkdir(exist_ok=True)
         servers.append(Server(folder, *arguments, **settings))
-        return servers[-1].wait_ready() if ready else servers[-1]
+        servers[-1].start() if ready else servers[-1].launch()
+        return servers[-1]
 
     return start
 

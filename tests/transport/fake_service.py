@@ -40,11 +40,16 @@ class SessionStore:
         part.write_text(json.dumps({"session": session, **values}))
         part.replace(self.path(session))
 
-    def sessions(self):
-        return [self.read(path.stem) for path in sorted(self.root.glob("*.json"))]
+    def names(self):
+        return sorted(path.stem for path in self.root.glob("*.json"))
+
+    def describe(self, session):
+        return self.read(session)
 
     def owner(self, session):
         return self.read(session).owner if self.path(session).exists() else None
+
+    owner_listed = owner
 
     def check_token(self, session, token):
         if self.read(session).token != token.hex():
@@ -78,7 +83,7 @@ class SessionHost:
         )
 
     @classmethod
-    def resume(cls, session, token, store, *, limits):
+    def resume(cls, session, token, store, *, limits, progress):
         store.check_token(session, token)
         values = vars(store.read(session))
         return cls(store, **(values | {"epoch": values["epoch"] + 1}))

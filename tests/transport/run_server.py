@@ -1,11 +1,27 @@
-"""Runs a server with the fake service: ``python run_server.py SETTINGS_JSON READY_FILE [insecure] [no-numerics]``."""
+"""Runs a server with the fake service: ``python run_server.py SETTINGS_JSON READY_FILE [WORD…]``.
 
+Words: insecure, no-numerics; stopped-at-once: SIGTERM comes as soon as the server has said that it is ready.
+"""
+
+import os
+import signal
 import sys
 from pathlib import Path
 
 from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport import serve as serving
 from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.serve import serve
+
+
+def announce_and_stop(*told):
+    announce(*told)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+announce = serving._announce
+if "stopped-at-once" in sys.argv:
+    serving._announce = announce_and_stop
 
 if __name__ == "__main__":
     settings = ServerSettings.model_validate_json(sys.argv[1])

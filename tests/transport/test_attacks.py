@@ -22,6 +22,7 @@ from mesh_motion_server.prove.attacks import (
     ready,
     storm,
 )
+from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.security.key_folder import admit, make_server_keys
 from mesh_motion_server.transport.protection import Protection, user_of
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
@@ -91,11 +92,11 @@ def memory(pid):
 def test_a_storm_of_broken_connections_ends_nothing_and_leaves_nothing(target, victim, where):
     endpoint, pid = victim[where]
     storm(endpoint, seed=1, count=50)  # what is allocated once
-    target.wait_until(lambda: psutil.Process(pid).num_threads() > 0, "it lives")
+    wait_until(lambda: psutil.Process(pid).num_threads() > 0, "it lives")
     files, before = open_files(pid), memory(pid)
     made = storm(endpoint, seed=2, count=400)
     assert made["not connected"] == 0
-    target.wait_until(lambda: open_files(pid) <= files, "the files are closed")
+    wait_until(lambda: open_files(pid) <= files, "the files are closed")
     assert memory(pid) - before < 8 * MIB
 
 
@@ -107,9 +108,10 @@ def test_strangers_at_the_data_endpoint_do_not_end_the_lease(start, open_session
     assert data.ask(Status, **at).state == "READY"
 
 
-def test_a_storm_is_repeatable_and_of_all_kinds():
-    with careless() as (_, endpoint):
-        first, again = (storm(endpoint, seed=7, count=60) for _ in range(2))
+def test_a_storm_is_repeatable_and_of_all_kinds(target):
+    # not on a socket of this process: libzmq 4.3.5 aborts (zmtp_engine.cpp:422) where a ROUTER without a mechanism is
+    # closed while it shakes hands with a peer of ZMTP 1 or 2, as a server that ends under such a storm may too
+    first, again = (storm(target.endpoint, seed=7, count=60) for _ in range(2))
     assert first == again
     assert len(first) == 8
 
@@ -120,7 +122,7 @@ def test_silent_connections_are_closed_in_time(target, victim, where):
     files = open_files(pid)
     with half_open(endpoint, seed=3, count=150) as held:
         assert all(ended(raw) for raw in held)
-        target.wait_until(lambda: open_files(pid) <= files, "the descriptors are back")
+        wait_until(lambda: open_files(pid) <= files, "the descriptors are back")
 
 
 def test_without_a_time_for_handshakes_they_would_stay():
@@ -139,9 +141,9 @@ def test_more_connections_than_descriptors_are_survived(target, victim, connect)
     resource.prlimit(pid, resource.RLIMIT_NOFILE, (files + 10, former[1]))
     try:
         with half_open(endpoint, seed=4, count=120):
-            target.wait_until(lambda: open_files(pid) >= files + 8, "hardly a descriptor is left")
+            wait_until(lambda: open_files(pid) >= files + 8, "hardly a descriptor is left")
             assert victim["wire"].ask(Commit, **victim["at"], step=1).step == 1
-        target.wait_until(lambda: open_files(pid) <= files + 2, "the descriptors are back")
+        wait_until(lambda: open_files(pid) <= files + 2, "the descriptors are back")
         assert connect(endpoint, target.client_keys).ask(Ping).type == "PONG"
     finally:
         resource.prlimit(pid, resource.RLIMIT_NOFILE, former)

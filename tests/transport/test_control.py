@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from mesh_motion_protocol.codec import decode, encode
-from mesh_motion_protocol.messages import Open, Opened, Probe, Probed, Resume
+from mesh_motion_protocol.messages import List, Open, Opened, Probe, Probed, Resume
 
+from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport import registry as registry_module
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
@@ -25,14 +29,17 @@ class Scripted:
     def __init__(self, folder: Path) -> None:
         self.replies: list[Any] = []
         self.refusal: OSError | None = None
+        self.started = 0
+        self.disk = DiskWatch(folder)
         settings = ServerSettings.from_mapping({"state_folder": str(folder)})
         registry = Registry(SessionStore(folder))
-        self.control = Control(registry, settings, self.start, self.take, Protection.access(None))
+        self.control = Control(registry, settings, self.start, self.take, Protection.access(None), self.disk)
 
     def start(self, order: dict[str, Any]) -> Any:
         if self.refusal is not None:
             raise self.refusal
-        return SimpleNamespace(pid=1, channel=SimpleNamespace(send=lambda order: None), kill=lambda: None)
+        self.started += 1
+        return SimpleNamespace(pid=1, channel=SimpleNamespace(offer=lambda order: None), kill=lambda: None)
 
     def take(self, peer: bytes, frame: bytes) -> None:
         self.replies.append(decode([frame]))
@@ -46,20 +53,36 @@ class Scripted:
         self.control.heard(live, {"event": "serving", "endpoint": "", "epoch": epoch, "state": "READY", "step": 1})
 
 
-def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(tmp_path: Path) -> None:
-    """The lease ends just when RESUME asks for the session: another worker takes over, and later it is killed."""
+@pytest.mark.parametrize("is_stored", [True, False])
+def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_stored: bool
+) -> None:
+    """The session is over just when RESUMEs ask for it: another worker takes it up if it is stored, and dies later."""
     told = Scripted(tmp_path)
     told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
     told.serving(1)
     (opened,) = told.replies
     assert isinstance(opened, Opened)
     (live,) = told.control.registry.live.values()
-    told.ask(Resume(client=CLIENT, sequence=2, session=opened.session, token=opened.token))
+    for sequence in (2, 3):
+        told.ask(Resume(client=CLIENT, sequence=sequence, session=opened.session, token=opened.token))
     told.control.heard(live, {"event": "over"})
+    if is_stored:
+        monkeypatch.setattr(SessionStore, "check_token", lambda *_: SimpleNamespace(owner="", label=""))
+        monkeypatch.setattr(told.control.registry, "owner", lambda _: "")
     told.control.gone(live, 0)
+    if not is_stored:
+        assert (told.started, told.control.registry.live) == (1, {})
+        told.control.keep_time(time.monotonic() + 60)
+        assert [reply.code for reply in told.replies[1:]] == ["NOT_FOUND"] * 2
+        return
+    (taken_up,) = told.control.registry.live.values()
+    assert (told.started, taken_up.asked is not None, len(taken_up.queue)) == (2, True, 1)
     told.serving(2)
-    told.control.gone(live, -9)
-    told.ask(Probe(client=CLIENT, sequence=3, session=opened.session, token=opened.token))
+    told.serving(3)
+    assert [reply.epoch for reply in told.replies] == [1, 2, 3]
+    told.control.gone(taken_up, -9)
+    told.ask(Probe(client=CLIENT, sequence=4, session=opened.session, token=opened.token))
     assert isinstance(told.replies[-1], Probed)
     assert told.replies[-1].worker == "dead"
 
@@ -118,3 +141,82 @@ def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_
     computing = live.deadline
     told.control.heard(live, {"event": "reclaiming"})
     assert live.deadline > computing + 20
+
+
+def test_so_many_resumes_of_one_session_wait_and_no_more(tmp_path: Path) -> None:
+    told = Scripted(tmp_path)
+    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    told.serving(1)
+    (live,) = told.control.registry.live.values()
+    for number in range(100):
+        told.ask(Resume(client=CLIENT, sequence=2 + number, session=live.session, token=live.token))
+    refused = told.replies[1:]
+    assert {(reply.code, reply.retryable) for reply in refused} == {("UNAVAILABLE", True)}
+    assert len(live.queue) == 99 - len(refused) == 32
+    told.ask(Resume(client=CLIENT, sequence=101, session=live.session, token=live.token))
+    assert told.replies[-1].code == "UNAVAILABLE"  # a repeat is a new try
+    told.serving(2)
+    told.ask(Resume(client=CLIENT, sequence=101, session=live.session, token=live.token))
+    assert len(live.queue) == 32
+    assert told.replies[-1].type == "RESUMED"
+
+
+def test_of_sessions_whose_worker_fell_only_the_latest_are_remembered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(registry_module, "_FALLEN", 3)
+    told = Scripted(tmp_path)
+    opened = []
+    for number in range(6):
+        told.ask(Open(client=CLIENT, sequence=number + 1, dimension=2, settings={}))
+        live = list(told.control.registry.live.values())[-1]
+        opened.append(live)
+        told.control.heard(live, {"event": "serving", "endpoint": "", "epoch": 1, "state": "NEW", "step": 0})
+        if number:
+            told.control.gone(live, -9)
+    kept = [opened[number].session for number in (0, 3, 4, 5)]
+    assert list(told.control.registry.live) == kept
+
+
+def test_a_disk_that_hangs_holds_up_nobody_and_tells_nobody_what_there_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = Scripted(tmp_path)
+    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    told.serving(1)
+    (live,) = told.control.registry.live.values()
+    monkeypatch.setattr(told.disk, "silence", lambda: 100.0)
+    monkeypatch.setattr(told.disk, "_answered", threading.Event())
+    monkeypatch.setattr(told.disk, "ask", lambda: None)
+    monkeypatch.setattr(told.control.registry, "_store", None)  # asking it would hang
+    told.ask(Probe(client=CLIENT, sequence=2, session=live.session, token=live.token))
+    assert told.replies[-1].worker == "alive"
+    refused = [
+        Open(client=CLIENT, sequence=3, dimension=2, settings={}),
+        List(client=CLIENT, sequence=4),
+        Probe(client=CLIENT, sequence=5, session="1" * 32, token=live.token),
+        Probe(client=CLIENT, sequence=6, session=live.session, token=bytes(32)),
+        Resume(client=CLIENT, sequence=7, session="1" * 32, token=live.token),
+    ]
+    for request in refused:
+        told.ask(request)
+    answers = {(reply.code, reply.message) for reply in told.replies[-len(refused) :]}
+    assert answers == {("RESOURCE_EXHAUSTED.DISK", "the disk of the state folder does not answer")}
+
+
+def test_a_worker_that_computes_steps_again_is_not_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Scripted(tmp_path)
+    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    (live,) = told.control.registry.live.values()
+    killed: list[float] = []
+    monkeypatch.setattr(live.child, "kill", lambda: killed.append(1.0))
+    began = time.monotonic()
+    for step in range(1, 10):
+        monkeypatch.setattr(time, "monotonic", lambda step=step: began + 500 * step)
+        told.control.keep_time(time.monotonic())
+        told.control.heard(live, {"event": "recomputed", "step": step})
+    assert not killed
+    told.serving(2)
+    assert live.deadline is None
+    told.control.heard(live, {"event": "recomputed", "step": 10})  # said before it served, heard after
+    assert live.deadline is None

@@ -27,6 +27,10 @@ class Line:
         if event["event"] == "serving":
             self.connect(event["endpoint"])
 
+    def offer(self, event):
+        self.send(event)
+        return True
+
     def receive(self):
         self.there.recv(1)
         return {"order": "drain"}
@@ -90,3 +94,30 @@ def test_a_connection_made_at_once_keeps_the_lease(dealer, tmp_path, monkeypatch
     line.close()
     signals.close()
     _other.close()
+
+
+def test_who_only_looks_on_keeps_no_lease():
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as router:
+        lease = worker.Lease(router, 0.0)
+        port = router.bind_to_random_port("tcp://127.0.0.1")
+        with context.socket(zmq.DEALER) as holder, context.socket(zmq.DEALER) as viewer:
+            for dealer in (holder, viewer):
+                dealer.linger = 0
+                dealer.connect(f"tcp://127.0.0.1:{port}")
+                dealer.send(b"hello" if dealer is holder else b"look")
+            said = [router.recv_multipart(copy=False)[-1] for _ in range(2)]
+            (looking,) = [frame for frame in said if frame.bytes == b"look"]
+            lease.pass_over(looking, 10.0)
+            assert lease.alone(20.0) == 0.0  # the holder
+            holder.close()
+            while not lease.alone(31.0):
+                lease.monitor.poll(10_000)
+                lease.update(30.0)
+            assert lease.alone(31.0) == 1.0
+            lease.pass_over(looking, 40.0)  # however often it looks
+            assert lease.alone(50.0) == 20.0
+        assert lease.monitor.poll(10_000)
+        lease.update(60.0)
+        assert lease.alone(70.0) == 40.0  # nor does its end count as a holder's
+        lease.monitor.close()
+        router.disable_monitor()

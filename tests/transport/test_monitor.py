@@ -5,14 +5,15 @@ import json
 import os
 import signal
 import socket
-import urllib.error
-import urllib.request
 
 import pytest
 from mesh_motion_protocol.errors import error_code
-from mesh_motion_protocol.messages import Move, Open, Ping
+from mesh_motion_protocol.messages import List, Move, Open, Ping
+from status_page import address_of, get
 
 from mesh_motion_server.errors import ResourceError
+from mesh_motion_server.operation.disk_watch import DiskWatch
+from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import monitor
 from mesh_motion_server.transport.monitor import Pages
@@ -20,30 +21,11 @@ from mesh_motion_server.transport.opening import check_room
 
 
 def start_watched(start, **settings):
-    server = start(metrics="127.0.0.1:0", **settings)
-    server.pages = json.loads(server.ready_file.read_text())["metrics"].replace("tcp://", "http://")
-    return server
-
-
-def get(server, page, method="GET"):
-    """Status and text; asked again where a busy machine does not serve it within the page's five seconds."""
-    request = urllib.request.Request(server.pages + page, method=method)
-
-    def answer():
-        try:
-            with urllib.request.urlopen(request, timeout=30) as reply:
-                return reply.status, reply.read().decode()
-        except urllib.error.HTTPError as refusal:
-            with refusal:
-                return refusal.code, refusal.read().decode()
-        except OSError:
-            return None
-
-    return server.wait_until(answer, f"{page} is answered")
+    return start(metrics="127.0.0.1:0", **settings)
 
 
 def raw_connection(server):
-    host, _, port = server.pages.removeprefix("http://").rpartition(":")
+    host, _, port = address_of(server).removeprefix("http://").rpartition(":")
     return socket.create_connection((host, int(port)))
 
 
@@ -58,13 +40,13 @@ def stopped(pid):
 
 def test_ready_comes_and_goes_with_the_drain(start, open_session):
     server = start_watched(start)
-    server.wait_until(lambda: get(server, "/readyz") == (200, "ok\n"), "ready")
+    wait_until(lambda: get(server, "/readyz") == (200, "ok\n"), "ready")
     assert get(server, "/healthz") == (200, "ok\n")
     opened, data, at = open_session(server, label="slow")
     data.send(Move, **at, step=1, displacement=[[1.0, 1.0]] * 2)
-    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     server.process.send_signal(signal.SIGTERM)
-    server.wait_until(lambda: get(server, "/readyz") == (503, "draining: the server is stopping\n"), "not ready")
+    wait_until(lambda: get(server, "/readyz") == (503, "draining: the server is stopping\n"), "not ready")
     assert get(server, "/healthz")[0] == 200
     (server.state / "go").touch()
     assert server.process.wait(20) == 0
@@ -79,10 +61,38 @@ def test_a_loop_that_stands_still_is_unhealthy(start, connect):
                 status, text = get(server, "/healthz")
                 return status == 503 and text.startswith(f"{name}: silent for ")
 
-            server.wait_until(tells, f"the {name} is told")
+            wait_until(tells, f"the {name} is told")
             assert get(server, "/readyz")[0] == 503
-        server.wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
+        wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
     assert connect(server.endpoint).ask(Ping).type == "PONG"
+
+
+def test_a_gateway_that_is_stopped_holds_nobody_up(start, connect):
+    """The supervisor has more replies for it than the line takes."""
+    server = start_watched(start, stuck_seconds=3.0)
+    entry = {"label": "\N{GREEK SMALL LETTER PI}" * 200, "owner": "", "state": "READY", "step": 0, "partitions": 1}
+    for number in range(150):
+        name = f"{number:032x}"
+        (server.state / f"{name}.json").write_text(json.dumps({"session": name} | entry))
+    control, gateway = connect(server.endpoint), server.children()[0]
+    with contextlib.ExitStack() as still:
+        with stopped(server.process.pid):
+            for _ in range(60):
+                control.send(List)
+            assert control.ask(Ping).type == "PONG"  # it has handed on what came before
+            still.enter_context(stopped(gateway))
+        told = wait_until(lambda: unwell(server), "a loop stands still")
+        assert told.startswith("gateway: ")
+    wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
+    assert server.children()[0] == gateway
+    assert control.receive().type == "LISTED"
+    assert connect(server.endpoint).ask(List).type == "LISTED"
+
+
+def unwell(server):
+    """What /healthz complains of."""
+    status, text = get(server, "/healthz")
+    return text if status == 503 else ""
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +105,7 @@ def test_a_monitor_that_falls_comes_back_and_nobody_else_notices(watched, connec
     _, data, _ = open_session(server)
     fallen = server.children()[1]
     os.kill(fallen, signal.SIGKILL)
-    server.wait_until(lambda: server.logs("monitor_ended"), "the log tells")
+    wait_until(lambda: server.events("monitor_ended"), "the log tells")
 
     assert get(server, "/healthz")[0] == 200  # the pages are back at the same address
     assert data.ask(Ping).type == "PONG"
@@ -127,46 +137,47 @@ def test_slow_and_silent_connections_close_nobody_out(watched, connect):
         with contextlib.suppress(ConnectionResetError):
             assert slow[0].recv(1) == b""  # the oldest have been closed
     pid = server.children()[1]
-    server.wait_until(lambda: len(os.listdir(f"/proc/{pid}/fd")) < monitor._CONNECTIONS, "no descriptor is left behind")
+    wait_until(lambda: len(os.listdir(f"/proc/{pid}/fd")) < monitor._CONNECTIONS, "no descriptor is left behind")
 
 
 @pytest.mark.parametrize("address", ["0.0.0.0:0", "192.0.2.1:9464"])
 def test_an_address_that_others_reach_exits_78(start, address):
     server = start(metrics=address, ready=False)
     assert server.process.wait(30) == 78
-    assert "metrics" in server.logs("refused")[0]["reason"]
+    assert "metrics" in server.events("refused")[0]["reason"]
 
 
 def test_insecure_listens_there_and_says_so(start):
     server = start("insecure", metrics="0.0.0.0:0")
-    assert server.logs("insecure")[0]["metrics"] == "0.0.0.0:0"
+    assert server.events("insecure")[0]["metrics"] == "0.0.0.0:0"
 
 
 def test_an_occupied_port_exits_69_and_leaves_nothing(start):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         server = start(metrics=f"127.0.0.1:{taken.getsockname()[1]}", ready=False)
         assert server.process.wait(30) == 69
-    assert "metrics" in server.logs("refused")[0]["reason"]
+    assert "metrics" in server.events("refused")[0]["reason"]
 
 
 def test_no_room_on_the_disk_refuses_new_sessions_only(start, connect):
     server = start_watched(start, reserve_disk_bytes=1 << 60)
-    server.wait_until(lambda: get(server, "/readyz")[1].startswith("disk: "), "not ready")
+    wait_until(lambda: get(server, "/readyz")[1].startswith("disk: "), "not ready")
     assert get(server, "/healthz")[0] == 200
     refused = connect(server.endpoint).ask(Open, dimension=2)
     assert (refused.code, refused.retryable) == ("RESOURCE_EXHAUSTED.DISK", True)
-    assert server.logs("disk_low")
+    assert server.events("disk_low")
     assert refused.details["expected"] == 1 << 60
 
 
-def test_the_memory_is_looked_at_behind_the_disk():
+def test_the_memory_is_looked_at_behind_the_disk(tmp_path):
+    disk = DiskWatch(tmp_path)
     limits = ServerSettings(reserve_disk_bytes=0, reserve_memory_bytes=1 << 60)
     request = Open(client=bytes(16), sequence=1, dimension=2, bytes_reserved=5)
     with pytest.raises(ResourceError) as refused:
-        check_room(request, limits)
+        check_room(request, limits, disk)
     assert (refused.value.code, refused.value.details["expected"]) == ("RESOURCE_EXHAUSTED.SESSIONS", (1 << 60) + 5)
     assert error_code(refused.value.code).retryable
-    check_room(request, ServerSettings(reserve_disk_bytes=0, reserve_memory_bytes=0))
+    check_room(request, ServerSettings(reserve_disk_bytes=0, reserve_memory_bytes=0), disk)
 
 
 def test_before_the_first_news_nothing_is_ready_and_then_silence_is_told(monkeypatch):
@@ -179,3 +190,14 @@ def test_before_the_first_news_nothing_is_ready_and_then_silence_is_told(monkeyp
     assert pages.answer("/healthz")[::2] == (503, b"gateway: silent for 10 s\n")
     now[0] = 106.0
     assert pages.answer("/healthz")[::2] == (503, b"supervisor: silent for 6 s\n")
+
+
+def test_the_metrics_of_a_stuck_server_do_not_say_that_it_is_ready(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(monitor.time, "monotonic", lambda: now[0])
+    pages = Pages({"version": "1"}, stuck_seconds=5.0)
+    totals = {"counts": [], "spreads": {}}
+    pages.hear({"at": 100.0, "gateway_at": 100.0, "missing": "", "totals": totals, "gauges": [["ready", "", 1.0]]})
+    assert b"\nmesh_motion_ready 1.0\n" in pages.answer("/metrics")[2]
+    now[0] = 106.0  # and the supervisor says nothing more
+    assert b"\nmesh_motion_ready 0.0\n" in pages.answer("/metrics")[2]

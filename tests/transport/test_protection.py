@@ -13,6 +13,7 @@ from mesh_motion_protocol.key_files import SecretKey
 from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import Hello, Join, List, Move, Open, Ping, Probe, Resume, Status
 
+from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.security.key_folder import admit, make_server_keys, revoke
 
 REFUSALS = (zmq.EVENT_HANDSHAKE_FAILED_AUTH, zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_DISCONNECTED)
@@ -143,7 +144,7 @@ def test_anothers_routing_id_gives_no_rights(keyed, connect):
     assert not thief.socket.poll(200)  # the id is taken: nobody answers
     owner.socket.close()
     late = connect(opened.endpoint, keyed.bob, routing_id=b"solver")
-    keyed.wait_until(lambda: answered(late, Status, at) == "NOT_FOUND", "the id is free, and of no use")
+    wait_until(lambda: answered(late, Status, at) == "NOT_FOUND", "the id is free, and of no use")
 
 
 def answered(wire, kind, at):
@@ -207,7 +208,7 @@ def test_without_the_handler_handshakes_fail_and_open_connections_go_on(start, c
     assert connect(opened.endpoint, server.alice).ask(Ping).type == "PONG"
     assert connect(server.endpoint, server.alice).ask(Ping).type == "PONG"
     assert outcome(connect(server.endpoint)) == "refused"
-    assert len(server.logs("self_test_passed")) == 2
+    assert len(server.events("self_test_passed")) == 2
 
 
 def test_a_session_stays_its_owners_over_a_restart(start, connect, make_keys, tmp_path):
@@ -236,7 +237,7 @@ def test_keys_protect_any_address(start, connect, make_keys, tmp_path, endpoint)
     data = connect(opened.endpoint.replace("0.0.0.0", "127.0.0.1"), server.alice)
     assert data.ask(Ping).type == "PONG"
     assert outcome(connect(reached)) == "refused"
-    assert not server.logs("insecure")
+    assert not server.events("insecure")
 
 
 @pytest.mark.parametrize("wrong", ["no keys", "open secret", "no allow-list", "writable allow-list", "other file"])
@@ -253,7 +254,7 @@ def test_keys_that_do_not_protect_exit_78(start, tmp_path, wrong):
         (tmp_path / "server.secret").write_bytes((tmp_path / "server.public").read_bytes())
     server = start(keys_folder=str(tmp_path), endpoint="tcp://0.0.0.0:0", ready=False)
     assert server.process.wait(30) == 78
-    assert server.logs("refused")[0]["hint"] or server.logs("refused")[0]["reason"]
+    assert server.events("refused")[0]["hint"] or server.events("refused")[0]["reason"]
 
 
 def test_greetings_of_an_insecure_server_are_counted(start, connect):
@@ -261,4 +262,4 @@ def test_greetings_of_an_insecure_server_are_counted(start, connect):
     port = server.endpoint.rpartition(":")[2]
     for _ in range(2):
         connect(f"tcp://127.0.0.1:{port}").ask(Hello)
-    assert [line["count"] for line in server.logs("insecure_hello")] == [1, 2]
+    assert [line["count"] for line in server.events("insecure_hello")] == [1, 2]

@@ -24,6 +24,8 @@ from mesh_motion_protocol.messages import (
 )
 from mesh_motion_protocol.vectors import load
 
+from mesh_motion_server.prove.waiting import wait_until
+
 ONES = np.ones((2, 2))
 INVALID = load("invalid")
 
@@ -71,7 +73,7 @@ def test_probe_answers_while_the_worker_computes(server, connect, open_session):
     opened, data, at = open_session(server, label="slow")
     data.send(Move, **at, step=1, displacement=ONES)
     control = connect(server.endpoint)
-    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     probed = control.ask(Probe, session=opened.session, token=opened.token)
     assert (probed.worker, probed.epoch, probed.endpoint) == ("alive", 1, opened.endpoint)
     (server.state / "go").touch()
@@ -99,7 +101,7 @@ def test_a_killed_worker_shows_at_once_and_resumes(server, connect, open_session
     data.ask(Commit, **at, step=3)
     os.kill(worker_pid(data, at), signal.SIGKILL)
     control, probe = connect(server.endpoint), {"session": opened.session, "token": opened.token}
-    server.wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells", seconds=5)
+    wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells", seconds=5)
     resumed = control.ask(Resume, **probe)
     assert (resumed.epoch, resumed.step) == (2, 3)
     again = connect(resumed.endpoint)
@@ -112,7 +114,7 @@ def test_a_crash_in_the_middle_of_a_move_hurts_one_session(server, connect, open
     crashing.send(Move, **at, step=1, displacement=ONES)
     control = connect(server.endpoint)
     probe = {"session": opened.session, "token": opened.token}
-    server.wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells", seconds=5)
+    wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells", seconds=5)
     assert (other.ask(Move, **other_at, step=1, displacement=ONES).displacement == 2).all()
 
 

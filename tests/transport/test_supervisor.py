@@ -23,6 +23,9 @@ from mesh_motion_protocol.messages import (
     Status,
 )
 
+from mesh_motion_server.prove.processes import alive
+from mesh_motion_server.prove.waiting import wait_until
+
 ONES = np.ones((2, 2))
 
 
@@ -42,13 +45,13 @@ def test_a_session_from_open_to_close(start, connect, open_session, scheme, tmp_
     assert (moved.displacement == 2).all()
     assert data.ask(Commit, **at, step=1).step == 1
     control = connect(server.endpoint)
-    server.wait_until(lambda: control.ask(List).sessions[0]["step"] == 1, "the list shows the step")
+    wait_until(lambda: control.ask(List).sessions[0]["step"] == 1, "the list shows the step")
     assert control.ask(List).sessions == [
         {"session": opened.session, "label": "beam", "state": "READY", "step": 1, "partitions": 1, "worker": "alive"}
     ]
     assert data.ask(Close, **at).type == "CLOSED"
     probe = {"session": opened.session, "token": opened.token}
-    server.wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the worker has ended")
+    wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the worker has ended")
     resumed = control.ask(Resume, **probe)
     assert (resumed.epoch, resumed.step) == (2, 1)
 
@@ -82,7 +85,7 @@ def test_resume_does_not_wait_for_a_computation_nobody_wants(start, connect, ope
     server = start()
     opened, old, at = open_session(server, label="slow")
     old.send(Move, **at, step=1, displacement=ONES)
-    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     first, second = connect(server.endpoint), connect(server.endpoint)
     for control in (first, second):
         control.send(Resume, session=opened.session, token=opened.token)
@@ -95,11 +98,11 @@ def test_kill_9_of_the_server_leaves_no_process_and_no_lost_step(start, connect,
     opened, data, at = open_session(server, label="slow")
     data.ask(Commit, **at, step=5)
     data.send(Move, **at, step=6, displacement=ONES)
-    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     children = server.children()
     assert len(children) == 3
     server.process.kill()
-    server.wait_until(lambda: not any(map(server.alive, children)), "no orphan is left")
+    wait_until(lambda: not any(map(alive, children)), "no orphan is left")
     server.stop()
     again = start(folder=server.folder)
     control = connect(again.endpoint)
@@ -117,16 +120,22 @@ def test_the_gateway_comes_back_on_the_same_endpoint(start, connect, open_sessio
     assert data.ask(Commit, **at, step=1).step == 1
     control = connect(server.endpoint)
     assert control.ask(Probe, session=opened.session, token=opened.token).worker == "alive"
-    server.wait_until(lambda: server.logs("gateway_ended"), "the log tells")
+    wait_until(lambda: server.events("gateway_ended"), "the log tells")
+
+
+def test_sigterm_drains_a_server_that_has_just_said_that_it_is_ready(start):
+    server = start("stopped-at-once", ready=False)
+    assert server.process.wait(60) == 0
+    assert [event["reason"] for event in server.events("draining")] == ["signal"]
 
 
 def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, open_session):
     server = start()
     opened, data, at = open_session(server, label="slow")
     data.send(Move, **at, step=1, displacement=ONES)
-    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     server.process.send_signal(signal.SIGTERM)
-    server.wait_until(lambda: server.logs("draining"), "draining")
+    wait_until(lambda: server.events("draining"), "draining")
     refused = connect(server.endpoint).ask(Open, dimension=2)
     assert (refused.code, refused.retryable) == ("UNAVAILABLE.DRAINING", True)
     (server.state / "go").touch()
@@ -140,24 +149,24 @@ def test_a_drain_is_bounded(start, open_session):
     server = start(drain_seconds=0.5)
     opened, data, at = open_session(server, label="slow")
     data.send(Move, **at, step=1, displacement=ONES)
-    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     began = time.monotonic()
     server.process.send_signal(signal.SIGTERM)
     assert server.process.wait(10) == 0
     assert time.monotonic() - began < 5
-    assert server.logs("killed")
+    assert server.events("killed")
 
 
 def test_a_second_signal_does_not_wait(start, open_session):
     server = start()
     opened, data, at = open_session(server, label="slow")
     data.send(Move, **at, step=1, displacement=ONES)
-    server.wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
+    wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     server.process.send_signal(signal.SIGTERM)
-    server.wait_until(lambda: server.logs("draining"), "draining")
+    wait_until(lambda: server.events("draining"), "draining")
     server.process.send_signal(signal.SIGTERM)
     assert server.process.wait(10) == 0
-    assert server.logs("killed")
+    assert server.events("killed")
 
 
 def test_a_signal_and_the_end_of_the_lifeline_are_one_drain(start, open_session):
@@ -168,7 +177,7 @@ def test_a_signal_and_the_end_of_the_lifeline_are_one_drain(start, open_session)
     os.close(writer)
     server.process.send_signal(signal.SIGTERM)
     assert server.process.wait(10) == 0
-    assert not server.logs("killed")
+    assert not server.events("killed")
     assert (server.state / f"closed-{opened.session}").exists()
 
 
@@ -178,15 +187,15 @@ def test_the_end_of_the_lifeline_drains(start):
     os.close(reader)
     os.close(writer)
     assert server.process.wait(10) == 0
-    assert server.logs("draining")[0]["reason"] == "lifeline"
+    assert server.events("draining")[0]["reason"] == "lifeline"
 
 
 def test_a_session_nobody_is_connected_to_is_suspended_and_then_put_away(start, connect):
     server = start(lease_seconds=0.2, idle_seconds=1.0)
     control = connect(server.endpoint)
     opened = control.ask(Open, dimension=2)
-    server.wait_until(lambda: control.ask(List).sessions[0]["state"] == "SUSPENDED", "suspended")
-    server.wait_until(lambda: control.ask(List).sessions[0]["worker"] == "none", "put away")
+    wait_until(lambda: control.ask(List).sessions[0]["state"] == "SUSPENDED", "suspended")
+    wait_until(lambda: control.ask(List).sessions[0]["worker"] == "none", "put away")
     assert control.ask(Resume, session=opened.session, token=opened.token).epoch == 2
 
 
@@ -196,7 +205,7 @@ def test_a_connection_holds_the_lease(start, connect, open_session):
     opened = connect(server.endpoint).ask(Open, dimension=2)
     control = connect(server.endpoint)
     probe = {"session": opened.session, "token": opened.token}
-    server.wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the one without a connection is put away")
+    wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the one without a connection is put away")
     assert data.ask(Status, **at).state == "READY"
 
 
@@ -204,7 +213,7 @@ def test_a_connection_holds_the_lease(start, connect, open_session):
 def test_an_unsafe_or_wrong_endpoint_exits_78(start, endpoint):
     server = start(endpoint=endpoint, ready=False)
     assert server.process.wait(30) == 78
-    assert server.logs("refused")
+    assert server.events("refused")
 
 
 def test_insecure_listens_and_says_so(start, connect):
@@ -212,7 +221,7 @@ def test_insecure_listens_and_says_so(start, connect):
     port = server.endpoint.rpartition(":")[2]
     opened = connect(f"tcp://127.0.0.1:{port}").ask(Open, dimension=2)
     assert opened.endpoint.startswith("tcp://0.0.0.0:")
-    assert server.logs("insecure")
+    assert server.events("insecure")
 
 
 def test_an_occupied_port_exits_69(start):
@@ -241,7 +250,7 @@ def test_an_ipc_folder_open_to_others_exits_78(start, tmp_path):
 
 def test_the_ready_line_goes_to_standard_output(start):
     server = start()
-    assert server.process.stdout.readline() == f"ready {server.endpoint}\n"
+    assert server.output_path.read_text() == f"ready {server.endpoint}\n"
 
 
 def test_no_socket_file_is_left_by_a_killed_worker(start, connect, open_session, tmp_path):
@@ -252,7 +261,7 @@ def test_no_socket_file_is_left_by_a_killed_worker(start, connect, open_session,
     path = Path(opened.endpoint.removeprefix("ipc://"))
     assert path.exists()
     os.kill(worker_pid(data, at), signal.SIGKILL)
-    server.wait_until(lambda: not path.exists(), "the file is gone")
+    wait_until(lambda: not path.exists(), "the file is gone")
 
 
 def endless(endpoint, size):
@@ -285,7 +294,7 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
     assert server.children()[0] == gateway
     # the message took the worker to some 380 MiB; idle it has 150 to 200, by what it has warmed up
     for process, most in ((pid, 256 << 20), (gateway, 150 << 20)):
-        server.wait_until(
+        wait_until(
             lambda process=process, most=most: psutil.Process(process).memory_info().rss < most, "memory is back"
         )
 
@@ -294,8 +303,8 @@ def test_a_server_whose_workers_cannot_start_ends_with_70(start):
     """Rather than let every client wait for a session that nobody can serve."""
     server = start("no-numerics", ready=False)
     assert server.process.wait(timeout=60) == 70
-    assert len(server.logs("spare_ended")) == 3
-    assert server.logs("workers_cannot_start")[0]["attempts"] == 3
+    assert len(server.events("spare_ended")) == 3
+    assert server.events("workers_cannot_start")[0]["attempts"] == 3
     assert "not_installed" in server.log_path.read_text()
 
 
@@ -333,9 +342,9 @@ def test_a_worker_that_is_slow_to_end_holds_nobody_up(start, connect, open_sessi
     opened, data, at = open_session(server, label="lingers")
     pid = worker_pid(data, at)
     assert data.ask(Close, **at).type == "CLOSED"
-    server.wait_until((server.state / f"lingers-{opened.session}").exists, "it has closed its line")
+    wait_until((server.state / f"lingers-{opened.session}").exists, "it has closed its line")
     control = connect(server.endpoint)
     assert control.ask(List).sessions[0]["session"] == opened.session
-    assert server.alive(pid)
-    server.wait_until(lambda: not server.alive(pid), "it is killed")
-    server.wait_until(lambda: server.logs("worker_ended"), "the log tells")
+    assert alive(pid)
+    wait_until(lambda: not alive(pid), "it is killed")
+    wait_until(lambda: server.events("worker_ended"), "the log tells")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,27 +12,23 @@ from typing import Any
 
 import msgpack
 import pytest
+from ended_process import EndedProcess
 
 from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport import attendant as attendant_module
 from mesh_motion_server.transport import supervisor as supervisor_module
-from mesh_motion_server.transport import watch as watch_module
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.processes import Child
+from mesh_motion_server.transport.registry import Live
 from mesh_motion_server.transport.supervisor import Supervisor
 
 
-class Ended:
-    """A process that is over."""
-
-    pid = 2**22
-
-    def kill(self) -> None:
-        """See subprocess.Popen."""
-
-    def wait(self, timeout: float | None = None) -> int:
-        """See subprocess.Popen."""
-        return 0
+def killed(child: Child) -> int:
+    """How often a child was killed."""
+    process = child.process
+    assert isinstance(process, EndedProcess)
+    return process.killed
 
 
 class Scripted:
@@ -50,7 +48,7 @@ class Scripted:
             raise BlockingIOError(11, "Resource temporarily unavailable")
         channel, theirs = Channel.pair()
         self.theirs.append(theirs)
-        self.children.append(Child(Ended(), channel))  # type: ignore[arg-type]
+        self.children.append(Child(EndedProcess(), channel))  # type: ignore[arg-type]
         return self.children[-1]
 
     def close(self) -> None:
@@ -65,7 +63,7 @@ class Scripted:
 def scripted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scripted]:
     script = Scripted(tmp_path)
     monkeypatch.setattr(supervisor_module, "spawn", script.spawn)
-    monkeypatch.setattr(watch_module, "spawn", script.spawn)
+    monkeypatch.setattr(attendant_module, "spawn", script.spawn)
     yield script
     script.close()
 
@@ -84,6 +82,7 @@ def test_a_spare_that_speaks_while_it_is_drained_is_not_heard(scripted: Scripted
 
 def test_a_spare_that_the_system_refused_is_started_later(scripted: Scripted) -> None:
     supervisor = scripted.supervisor
+    supervisor._watch.metrics.address = ""  # no monitor
     scripted.refused = 2
     supervisor._spare = supervisor._next_spare()
     assert supervisor._spare is None
@@ -107,8 +106,80 @@ def test_the_end_of_a_spare_that_was_replaced_starts_no_third(scripted: Scripted
 
 def test_a_monitor_that_the_system_refuses_ends_nothing(scripted: Scripted) -> None:
     supervisor = scripted.supervisor
-    monitor = supervisor._watch.monitor = scripted.spawn()
-    supervisor._listen(monitor.channel, supervisor._monitor_ended)
+    watched = supervisor._watch.metrics
+    watched.child = scripted.spawn()
+    supervisor._listen(watched.child.channel, lambda _: supervisor._attendant_spoke(watched))
     scripted.refused = 1
-    supervisor._monitor_ended(monitor.channel)
-    assert supervisor._watch.monitor is None
+    scripted.theirs[0].close()
+    supervisor._hear()
+    assert watched.child is None
+    supervisor._spare = supervisor._next_spare()
+    supervisor._beat(time.monotonic())
+    assert watched.child is scripted.children[-1]
+
+
+@pytest.mark.parametrize(
+    "nonsense", [{}, [], {"event": "bound"}, {"event": "bound", "address": 7}, {"event": "unbound"}]
+)
+def test_a_monitor_that_talks_nonsense_is_ended_and_nobody_else(scripted: Scripted, nonsense: Any) -> None:
+    supervisor = scripted.supervisor
+    watched = supervisor._watch.metrics
+    supervisor._attend(watched)
+    scripted.theirs[0].send(msgpack.packb(nonsense))
+    supervisor._hear()
+    assert watched.child is scripted.children[1]
+
+
+def test_the_page_is_told_of_the_working_sessions_however_many_fell(
+    scripted: Scripted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mesh_motion_server.transport.watch._TOLD", 3)
+    supervisor = scripted.supervisor
+    supervisor._spare = supervisor._next_spare()
+    page = supervisor._watch.page.child = scripted.spawn()
+    page.spoke = True
+    live = supervisor._control.registry.live
+    for number, status in enumerate(["alive", "dead", "dead", "starting", "dead", "dead"]):
+        live[str(number)] = Live(str(number), b"", "", scripted.children[0], status=status)
+    supervisor._watch.beat(supervisor._control.registry, supervisor._gateway, supervisor._spare, draining=False)
+    live.clear()
+    told = msgpack.unpackb(scripted.theirs[-1].recv(1 << 16))
+    assert {entry[0] for entry in told["sessions"]} == {"0", "3", "5"}
+
+
+def test_a_monitor_that_hangs_while_it_starts_again_holds_nobody_up(scripted: Scripted) -> None:
+    supervisor = scripted.supervisor
+    supervisor._spare = supervisor._next_spare()
+    watched = supervisor._watch.metrics
+    supervisor._attend(watched)
+    hung, now = scripted.children[-1], time.monotonic()
+    supervisor._beat(now + 1)
+    assert killed(hung) == 0
+    watched._due = now
+    supervisor._beat(now)
+    assert killed(hung) == 1
+    scripted.theirs[-1].close()
+    supervisor._hear()
+    another = scripted.children[-1]
+    assert watched.child is another is not hung
+    scripted.theirs[-1].send(msgpack.packb({"event": "bound", "address": "127.0.0.1:9"}))
+    supervisor._hear()
+    watched._due = now
+    supervisor._beat(now)
+    assert (watched.address, killed(another)) == ("tcp://127.0.0.1:9", 0)
+
+
+def test_a_process_that_not_even_sigkill_ends_is_left_to_the_kernel() -> None:
+    """It waits for a disk that does not answer; the supervisor does not."""
+    waits: list[float | None] = []
+
+    class Stuck(EndedProcess):
+        def wait(self, timeout: float | None = None) -> int:
+            waits.append(timeout)
+            assert timeout is not None
+            raise subprocess.TimeoutExpired("stuck", timeout)
+
+    channel, line = Channel.pair()
+    assert Child(Stuck(), channel).reap() == -signal.SIGKILL  # type: ignore[arg-type]
+    line.close()
+    assert len(waits) == 2

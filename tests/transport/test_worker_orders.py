@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import zmq
 
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.worker import Worker
+from mesh_motion_server.transport.worker import Worker, _host, _tell_progress
 
 
 class Line:
@@ -52,3 +54,19 @@ def test_a_new_holder_is_heard_of_before_anything_is_written_for_him() -> None:
         socket.close()
         context.term()
     assert line.told == ["reclaiming", "written", "reclaimed"]
+
+
+def test_a_worker_tells_each_step_that_it_computes_again() -> None:
+    told: list[dict[str, Any]] = []
+
+    class Hosts:
+        @staticmethod
+        def resume(session: str, token: bytes, store: None, *, limits: ServerSettings, progress: Any) -> str:
+            del token, store, limits
+            progress(7)
+            return session
+
+    channel: Any = SimpleNamespace(offer=told.append)
+    order = {"order": "resume", "session": "s", "token": b"t"}
+    found = _host(order, Hosts, None, ServerSettings(), partial(_tell_progress, channel))
+    assert (found, told) == ("s", [{"event": "recomputed", "step": 7}])

@@ -20,10 +20,11 @@ from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.prove.inputs.drafts import Draft, Part, Rows
 from mesh_motion_server.service.dispatch import SessionHost, SessionSpec
 from mesh_motion_server.service.envelope import Envelope
+from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.opening import check_open
-from mesh_motion_server.transport.replies import error_reply, undecodable
+from mesh_motion_server.transport.replies import undecodable
 
 __all__ = ["LIMITS", "Rig", "frames", "opened", "quietly"]
 

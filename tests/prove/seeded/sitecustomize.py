@@ -53,9 +53,9 @@ def statuses_tell_places() -> None:
 
 @fault
 def no_delay_of_not_found() -> None:
-    from mesh_motion_server.transport import control
+    from mesh_motion_server.transport import late_replies
 
-    control._NOT_FOUND_SECONDS = 0.0
+    late_replies._SECONDS = 0.0
 
 
 @fault
@@ -73,7 +73,7 @@ def a_lookup_that_takes_its_time_after_the_delay_began() -> None:
         return found
 
     def late(self, *given):
-        self._asked_at = time.monotonic()
+        self._later.asked()
         reply_error(self, *given)
 
     Registry.owner, Control._reply_error = slow, late
@@ -257,7 +257,7 @@ def the_reference_mesh_after_a_resume() -> None:
     from mesh_motion_server.session import session
     from mesh_motion_server.session.state import CommittedState
 
-    session.restore = lambda journal, _model, mesh, _factors: CommittedState(journal.ledger.step, mesh.points)
+    session.restore = lambda journal, _model, mesh, *_: CommittedState(journal.ledger.step, mesh.points)
 
 
 # --- soak ---

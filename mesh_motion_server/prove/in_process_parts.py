@@ -7,9 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import zmq
+
 from mesh_motion_server.prove.model_files import ModelFiles
 
-__all__ = ["Child", "Frame", "Held", "Line", "Replies", "Wire"]
+__all__ = ["Child", "Frame", "Held", "Line", "Replies", "Socket"]
 
 Bytes = bytes
 Replies = list[tuple[bytes, list[bytes]]]
@@ -29,12 +31,13 @@ class Frame:
     def __len__(self) -> int:
         return len(self.bytes)
 
-    def get(self, name: str) -> str:
-        """A property of the message."""
-        return {"User-Id": self.user}[name]
+    def get(self, name: str | int) -> str | int:
+        """A property of the message: there is no connection that it came by."""
+        properties: dict[str | int, str | int] = {"User-Id": self.user, zmq.SRCFD: -1}
+        return properties[name]
 
 
-class Wire:
+class Socket:
     """What takes a socket's and its monitor's place."""
 
     def __init__(self) -> None:
@@ -47,7 +50,7 @@ class Wire:
     def recv_multipart(self, **_: Any) -> list[Frame]:
         return self.incoming.popleft()
 
-    def get_monitor_socket(self, *_: Any) -> Wire:
+    def get_monitor_socket(self, *_: Any) -> Socket:
         return self
 
     def poll(self, *_: Any) -> int:
@@ -68,6 +71,8 @@ class Line:
     def send(self, message: dict[str, Any]) -> bool:
         self._deliver(message)
         return True
+
+    offer = send
 
     def receive(self) -> dict[str, Any] | None:
         return self.order

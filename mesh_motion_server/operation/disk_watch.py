@@ -1,0 +1,93 @@
+"""The room on the disk, asked for in a thread: a disk that does not answer, such as a network mount whose server is
+away, holds up that thread and nobody else.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from mesh_motion_server.errors import ResourceError
+from mesh_motion_server.operation.room import DiskRoom, disk_room
+
+__all__ = ["SILENT_SECONDS", "DiskWatch"]
+
+#: A disk that has not answered for so long, seconds, is not asked for anything else: nobody would come back. Disks that
+#: wake up, and mounts that fail over, take some seconds.
+SILENT_SECONDS = 5.0
+#: Whoever needs the room of this moment waits so long for it, seconds. A disk that is well takes microseconds, but a
+#: machine with ten times as much to do as it has cores may let the thread wait for more than a second.
+_FRESH_SECONDS = SILENT_SECONDS
+
+
+class DiskWatch:
+    """The last answer of the disk with the state folder, and since when there is none.
+
+    Parameters
+    ----------
+    folder : Path
+    look : callable, optional
+        Folder → room.
+    """
+
+    def __init__(self, folder: Path, look: Callable[[Path], DiskRoom] = disk_room) -> None:
+        self._folder = folder
+        self._look = look
+        self._room = DiskRoom(0, 0, False)
+        self._asked_at: float | None = None
+        self._answered = threading.Event()
+
+    @property
+    def room(self) -> DiskRoom:
+        """As last told; none before the first answer."""
+        return self._room
+
+    def ask(self) -> None:
+        """Ask, unless the last question is still open; returns at once."""
+        if self._asked_at is not None:
+            return
+        self._answered.clear()
+        self._asked_at = time.monotonic()
+        try:
+            threading.Thread(target=self._wait_for_it, name="disk", daemon=True).start()
+        except RuntimeError:
+            self._asked_at = None  # no memory for a thread: the answer stays the last one
+            self._answered.set()
+
+    def _wait_for_it(self) -> None:
+        self._room = self._look(self._folder)
+        self._asked_at = None
+        self._answered.set()
+
+    def silence(self) -> float:
+        """Seconds for which a question has been open."""
+        asked_at = self._asked_at
+        return 0.0 if asked_at is None else time.monotonic() - asked_at
+
+    def fresh(self) -> DiskRoom:
+        """The room now.
+
+        Raises
+        ------
+        ResourceError
+            RESOURCE_EXHAUSTED.DISK if the disk does not answer.
+        """
+        self.ask()
+        if not self._answered.wait(max(0.0, _FRESH_SECONDS - self.silence())):
+            raise _no_answer()
+        return self._room
+
+    def require_answers(self) -> None:
+        """Raise RESOURCE_EXHAUSTED.DISK if the disk has not answered for too long."""
+        if self.silence() > SILENT_SECONDS:
+            raise _no_answer()
+
+
+def _no_answer() -> ResourceError:
+    return ResourceError(
+        "the disk of the state folder does not answer",
+        code="RESOURCE_EXHAUSTED.DISK",
+        hint="see to the server's disk or network mount, then try again",
+    )

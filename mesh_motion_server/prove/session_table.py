@@ -1,0 +1,42 @@
+"""What may be asked of a session in which state, and by whom: sections 8 and 20 of SPEC.md, as tables."""
+
+from __future__ import annotations
+
+__all__ = ["ADMITTED", "COLLECTIVE", "DISK", "OPERATIONS", "OTHERS"]
+
+#: The columns of section 8's table.
+OPERATIONS = (
+    "JOIN",
+    "UPLOAD",
+    "BUILD",
+    "MOVE",
+    "COMMIT",
+    "ROLLBACK",
+    "FETCH",
+    "STATUS",
+    "CLOSE",
+    "RESUME",
+    "LEASE_END",
+)
+#: Its rows: what is not refused.
+ADMITTED = {
+    "NEW": "JOIN UPLOAD STATUS CLOSE RESUME LEASE_END",
+    "OPENING": "JOIN UPLOAD BUILD STATUS CLOSE RESUME LEASE_END",
+    "READY": "JOIN MOVE ROLLBACK FETCH STATUS CLOSE RESUME LEASE_END",
+    "TRIAL": "JOIN MOVE COMMIT ROLLBACK FETCH STATUS CLOSE RESUME LEASE_END",
+    "COMMITTING": "STATUS LEASE_END",
+    "SUSPENDED": "JOIN STATUS CLOSE RESUME LEASE_END",
+    "FROZEN": "JOIN FETCH STATUS CLOSE LEASE_END",
+    "FAILED": "JOIN STATUS CLOSE LEASE_END",
+    "CLOSED": "LEASE_END",
+}
+#: Requests that every partition has to make.
+COLLECTIVE = ("BUILD", "MOVE", "COMMIT", "ROLLBACK")
+#: Section 20: what those may ask of a session who do not own it, and what they are answered otherwise.
+OTHERS = {
+    "stranger": ("", "NOT_FOUND"),
+    "unlisted": ("", "UNAUTHENTICATED"),
+    "monitor": ("STATUS PROBE", "PERMISSION_DENIED"),
+    "admin": ("STATUS CLOSE PROBE", "PERMISSION_DENIED"),
+}
+DISK = "RESOURCE_EXHAUSTED.DISK"

@@ -1,0 +1,137 @@
+"""What a session's history is told of each request: made of the very replies, once for all partitions.
+
+A repeat that gets its stored reply is told nothing of. Nor are refusals that say nothing about the session: those of
+whoever has not joined it, such as the holder before, and of a client that asks the same refused thing for ever, beyond
+so many of a code in a row.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import msgpack
+from mesh_motion_protocol.messages import Built, Committed, ErrorReply, Message, Moved, RolledBack
+
+from mesh_motion_server import __version__
+from mesh_motion_server.service.reports import mesh_report
+from mesh_motion_server.session.replay import maker
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.state import State
+
+__all__ = ["Teller"]
+
+#: Refusals of a code without anything done in between that are told; of more, only how many they were.
+_MOST_REFUSALS = 100
+#: States that are told of when they are first seen: no request says that it has brought them about.
+_TROUBLE = {State.FAILED: "failed", State.FROZEN: "frozen"}
+
+
+class Teller:
+    """Tells the history what was answered.
+
+    Parameters
+    ----------
+    session : Session
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._history = session.history
+        self._refusals: Counter[str] = Counter()
+        self._trouble_told = self._session.state
+
+    def executed(self, reply: Message, seconds: float, iteration: int) -> None:
+        """A request took effect.
+
+        Parameters
+        ----------
+        reply : Message
+            To one of the partitions.
+        seconds : float
+            What it took.
+        iteration : int
+            The trial's before it.
+        """
+        self._history.attempt(lambda: self._executed(reply, seconds, iteration))
+
+    def refused(self, request: Message, reply: ErrorReply, *, by_holder: bool = True) -> None:
+        """A request was refused; of a peer that has joined, or of somebody else."""
+        self._history.attempt(lambda: self._refused(request, reply, by_holder))
+
+    def resumed(self) -> None:
+        """A new holder has the session; what a crash kept from being told is told before, as the journal knows it."""
+        self._history.begin_again()
+        self._history.attempt(self._resumed)
+
+    def suspended(self) -> None:
+        """The lease has ended."""
+        self._trouble("the disk failed when the lease ended")
+        if self._session.state is State.SUSPENDED:
+            self._tell("suspended", step=self._session.step)
+
+    def joined(self) -> None:
+        """A client is there again."""
+        self._tell("joined", step=self._session.step)
+
+    def closed(self) -> None:
+        """The session was closed, and is kept."""
+        self._tell("closed", step=self._session.step)
+
+    # --- inside ----------------------------------------------------------------------------------------------------
+
+    def _executed(self, reply: Message, seconds: float, iteration: int) -> None:
+        if isinstance(reply, Moved):
+            self._tell("moved", **_motion(reply), seconds_total=seconds)
+        elif isinstance(reply, Committed):
+            self._committed(reply.step, reply.digest, reply.quality, seconds_total=seconds)
+        elif isinstance(reply, RolledBack):
+            self._tell("rolled_back", step=reply.step + 1, iteration=iteration)
+        elif isinstance(reply, Built):
+            self._built(reply.mesh, reply.settings, quality=reply.quality, seconds_total=seconds)
+
+    def _refused(self, request: Message, reply: ErrorReply, by_holder: bool) -> None:
+        self._refusals[reply.code] += by_holder
+        if by_holder and self._refusals[reply.code] <= _MOST_REFUSALS:
+            step = getattr(request, "step", self._session.step + 1)
+            told = {name: getattr(reply, name) for name in ("code", "message", "hint", "details")}
+            self._history.tell("refused", request=request.type, step=step, **told)
+        self._trouble(reply.message)
+
+    def _trouble(self, message: str) -> None:
+        """Tell once what has become of the session."""
+        state = self._session.state
+        if state in _TROUBLE and state is not self._trouble_told:
+            self._tell(_TROUBLE[state], step=self._session.step, message=message)
+        self._trouble_told = state
+
+    def _resumed(self) -> None:
+        session = self._session
+        begun, step = self._history.last_step()
+        if session.is_built and not begun:
+            settings = session.model.method.as_dict()
+            self._built(mesh_report(session, warnings=[]), settings, seconds_total=0.0, recovered=True)
+        for entry in session.commits:
+            if entry.step > step:
+                content = msgpack.unpackb(entry.receipt)
+                self._committed(entry.step, entry.digest, content["quality"], seconds_total=0.0, recovered=True)
+        self._history.take_up(session.step, session.commits[-1].digest if session.step else b"")
+        self._tell("resumed", step=session.step, epoch=session.epoch, version=__version__, maker=maker())
+
+    def _tell(self, event: str, **values: Any) -> None:
+        untold = sum(max(0, count - _MOST_REFUSALS) for count in self._refusals.values())
+        self._refusals.clear()
+        self._history.tell(event, **values, **({"untold": untold} if untold else {}))
+
+    def _committed(self, step: int, digest: bytes, quality: dict[str, Any], **further: Any) -> None:
+        self._history.tell_outcome(step, digest)
+        self._tell("committed", step=step, quality=quality, digest=digest.hex(), **further)
+
+    def _built(self, mesh: dict[str, Any], settings: dict[str, Any], **further: Any) -> None:
+        self._tell("built", **mesh, settings=settings, version=__version__, maker=maker(), **further)
+
+
+def _motion(moved: Moved) -> dict[str, Any]:
+    """What MOVED says, but the displacements."""
+    names = ("step", "iteration", "quality", "correction", "caches", "seconds", "warnings")
+    return {name: getattr(moved, name) for name in names} | {"enrichment_points": moved.enrichment_points.tolist()}

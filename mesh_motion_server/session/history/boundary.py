@@ -1,0 +1,274 @@
+"""What the boundary did, step by step: what a replay needs beside the mesh and the settings.
+
+A segment is a row of records, little-endian, each a head of 40 bytes and a body::
+
+    0   4  "MMBH"
+    4   4  CRC-32 of all that follows
+    8   8  bytes of the body
+    16  8  step
+    24  4  kind: 1 input, 2 outcome, 3 maker, 4 taken up
+    28  4  frame of an input: 0 committed, 1 reference
+    32  8  bytes a row of an input: 8 d
+
+The body of an input are the displacements of the moving nodes in the frame, doubles, ascending by global id; that of an
+outcome the state digest of the committed step; that of a maker what computes the steps from here on, versions and
+processor in UTF-8; one taken up has none: the session goes on at that step, and what the log has behind it was lost in
+a crash. An input is written before its commit and the outcome after it: so no step that was answered lacks its input,
+and the last input of a step is the one that counts.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from array import array
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.history.events import FOLDER
+from mesh_motion_server.session.history.segments import list_segments
+
+__all__ = [
+    "BOUNDARY",
+    "BoundaryLog",
+    "BoundaryStep",
+    "cut_torn_record",
+    "digest_at",
+    "pack_input",
+    "pack_maker",
+    "pack_outcome",
+    "pack_taken_up",
+]
+
+BOUNDARY = "boundary"
+FRAMES = ("committed", "reference")
+
+_HEAD = struct.Struct("<4sIQQIIQ")
+_MAGIC = b"MMBH"
+_INPUT, _OUTCOME, _MAKER, _TAKEN_UP = 1, 2, 3, 4
+#: Of a record's place so many bits are its offset.
+_OFFSET_BITS = 40
+_NOWHERE = -1
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryStep:
+    """What the boundary did in one committed step.
+
+    Attributes
+    ----------
+    step : int
+    frame : {"committed", "reference"}
+    rows : (k, d) array, mesh length unit
+        Displacements of the moving nodes, ascending by global id.
+    digest : bytes
+        State digest of the committed step; empty where it is not known.
+    """
+
+    step: int
+    frame: str
+    rows: NDArray[np.float64]
+    digest: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """A record's head, and where its body begins and ends."""
+
+    checksum: int
+    step: int
+    kind: int
+    frame: int
+    row_bytes: int
+    begin: int
+    end: int
+    checked: bytes
+
+
+class BoundaryLog:
+    """The steps of a session's boundary log, read one at a time.
+
+    Parameters
+    ----------
+    session_folder : Path
+
+    Attributes
+    ----------
+    steps : int
+        The log has the steps 1 … ``steps``, without a gap.
+    committed : int
+        The last of them that is known to have been committed.
+    makers : list of (int, str)
+        From which step on what computed them; empty text where it is not known.
+    """
+
+    def __init__(self, session_folder: Path) -> None:
+        self._paths = list_segments(session_folder / FOLDER, BOUNDARY)
+        self._inputs, self._outcomes = array("q"), array("q")  # by step - 1: see _place; millions of steps fit
+        self._maker = ""
+        self.makers: list[tuple[int, str]] = []
+        for number, path in enumerate(self._paths):
+            with suppress(FileNotFoundError), _opened(path) as handle:
+                for head in _heads(handle):
+                    self._take(handle, head, _place(number, head))
+        self.steps = len(self._inputs)
+
+    @property
+    def committed(self) -> int:
+        step = self.steps
+        while step and self._outcomes[step - 1] == _NOWHERE:
+            step -= 1
+        return step
+
+    def cut(self, last: int) -> None:
+        """Pass over the steps behind ``last``."""
+        self.steps = min(self.steps, last)
+
+    def verified(self) -> int:
+        """So many steps can be read, from 1 on; reads all of them."""
+        for step in range(1, self.steps + 1):
+            try:
+                self.read(step)
+            except JournalError:
+                return step - 1
+        return self.steps
+
+    def read(self, step: int) -> BoundaryStep:
+        """One of the steps.
+
+        Raises
+        ------
+        JournalError
+            If it does not verify, or was removed meanwhile.
+        """
+        place = self._inputs[step - 1]
+        found = self._record(place)
+        if found is None or found[0].row_bytes < 8:
+            raise JournalError(
+                f"{self._paths[place >> _OFFSET_BITS]}: what the boundary did in step {step} does not verify",
+                hint=f"replay the steps before it: --until {step - 1}",
+                details={"step": step},
+            )
+        head, body = found
+        rows = np.frombuffer(body, dtype="<f8").astype(np.float64, copy=False)
+        frame = FRAMES[min(head.frame, 1)]
+        return BoundaryStep(step, frame, rows.reshape(-1, head.row_bytes // 8), self.digest(step))
+
+    def digest(self, step: int) -> bytes:
+        """State digest of a committed step; empty where it is not known."""
+        known = 0 < step <= len(self._outcomes) and self._outcomes[step - 1] != _NOWHERE
+        found = self._record(self._outcomes[step - 1]) if known else None
+        return found[1] if found else b""
+
+    def _record(self, place: int) -> tuple[_Head, bytes] | None:
+        """A record's head and body; None if it does not verify, or was removed meanwhile."""
+        with suppress(FileNotFoundError), _opened(self._paths[place >> _OFFSET_BITS]) as handle:
+            for head in _heads(handle, place & ((1 << _OFFSET_BITS) - 1)):
+                body = _verified(handle, head)
+                return None if body is None else (head, body)
+        return None
+
+    def _take(self, handle: int, head: _Head, place: int) -> None:
+        if head.kind == _OUTCOME:
+            if 0 < head.step <= len(self._inputs) and _verified(handle, head):
+                self._outcomes[head.step - 1] = place
+        elif head.kind == _MAKER:
+            self._maker = (_verified(handle, head) or b"").decode("utf-8", "replace")
+        elif head.kind == _TAKEN_UP:
+            if _verified(handle, head) is not None:
+                self._drop(head.step + 1)
+        elif head.kind == _INPUT and 0 < head.step <= len(self._inputs) + 1:  # else there is a gap before it
+            self._drop(head.step)
+            self._inputs.append(place)
+            self._outcomes.append(_NOWHERE)
+            if not self.makers or self.makers[-1][1] != self._maker:
+                self.makers.append((head.step, self._maker))
+
+    def _drop(self, first: int) -> None:
+        """Steps of a life that the journal does not know any more."""
+        del self._inputs[first - 1 :], self._outcomes[first - 1 :]
+        self.makers = [change for change in self.makers if change[0] < first]
+
+
+def pack_input(step: int, frame: str, rows: bytes, row_bytes: int) -> bytes:
+    """The record of what a commit is about to make of; ``rows`` are doubles, ``row_bytes`` of them a node's."""
+    return _pack(step, _INPUT, FRAMES.index(frame), row_bytes, rows)
+
+
+def pack_outcome(step: int, digest: bytes) -> bytes:
+    """The record of a step's committed state."""
+    return _pack(step, _OUTCOME, 0, 0, digest)
+
+
+def pack_maker(step: int, maker: str) -> bytes:
+    """The record of what computes the steps from this one on."""
+    return _pack(step, _MAKER, 0, 0, maker.encode())
+
+
+def pack_taken_up(step: int) -> bytes:
+    """The record of a session that goes on at a committed step."""
+    return _pack(step, _TAKEN_UP, 0, 0, b"")
+
+
+def digest_at(session_folder: Path, step: int) -> bytes:
+    """The state digest that was recorded last for a step; empty where it, or what it came of, does not count."""
+    digest = b""
+    for path in reversed(list_segments(session_folder / FOLDER, BOUNDARY)):
+        with _opened(path) as handle:
+            for head in reversed([head for head in _heads(handle) if head.step <= step]):
+                if head.kind == _OUTCOME and head.step == step:
+                    digest = digest or _verified(handle, head) or b""
+                elif head.kind == _INPUT or (head.kind == _TAKEN_UP and head.step < step):
+                    return digest if head.step == step else b""
+    return b""
+
+
+def cut_torn_record(handle: int) -> None:
+    """Cut off what a crash has left of a segment's last record."""
+    end = max((head.end for head in _heads(handle)), default=0)
+    if os.fstat(handle).st_size > end:
+        os.ftruncate(handle, end)
+
+
+def _pack(step: int, kind: int, frame: int, row_bytes: int, body: bytes) -> bytes:
+    head = _HEAD.pack(_MAGIC, 0, len(body), step, kind, frame, row_bytes)[8:]
+    checksum = zlib.crc32(body, zlib.crc32(head))
+    return b"".join((_MAGIC, checksum.to_bytes(4, "little"), head, body))
+
+
+def _verified(handle: int, head: _Head) -> bytes | None:
+    """A record's body; None if it does not verify."""
+    body = os.pread(handle, head.end - head.begin, head.begin)
+    return body if zlib.crc32(body, zlib.crc32(head.checked)) == head.checksum else None
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def _place(number: int, head: _Head) -> int:
+    """Where a record is: the segment's number and the offset in it as one."""
+    return number << _OFFSET_BITS | head.begin - _HEAD.size
+
+
+def _heads(handle: int, offset: int = 0) -> Iterator[_Head]:
+    """The heads of the records that are all there, from an offset on; bodies are not read."""
+    size = os.fstat(handle).st_size
+    while len(raw := os.pread(handle, _HEAD.size, offset)) == _HEAD.size:
+        magic, checksum, length, step, kind, frame, row_bytes = _HEAD.unpack(raw)
+        begin, offset = offset + _HEAD.size, offset + _HEAD.size + length
+        if magic != _MAGIC or offset > size:
+            return
+        yield _Head(checksum, step, kind, frame, row_bytes, begin, offset, raw[8:])

@@ -1,0 +1,117 @@
+"""The events of a history: one JSON object a line, ``at`` (Unix time, seconds) and ``event`` first.
+
+===============  ====================================================================================================
+event            beside ``at`` and ``event``
+===============  ====================================================================================================
+``built``        nodes, cells {type: count}, patches {name: {role, nodes}}, moving_nodes, box, warnings, settings,
+                 quality (as BUILT's), seconds_total, version, maker
+``moved``        step, iteration, quality, correction, caches, seconds, warnings (as MOVED's), seconds_total,
+                 enrichment_points (rows of coordinates)
+``committed``    step, quality (as COMMITTED's), digest (hexadecimal), seconds_total
+``rolled_back``  step, iteration: the trial that was dropped, iteration 0 without one
+``refused``      request, step, code, message, hint, details
+``resumed``      step, epoch, version, maker
+``suspended``    step
+``closed``       step
+``joined``       step: a client is there again after ``suspended``
+``frozen``       step, message: the disk failed
+``failed``       step, message
+===============  ====================================================================================================
+
+``recovered`` is true in a line that was written when the session was resumed, from what the journal knows. ``untold``
+is how many refusals went before that were not written. ``boundary_ended`` (step, message) says that the
+boundary log has stopped. Readers pass over lines that are no JSON (a crash tears the last one) and events that they do
+not know. A number that is not finite is null.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.session.history.segments import list_segments
+
+__all__ = ["EVENTS", "FOLDER", "end_torn_line", "last_committed", "line_of", "parse_line", "read_events"]
+
+FOLDER = "history"
+EVENTS = "events"
+
+_KNOWN = (b',"event":"committed",', b',"event":"resumed",')
+_ENCODER = json.JSONEncoder(allow_nan=False, separators=(",", ":"), ensure_ascii=False, default=str)
+
+
+def line_of(at: float, event: str, values: Mapping[str, Any]) -> bytes:
+    """An event as a line."""
+    content = {"at": at, "event": event, **values}
+    try:
+        text = _encoded(content)
+    except ValueError:
+        text = _encoded(_finite(content))
+    return text.encode("utf-8", "backslashreplace") + b"\n"
+
+
+def parse_line(line: bytes) -> dict[str, Any] | None:
+    """The event of a line, None if it is torn."""
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) and isinstance(found.get("event"), str) else None
+
+
+def read_events(session_folder: Path) -> Iterator[dict[str, Any]]:
+    """All events that a session's folder has, oldest first."""
+    for path in list_segments(session_folder / FOLDER, EVENTS):
+        try:
+            file = path.open("rb")
+        except FileNotFoundError:
+            continue  # the oldest segment was removed meanwhile
+        with file:
+            yield from (event for line in file if (event := parse_line(line)) is not None)
+
+
+def last_committed(session_folder: Path) -> tuple[bool, int]:
+    """Whether there are events at all, and the step of the latest ``committed`` or ``resumed``, 0 without one."""
+    paths = list_segments(session_folder / FOLDER, EVENTS)
+    for path in reversed(paths):
+        data = path.read_bytes()
+        end = len(data)
+        while (place := max(data.rfind(known, 0, end) for known in _KNOWN)) >= 0:
+            event = parse_line(data[data.rfind(b"\n", 0, place) + 1 : data.find(b"\n", place) + 1])
+            if event is not None:
+                return True, int(event["step"])
+            end = place
+    return any(path.stat().st_size for path in paths), 0
+
+
+def end_torn_line(handle: int) -> None:
+    """Let what a crash has left torn at a segment's end stand on a line of its own."""
+    size = os.fstat(handle).st_size
+    if size and os.pread(handle, 1, size - 1) != b"\n":
+        os.write(handle, b"\n")
+
+
+def _encoded(content: dict[str, Any]) -> str:
+    """JSON; where the corrected quality is the standard one, most of a line, it is written out once only."""
+    quality = content.get("quality", {})
+    summary = quality.get("standard")
+    if summary is None or quality.get("corrected") is not summary:
+        return _ENCODER.encode(content)
+    names = ("standard", "corrected")
+    text, once = _ENCODER.encode(content | {"quality": quality | dict.fromkeys(names, 0)}), _ENCODER.encode(summary)
+    for name in names:  # the first one is the key: within a string its quotes would be escaped
+        text = text.replace(f'"{name}":0', f'"{name}":{once}', 1)
+    return text
+
+
+def _finite(value: Any) -> Any:
+    """The value with every number that JSON cannot say replaced by None."""
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

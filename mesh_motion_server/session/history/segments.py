@@ -1,0 +1,138 @@
+"""Files that are only appended to, the next one begun when one is full.
+
+They belong to the one process that holds the session; readers come and go. The operating system's calls are made here
+and not through the journal's :class:`~mesh_motion_server.session.filesystem.FileSystem`: what the journal is proved
+with, losses of power and failing disks, is not to meet files that nothing depends on.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from mesh_motion_server.operation.room import disk_room
+
+__all__ = ["Full", "Segments", "list_segments", "require_room"]
+
+_FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
+
+
+class Full(Exception):
+    """The bytes granted are used."""
+
+
+def list_segments(folder: Path, kind: str) -> list[Path]:
+    """The segments of a kind, oldest first; none where there is no folder."""
+    pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
+    try:
+        return sorted(path for path in folder.iterdir() if pattern.fullmatch(path.name))
+    except OSError:
+        return []
+
+
+def require_room(folder: Path, reserve_bytes: int) -> None:
+    """Raise OSError where less of the disk would be left."""
+    if disk_room(folder).free < reserve_bytes:
+        raise OSError(f"less than {reserve_bytes} bytes of the disk are free")
+
+
+class Segments:
+    """Appends to the newest segment of a kind.
+
+    Parameters
+    ----------
+    folder : Path
+        Exists.
+    kind : {"events", "boundary"}
+    segment_bytes : int
+        A segment of so many bytes is full.
+    total_bytes : int
+        Of all segments together.
+    reserve_bytes : int
+        No segment is begun where less of the disk would be free.
+    mend : callable
+        Descriptor of the segment that is gone on with: ends or cuts what a crash has left torn.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        kind: str,
+        *,
+        segment_bytes: int,
+        total_bytes: int,
+        reserve_bytes: int,
+        mend: Callable[[int], None],
+    ) -> None:
+        self._folder, self._kind = folder, kind
+        self._segment_bytes, self._total_bytes, self._reserve = segment_bytes, total_bytes, reserve_bytes
+        self._suffix = "jsonl" if kind == "events" else "bin"
+        self._sizes = {path: path.stat().st_size for path in list_segments(folder, kind)}
+        self._used = sum(self._sizes.values())
+        self._handle = -1
+        if self._sizes:
+            self._open(newest := next(reversed(self._sizes)), os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW)
+            mend(self._handle)
+            self._grow(os.fstat(self._handle).st_size - self._sizes[newest])
+
+    def append(self, data: bytes, *, forget: bool) -> None:
+        """Write ``data``, whole unless the disk fails; where all bytes are used the oldest segments go, or nothing.
+
+        Parameters
+        ----------
+        forget : bool
+            Whether the oldest segments may be removed.
+
+        Raises
+        ------
+        Full
+            If they may not, and there is no room.
+        OSError
+            If the disk does not take it.
+        """
+        if forget:
+            self._remove_oldest(len(data))
+        if self._used + len(data) > self._total_bytes:
+            raise Full(f"{self._total_bytes} bytes of {self._kind} are used")
+        if self._handle < 0 or self._sizes[self._newest] + len(data) > max(self._segment_bytes, len(data)):
+            self._begin()
+        view = memoryview(data)
+        while view:
+            written = os.write(self._handle, view)
+            self._grow(written)
+            view = view[written:]
+
+    def close(self) -> None:
+        """Give the file back; idempotent."""
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1
+
+    @property
+    def _newest(self) -> Path:
+        return next(reversed(self._sizes))
+
+    def _grow(self, more: int) -> None:
+        self._sizes[self._newest] += more
+        self._used += more
+
+    def _begin(self) -> None:
+        """The next segment."""
+        require_room(self._folder, self._reserve)
+        number = 1 + int(self._newest.stem[-8:]) if self._sizes else 0
+        self.close()
+        path = self._folder / f"{self._kind}-{number:08}.{self._suffix}"
+        self._open(path, _FLAGS)
+        self._sizes[path] = 0
+
+    def _open(self, path: Path, flags: int) -> None:
+        self._handle = os.open(path, flags, 0o600)
+
+    def _remove_oldest(self, more: int) -> None:
+        """Make room for ``more`` bytes; the newest segment stays."""
+        while len(self._sizes) > 1 and self._used + more > self._total_bytes:
+            oldest = next(iter(self._sizes))
+            oldest.unlink(missing_ok=True)
+            self._used -= self._sizes.pop(oldest)

@@ -1,0 +1,181 @@
+"""Writes a session's history: nothing that goes wrong here reaches the session."""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.session.history.boundary import (
+    BOUNDARY,
+    cut_torn_record,
+    digest_at,
+    pack_input,
+    pack_maker,
+    pack_outcome,
+    pack_taken_up,
+)
+from mesh_motion_server.session.history.events import EVENTS, FOLDER, end_torn_line, last_committed, line_of
+from mesh_motion_server.session.history.segments import Full, Segments, list_segments, require_room
+from mesh_motion_server.session.ledger import BoundaryInput
+
+__all__ = ["History"]
+
+_LOG = logging.getLogger(__name__)
+
+#: Bytes of a segment.
+_SEGMENT = 16 << 20
+#: The events take so large a part of what is granted, in so many segments at least.
+_EVENTS_PART, _LEAST_SEGMENTS = 4, 4
+#: So many times the reserve stays free, twice what the log warns at: of all that fills a disk this stops first.
+_RESERVES = 4
+_MISSING = "steps before it are missing"
+
+
+class History:
+    """The history of one session, written by the process that holds it.
+
+    Every method returns normally whatever happens: the first failure ends the history, until the session is taken up
+    again, with one warning.
+
+    Parameters
+    ----------
+    folder : Path
+        The session's. Where there is none, as with the models of file systems that proofs use, there is no history.
+    total_bytes : int
+        0: none.
+    reserve_bytes : int
+        Where less would be free no session is opened; no file is begun where less than four times as much is.
+    """
+
+    def __init__(self, folder: Path, total_bytes: int, reserve_bytes: int = 0) -> None:
+        self._session = folder
+        self._total, self._reserve = total_bytes, _RESERVES * reserve_bytes
+        self._events: Segments | None = None
+        self._boundary: Segments | None = None
+        self._over = not total_bytes
+        self._boundary_over = False
+        self._next, self._why = 1, _MISSING
+        self._maker = ""
+
+    def begin_again(self) -> None:
+        """The session is taken up: what a failure has ended is tried again."""
+        self.close()
+        self._over, self._boundary_over, self._maker = not self._total, False, ""
+
+    # --- what is told ----------------------------------------------------------------------------------------------
+
+    def tell(self, event: str, **values: Any) -> None:
+        """Add an event."""
+        self.attempt(lambda: self._write_event(event, values))
+
+    def tell_input(self, step: int, boundary: Callable[[], BoundaryInput], dimension: int) -> None:
+        """Add what a commit is about to be made of."""
+        if not self._boundary_over:
+            self.attempt(lambda: self._write_input(step, boundary, dimension))
+
+    def tell_outcome(self, step: int, digest: bytes) -> None:
+        """Add the digest of a committed state."""
+        if not self._boundary_over:
+            self.attempt(lambda: self._write_boundary(pack_outcome(step, digest), step + 1))
+
+    def take_up(self, step: int, digest: bytes) -> None:
+        """The session goes on at a committed step; whether the boundary log goes on from there its digest tells."""
+        self.attempt(lambda: self._take_up(step, digest))
+
+    def attempt(self, write: Callable[[], None]) -> None:
+        """Do what writes, or prepares it, unless the history is over; a failure ends it."""
+        if self._over:
+            return
+        try:
+            if self._events is None and not self._session.is_dir():
+                self._over = True
+                return
+            write()
+        except Exception as error:
+            self.close()
+            with suppress(Exception):  # such as no memory for the line
+                reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
+                _LOG.warning("the history of session %s ends, the session goes on: %s", self._session.name, reason)
+
+    def last_step(self) -> tuple[bool, int]:
+        """Whether anything is told yet, and the last step that was told as committed; (True, 0) once it is over."""
+        found = (True, 0)
+
+        def look() -> None:
+            nonlocal found
+            found = last_committed(self._session)
+
+        self.attempt(look)
+        return found
+
+    def close(self) -> None:
+        """Give the files back; nothing is told any more. Idempotent."""
+        self._over = True
+        for segments in (self._events, self._boundary):
+            if segments is not None:
+                with suppress(OSError):
+                    segments.close()
+        self._events = self._boundary = None
+
+    # --- inside ----------------------------------------------------------------------------------------------------
+
+    def _write_event(self, event: str, values: Mapping[str, Any]) -> None:
+        if self._events is None:
+            total = self._total // _EVENTS_PART
+            self._events = self._open(EVENTS, min(_SEGMENT, total // _LEAST_SEGMENTS), total, end_torn_line)
+        self._events.append(line_of(time.time(), event, values), forget=True)
+
+    def _write_input(self, step: int, boundary: Callable[[], BoundaryInput], dimension: int) -> None:
+        if step > self._next:
+            self._end_boundary(step, self._why)
+            return
+        self._next = step + 1
+        told = boundary()
+        if told.maker != self._maker:
+            self._maker = told.maker
+            self._write_boundary(pack_maker(step, told.maker), step)
+        if not self._boundary_over:
+            self._write_boundary(pack_input(step, told.frame, told.rows, 8 * dimension), step)
+
+    def _take_up(self, step: int, digest: bytes) -> None:
+        found = digest_at(self._session, step) if step else b""
+        self._next = step + 1 if found == digest or not step else 0
+        self._why = "the recorded steps before it are not those of the session" if found else _MISSING
+        if list_segments(self._session / FOLDER, BOUNDARY):
+            self._write_boundary(pack_taken_up(step), step + 1)
+
+    def _write_boundary(self, record: bytes, step: int) -> None:
+        if self._boundary is None:
+            total = self._total - self._total // _EVENTS_PART
+            self._boundary = self._open(BOUNDARY, _SEGMENT, total, cut_torn_record)
+        try:
+            self._boundary.append(record, forget=False)
+        except Full:
+            self._end_boundary(step, f"its part of history_bytes = {self._total} is used")
+
+    def _end_boundary(self, step: int, why: str) -> None:
+        """No more of the boundary: what would come after a gap cannot be replayed."""
+        self._boundary_over = True
+        if self._boundary is not None:
+            self._boundary.close()
+        message = f"the boundary is not recorded from step {step} on: {why}"
+        self._write_event("boundary_ended", {"step": step, "message": message})
+
+    def _open(self, kind: str, segment_bytes: int, total_bytes: int, mend: Callable[[int], None]) -> Segments:
+        folder = self._session / FOLDER
+        if not folder.is_dir():
+            require_room(self._session, self._reserve)  # first: on a full disk nothing is left behind
+            folder.mkdir(mode=0o700)
+        return Segments(
+            folder,
+            kind,
+            segment_bytes=segment_bytes,
+            total_bytes=total_bytes,
+            reserve_bytes=self._reserve,
+            mend=mend,
+        )

@@ -1,0 +1,147 @@
+"""What lists say of the sessions at rest, read again only where the disk has something new.
+
+A list is asked for by whoever watches a server, every few seconds, and the sessions at rest do not change. So what was
+read of a file is remembered as long as the file is the same: its inode, size, and times.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.session.filesystem import FileSystem, read_whole, unreadable
+from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
+from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.state import State
+
+__all__ = ["SPEC", "Listing", "Remembered", "StoredSession"]
+
+#: File with what OPEN fixed.
+SPEC = "spec.json"
+#: Sessions of which something is remembered, the latest asked for; some 10 MB.
+_MOST = 10_000
+#: A file that was changed so recently, seconds, may be changed again without another time: clocks of file systems tick
+#: in milliseconds to seconds.
+_SETTLED_SECONDS = 2.5
+
+Value = TypeVar("Value")
+Stamp = tuple[int, int, int, int, int]
+
+
+@dataclass(frozen=True)
+class StoredSession:
+    """A session at rest, for lists; holds no secret.
+
+    Attributes
+    ----------
+    session, label : str
+    dimension, partitions, step : int
+    state : State
+        READY, or FAILED when its files do not verify.
+    owner : str
+        The public key of who opened it, empty where there are no keys.
+    """
+
+    session: str
+    label: str
+    dimension: int
+    partitions: int
+    step: int
+    state: State
+    owner: str = ""
+
+
+class Remembered(Generic[Value]):
+    """Values that were read of files, as long as the files are the same.
+
+    Parameters
+    ----------
+    most : int
+        Files; of more, those are forgotten that were asked for longest ago.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._known: OrderedDict[Path, tuple[Stamp, Value]] = OrderedDict()
+
+    def get(self, path: Path, read: Callable[[], Value]) -> Value:
+        """What ``read`` makes of the file or folder, or has made of it before."""
+        stamp = _stamp(path)
+        known = self._known.pop(path, None)
+        if known is None or known[0] != stamp:
+            known = None if stamp is None else (stamp, read())
+        if known is None:
+            return read()  # not a file of this system: nothing says whether it changes
+        if _settled(known[0]):
+            self._known[path] = known
+            if len(self._known) > self._most:
+                self._known.popitem(last=False)
+        return known[1]
+
+
+def _stamp(path: Path) -> Stamp | None:
+    """What changes with a file."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
+def _settled(stamp: Stamp) -> bool:
+    """Whether a later change will show."""
+    return time.time() - max(stamp[-2:]) / 1e9 > _SETTLED_SECONDS
+
+
+class Listing:
+    """Describes sessions by their folders.
+
+    Parameters
+    ----------
+    files : FileSystem
+    """
+
+    def __init__(self, files: FileSystem) -> None:
+        self._files = files
+        self._specs: Remembered[StoredSpec] = Remembered(_MOST)
+        self._steps: Remembered[int] = Remembered(_MOST)
+
+    def spec(self, folder: Path) -> StoredSpec:
+        """What OPEN fixed.
+
+        Raises
+        ------
+        JournalError
+            If it cannot be read.
+        """
+
+        def read() -> StoredSpec:
+            try:
+                return StoredSpec.from_bytes(read_whole(self._files, folder / SPEC))
+            except OSError as error:
+                raise unreadable("the session's spec", error) from error
+
+        return self._specs.get(folder / SPEC, read)
+
+    def owner(self, folder: Path) -> str:
+        """Whose session it is; nobody's where that cannot be read."""
+        try:
+            return self.spec(folder).owner
+        except MeshMotionError:
+            return ""
+
+    def describe(self, folder: Path) -> StoredSession:
+        """A session at rest; of its journal the manifest's chain is read, and only once."""
+        owner = self.owner(folder)
+        try:
+            spec = self.spec(folder)
+            step = self._steps.get(folder / MANIFEST, lambda: read_ledger(folder, self._files).step)
+        except MeshMotionError:
+            return StoredSession(folder.name, "", 0, 0, 0, State.FAILED, owner)
+        return StoredSession(folder.name, spec.label, spec.dimension, spec.partitions, step, State.READY, owner)

@@ -1,0 +1,209 @@
+"""The gateway as the supervisor has it: spoken to without waiting, started again when it falls.
+
+Only the first start is waited for, with nobody served yet. Later ones are heard of like everything else, so that a
+gateway that hangs while it starts holds nobody up: it is killed when its time is over, and another one is started.
+"""
+
+from __future__ import annotations
+
+import selectors
+import time
+from collections.abc import Callable
+from typing import Any
+
+from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.operation.tally import TALLY
+from mesh_motion_server.transport.attempts import Attempts
+from mesh_motion_server.transport.channel import Outbox
+from mesh_motion_server.transport.endpoints import EndpointError
+from mesh_motion_server.transport.processes import Child
+from mesh_motion_server.transport.self_test import ProtectionError
+from mesh_motion_server.transport.telemetry import log
+
+__all__ = ["GatewayLine"]
+
+#: A gateway that falls more often than this in an hour has a reason that restarting does not cure.
+_STARTS = 20
+#: Seconds before the next one where the first did not come to listen; doubled each time, up to a bound: a shortage of
+#: memory or processes lasts longer than a moment.
+_PAUSE, _LONGEST_PAUSE = 0.2, 5.0
+#: It imports, binds and tests itself within this, seconds; some tenths of one on a machine with nothing else to do.
+_START_SECONDS = 60.0
+#: Replies kept for a gateway that does not read, of 64 KiB at most each.
+_KEPT_REPLIES = 256
+
+
+class GatewayLine:
+    """Starts, hears and answers the gateway.
+
+    Parameters
+    ----------
+    selector : selectors.BaseSelector
+        The supervisor's: each source comes with what is called once it has something to say.
+    endpoint : str
+        Where it shall listen.
+    launch : callable
+        Starts a process that has its order: to listen there.
+    request : callable
+        Peer, user and frame of a control request.
+
+    Attributes
+    ----------
+    endpoint : str
+        Where it listens, once it has: a port 0 has become a number.
+    child : Child or None
+    answered_at : float
+        When its loop last turned, on the monotonic clock.
+    """
+
+    def __init__(
+        self,
+        selector: selectors.BaseSelector,
+        endpoint: str,
+        launch: Callable[[str], Child],
+        request: Callable[[bytes, str, bytes], None],
+    ) -> None:
+        self.endpoint = endpoint
+        self.child: Child | None = None
+        self.answered_at = time.monotonic()
+        self._listens = False
+        self._selector = selector
+        self._launch = launch
+        self._request = request
+        self._attempts = Attempts(_STARTS)
+        self._pause = _PAUSE
+        self._due = 0.0  # to listen, or to be started
+        self._asked_at: float | None = None
+        self._outbox: Outbox | None = None
+
+    def start(self) -> None:
+        """The first start: it listens on return.
+
+        Raises
+        ------
+        EndpointError
+            If it cannot; ProtectionError if it admits or refuses the wrong ones.
+        """
+        self._attempts.note(time.monotonic())
+        gateway = self._launch(self.endpoint)
+        answer = gateway.channel.receive(_START_SECONDS)
+        if answer is None or answer["event"] != "bound":
+            gateway.reap()
+            if answer is not None and answer["unprotected"]:
+                raise ProtectionError(answer["reason"])
+            reason = answer["reason"] if answer else "the gateway ended, or did not start in time"
+            raise EndpointError(
+                f"cannot listen on {self.endpoint}: {reason}", hint="stop who listens there, or use another endpoint"
+            )
+        self._take(gateway)
+        self._bound(answer["endpoint"])
+
+    @property
+    def lost(self) -> bool:
+        """It has fallen too often and is not started again."""
+        return self.child is None and self._attempts.over(time.monotonic())
+
+    # --- to it -------------------------------------------------------------------------------------------------------
+
+    def reply(self, peer: bytes, frame: bytes) -> None:
+        """Hand a reply on. One that is lost, with a gateway that falls or does not read, is asked for again."""
+        if self.child is None or self._outbox is None:
+            return
+        if not self._outbox.put({"peer": peer, "frame": frame}):
+            log().warning("undelivered", reason="the gateway does not read")
+        self._await_room()
+
+    def ask(self, now: float, patience: float) -> None:
+        """Whether its loop turns: ``answered_at`` says when it last did. Asked again after ``patience`` seconds."""
+        waiting = self._asked_at is not None and now - self._asked_at < patience
+        if self.child is not None and not waiting and self.child.channel.offer({"order": "ping"}):
+            self._asked_at = now
+
+    def _await_room(self) -> None:
+        """Hear of it when there is room for what is kept."""
+        if self.child is not None and self._outbox is not None:
+            events = selectors.EVENT_READ | (selectors.EVENT_WRITE if self._outbox else 0)
+            key = self._selector.get_key(self.child.channel)
+            if key.events != events:
+                self._selector.modify(self.child.channel, events, key.data)
+
+    # --- from it -----------------------------------------------------------------------------------------------------
+
+    def _turned(self, _source: Any) -> None:
+        """There is room for replies, or it has spoken or ended."""
+        if self.child is None or self._outbox is None:
+            return
+        self._outbox.flush()
+        self._await_room()
+        if self.child.channel.pending():
+            self._hear(self.child)
+
+    def _hear(self, gateway: Child) -> None:
+        message = gateway.channel.receive()
+        if message is None:
+            self._ended(gateway)
+        elif "frame" in message:
+            failpoint("supervisor.request")
+            self._request(message["peer"], message["user"], message["frame"])
+        elif message["event"] == "pong":
+            self._alive()
+            TALLY.add(message["tally"])
+        elif message["event"] == "bound":
+            self._bound(message["endpoint"])
+        else:
+            log().error("gateway_not_started", reason=message["reason"])
+
+    def _bound(self, endpoint: str) -> None:
+        self.endpoint, self._listens, self._pause = endpoint, True, _PAUSE
+        TALLY.count("gateway_starts")
+        self._alive()
+
+    def _alive(self) -> None:
+        self.answered_at, self._asked_at = time.monotonic(), None
+
+    # --- its life ----------------------------------------------------------------------------------------------------
+
+    def _take(self, gateway: Child) -> None:
+        self.child, self._listens, self._outbox = gateway, False, Outbox(gateway.channel, _KEPT_REPLIES)
+        self._due = time.monotonic() + _START_SECONDS
+        self._alive()
+        self._selector.register(gateway.channel, selectors.EVENT_READ, self._turned)
+
+    def _ended(self, gateway: Child) -> None:
+        self._selector.unregister(gateway.channel)
+        failpoint("supervisor.gateway-ended")
+        TALLY.count("gateway_falls")
+        log().error("gateway_ended", code=gateway.reap())
+        self.child, self._outbox = None, None
+        self._due = time.monotonic() + (0.0 if self._listens else self._next_pause())
+
+    def next_deadline(self) -> float | None:
+        """When :meth:`keep_time` will have something to do."""
+        return None if self._listens and self.child is not None else self._due
+
+    def keep_time(self, now: float) -> None:
+        """Start it again when it is gone; end one that does not come to listen."""
+        if now < self._due or self.lost:
+            return
+        if self.child is None:
+            self._attempts.note(now)
+            try:
+                self._take(self._launch(self.endpoint))
+            except OSError as error:
+                self._due = now + self._next_pause()
+                log().error("gateway_not_started", reason=str(error))
+        elif not self._listens:
+            log().error("gateway_not_started", reason=f"silent for {_START_SECONDS:.0f} s")
+            self._due = now + _START_SECONDS
+            self.child.kill()
+
+    def _next_pause(self) -> float:
+        pause, self._pause = self._pause, min(2 * self._pause, _LONGEST_PAUSE)
+        return pause
+
+    def stop(self) -> None:
+        """Close the line, which ends it."""
+        if self.child is not None:
+            self._selector.unregister(self.child.channel)
+            self.child.reap()
+            self.child = None

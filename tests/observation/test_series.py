@@ -1,0 +1,119 @@
+"""Columns by step: what was told, what is thinned, what was made twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from histories import lowest_quality, made_up_events, resumed_at
+
+from mesh_motion_server.observation.series import PHASES, Series
+
+
+def test_each_step_has_what_was_told() -> None:
+    columns = Series(made_up_events(300)).columns()
+    assert columns["step"].tolist() == list(range(1, 301))
+    np.testing.assert_allclose(columns["standard_min"], [lowest_quality(step) for step in range(1, 301)])
+    assert (columns["predicted_min"] >= columns["standard_min"]).all()
+    assert (columns["actual_p1"] > columns["actual_min"]).all()
+    assert columns["iterations"].tolist() == [3 if step % 97 == 0 else 2 for step in range(1, 301)]
+    assert np.flatnonzero(columns["refusals"]).tolist() == [96, 193, 290]
+    assert np.flatnonzero(columns["rollbacks"]).tolist() == [96, 193, 290]
+    corrected = columns["standard_min"] < 0.2
+    assert corrected.any()
+    assert (columns["enrichment_points"] == 3 * corrected).all()
+    for phase in PHASES:
+        assert (columns[f"seconds_{phase}"] >= 0).all()
+    assert (np.diff(columns["at"]) > 0).all()
+
+
+def test_percentiles_are_those_of_the_first_move_where_later_ones_tell_none() -> None:
+    events = list(made_up_events(3))
+    for event in events:
+        if event["event"] == "moved" and event["iteration"] == 2:
+            event["quality"]["corrected"]["metric"] = {"min": 0.125}
+    columns = Series(events).columns()
+    assert columns["predicted_min"].tolist() == [0.125] * 3
+    assert np.isfinite(columns["predicted_p5"]).all()
+
+
+def test_null_is_not_a_number() -> None:
+    events = list(made_up_events(1))
+    events[-1]["quality"]["metric"] = {"min": None}
+    columns = Series(events).columns()
+    assert np.isnan(columns["actual_min"][0])
+    assert np.isnan(columns["actual_mean"][0])
+
+
+@pytest.mark.parametrize("most", [1, 2, 7, 100, 999])
+def test_thinning_loses_no_minimum_and_no_refusal(most: int) -> None:
+    series = Series(made_up_events(1000))
+    whole, thin = series.columns(), series.columns(most)
+    assert {len(column) for column in thin.values()} == {most}
+    assert thin["actual_min"].min() == whole["actual_min"].min()
+    assert thin["refusals"].sum() == whole["refusals"].sum()
+    assert (np.diff(thin["step"]) > 0).all()
+    for row, step in enumerate(thin["step"].astype(int)):
+        assert thin["actual_min"][row] == whole["actual_min"][step - 1]
+
+
+@pytest.mark.parametrize("most", [3, 40])
+def test_thinning_keeps_what_sticks_out_in_a_step_that_it_leaves_out(most: int) -> None:
+    series = Series(made_up_events(1000))
+    whole = series.columns()
+    for name in ("iterations", "inverted", "seconds_correct", "seconds_total"):
+        series._table[567, list(whole).index(name)] = 77.0
+    for name in ("predicted_min", "standard_min"):
+        series._table[567, list(whole).index(name)] = -77.0
+    series._table[100, list(whole).index("predicted_min")] = np.nan  # not told
+    thin = series.columns(most)
+    assert 568 not in thin["step"]
+    for name, value in {"iterations": 77, "inverted": 77, "seconds_correct": 77, "seconds_total": 77}.items():
+        assert thin[name].max() == value
+    assert (thin["predicted_min"].min(), thin["standard_min"].min()) == (-77, -77)
+
+
+def test_a_refusal_is_one_of_a_motion() -> None:
+    events = list(made_up_events(2))
+    others = [
+        {"event": "refused", "at": 0.0, "step": 2, "request": name} for name in ("JOIN", "FETCH", "COMMIT", "MOVE")
+    ]
+    assert Series([*events[:-1], *others, events[-1]]).columns()["refusals"].tolist() == [0, 1]
+
+
+def test_few_steps_are_not_thinned() -> None:
+    series = Series(made_up_events(5))
+    assert len(series.columns(10)["step"]) == 5
+    assert len(Series().columns(10)["step"]) == 0
+
+
+def test_steps_that_are_made_again_replace_what_came_after() -> None:
+    events = list(made_up_events(10))
+    again = [event for event in events if event.get("step") in (6, 7)]
+    columns = Series([*events, {"at": 0.0, "event": "resumed", "step": 5, "epoch": 2}, *again]).columns()
+    assert columns["step"].tolist() == [1, 2, 3, 4, 5, 6, 7]
+
+
+def test_steps_that_a_crash_took_are_gone_and_leave_nothing_to_those_made_again() -> None:
+    events = list(made_up_events(13))
+    lost = [event for event in events if event.get("step") != 13 or event["event"] == "moved"]
+    series = Series([*lost, resumed_at(4)])
+    assert series.columns()["step"].tolist() == [1, 2, 3, 4]
+    for event in (event for event in events if event.get("step") == 5):
+        series.add(event)
+    columns = series.columns()
+    assert columns["step"].tolist() == [1, 2, 3, 4, 5]
+    assert columns["iterations"].tolist() == [2] * 5
+
+
+def test_what_was_begun_before_a_gap_is_not_told_of_the_step_after_it() -> None:
+    events = [event for event in made_up_events(9) if event.get("step", 0) < 5 or event.get("step") == 8]
+    begun = next(event for event in made_up_events(5) if event.get("step") == 5)
+    events.insert(next(number for number, event in enumerate(events) if event.get("step") == 8), begun)
+    assert Series(events).columns()["iterations"].tolist() == [2] * 5
+
+
+def test_what_another_version_wrote_is_passed_over() -> None:
+    events = list(made_up_events(6))
+    strange = [{"event": "moved", "at": 0.0, "step": 3}, {"event": "committed", "at": 0.0}, {"event": "refused"}]
+    found = Series([*events[:-1], *strange, events[-1]]).columns()
+    assert found["step"].tolist() == [1, 2, 3, 4, 5, 6]

@@ -1,0 +1,161 @@
+"""The gateway as the supervisor has it, with gateways that are scripted: nothing that they do holds the loop up."""
+
+from __future__ import annotations
+
+import selectors
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from ended_process import EndedProcess
+
+from mesh_motion_server.transport import gateway_line as module
+from mesh_motion_server.transport.channel import Channel
+from mesh_motion_server.transport.endpoints import EndpointError
+from mesh_motion_server.transport.gateway_line import GatewayLine
+from mesh_motion_server.transport.processes import Child
+from mesh_motion_server.transport.self_test import ProtectionError
+
+
+class Script:
+    """A line whose gateways say ``words``, one each, when they are started."""
+
+    def __init__(self) -> None:
+        self.selector = selectors.DefaultSelector()
+        self.words: list[dict[str, Any] | None] = []
+        self.refusal: OSError | None = None
+        self.children: list[Child] = []
+        self.theirs: list[Channel] = []
+        self.requests: list[tuple[bytes, str, bytes]] = []
+        self.line = GatewayLine(self.selector, "tcp://127.0.0.1:0", self.launch, self.take)
+
+    def take(self, peer: bytes, user: str, frame: bytes) -> None:
+        """A request came."""
+        self.requests.append((peer, user, frame))
+
+    def launch(self, endpoint: str) -> Child:
+        """A gateway that was started."""
+        if self.refusal is not None:
+            raise self.refusal
+        channel, line = Channel.pair()
+        self.theirs.append(Channel(line))
+        self.children.append(Child(EndedProcess(), channel))  # type: ignore[arg-type]
+        word = self.words.pop(0) if self.words else None
+        if word is not None:
+            self.theirs[-1].send({"endpoint": endpoint.replace(":0", ":7")} | word)
+        return self.children[-1]
+
+    def turn(self) -> None:
+        """What the supervisor's loop does, without waiting."""
+        for key, _ in self.selector.select(0):
+            key.data(key.fileobj)
+        self.line.keep_time(time.monotonic())
+
+    def close(self) -> None:
+        """Give the sockets back."""
+        for child, line in zip(self.children, self.theirs, strict=True):
+            child.channel.close()
+            line.close()
+        self.selector.close()
+
+
+BOUND = {"event": "bound"}
+
+
+@pytest.fixture
+def script() -> Iterator[Script]:
+    script = Script()
+    yield script
+    script.close()
+
+
+@pytest.fixture
+def started(script: Script) -> Script:
+    script.words = [BOUND]
+    script.line.start()
+    assert script.line.endpoint == "tcp://127.0.0.1:7"
+    return script
+
+
+def test_a_gateway_that_does_not_read_holds_nobody_up_and_gets_what_was_kept(started: Script) -> None:
+    (theirs,) = started.theirs
+    frame = bytes(60_000)
+    for number in range(1000):
+        started.line.reply(number.to_bytes(2, "big"), frame)
+    taken = []
+    for _ in range(2000):
+        started.turn()
+        if (message := theirs.receive(0.0)) is not None:
+            taken.append(int.from_bytes(message["peer"], "big"))
+    assert taken == list(range(len(taken)))
+    assert module._KEPT_REPLIES <= len(taken) < 300
+    started.line.reply(b"pp", frame)
+    assert theirs.receive(0.0) == {"peer": b"pp", "frame": frame}
+
+
+def test_a_gateway_is_asked_again_when_its_word_was_lost(started: Script) -> None:
+    (theirs,) = started.theirs
+    for now, asked in ((0.0, True), (5.0, False), (31.0, True)):
+        started.line.ask(now, 30.0)
+        assert (theirs.receive(0.0) == {"order": "ping"}) is asked
+    before = started.line.answered_at
+    theirs.send({"event": "pong", "tally": None})
+    started.turn()
+    assert started.line.answered_at > before
+    started.line.ask(32.0, 30.0)
+    assert theirs.receive(0.0) == {"order": "ping"}
+
+
+def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(started: Script) -> None:
+    started.theirs[0].close()
+    began = time.monotonic()
+    started.turn()
+    started.turn()
+    assert len(started.children) == 2  # which says nothing
+    started.line.reply(b"p", b"r")
+    started.line.keep_time(time.monotonic() + module._START_SECONDS + 1)
+    assert time.monotonic() - began < module._START_SECONDS / 2
+    hung = started.children[1].process
+    assert isinstance(hung, EndedProcess)
+    assert hung.killed == 1
+    started.theirs[1].close()
+    started.words = [BOUND]
+    started.turn()
+    started.line.keep_time(time.monotonic() + module._PAUSE)
+    started.turn()
+    started.theirs[2].send({"peer": b"p", "user": "", "frame": b"f"})
+    started.turn()
+    assert started.requests == [(b"p", "", b"f")]
+    assert not started.line.lost
+
+
+def test_one_that_falls_again_and_again_is_lost(started: Script) -> None:
+    started.refusal = BlockingIOError(11, "Resource temporarily unavailable")
+    started.theirs[0].close()
+    started.turn()  # hears of the end, and tries a second time
+    now, tries = time.monotonic(), 2
+    while not started.line.lost:
+        due = started.line.next_deadline()
+        assert due is not None
+        assert now < due <= now + module._LONGEST_PAUSE
+        now, tries = due, tries + 1
+        started.line.keep_time(now)
+    assert tries == module._STARTS
+
+
+@pytest.mark.parametrize(
+    ("word", "error"),
+    [
+        ({"event": "unbound", "reason": "taken", "unprotected": False}, EndpointError),
+        ({"event": "unbound", "reason": "open", "unprotected": True}, ProtectionError),
+        (None, EndpointError),
+    ],
+)
+def test_the_first_start_fails_in_finite_time(
+    script: Script, word: Any, error: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_START_SECONDS", 0.1)
+    script.words = [word]
+    with pytest.raises(error, match="cannot listen on" if error is EndpointError else "open"):
+        script.line.start()
