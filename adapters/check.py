@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -18,12 +19,34 @@ ADAPTERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "Fortran": (("gfortran", *_C), ("tests/adapters/c",), "f90"),
     "OpenFOAM": (("moveDynamicMesh", "g++", *_C), ("tests/adapters/openfoam",), ""),
     "CalculiX": (("ccx",), ("tests/adapters/calculix",), ""),
+    "FSI driver": ((), ("tests/adapters/fsi",), "not test_flap"),
+    "OpenFOAM and CalculiX": (("pimpleFoam", "g++", *_C, "ccx"), ("tests/adapters/fsi/test_flap.py",), ""),
+    "preCICE, by its stub": ((), ("tests/adapters/precice",), "not real"),
+    "preCICE": (("precice",), ("tests/adapters/precice",), "real"),
+    "Kratos, by a stand-in": ((), ("tests/adapters/kratos/test_kratos_participant.py",), ""),
+    "Kratos": (("KratosMultiphysics",), ("tests/adapters/kratos",), "solver or benchmark"),
+    "NGSolve": (("ngsolve",), ("tests/adapters/howto",), "ngsolve"),
+    "dolfinx": (("dolfinx",), ("tests/adapters/howto",), "dolfinx"),
     "conformance of those built": (_C, ("tests/adapters/c",), "every_scenario"),
+}
+#: Where adapters/kratos/environment.sh installs.
+_CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesh-motion"
+#: Where each code's Python modules are looked for.
+PYTHONS: dict[str, tuple[str | None, ...]] = {
+    "precice": (sys.executable,),
+    "KratosMultiphysics": (os.environ.get("KRATOS_PYTHON") or f"{_CACHE}/kratos-10.4/bin/python", sys.executable),
+    "ngsolve": (os.environ.get("NGSOLVE_PYTHON"), sys.executable),
+    "dolfinx": (os.environ.get("DOLFINX_PYTHON"), sys.executable, "/usr/bin/python3"),
 }
 
 
 def is_missing(tool: str) -> bool:
-    """Whether a program, or the library of that name for the compiler, is not installed."""
+    """Whether a program, a module of this Python, or the library of that name for the compiler is not installed."""
+    if tool in PYTHONS:
+        command = f"import {tool}"
+        pythons = [python for python in PYTHONS[tool] if python and shutil.which(python)]
+        runs = (subprocess.run([python, "-c", command], capture_output=True, check=False) for python in pythons)
+        return all(run.returncode != 0 for run in runs)
     if tool == "libzmq":
         return subprocess.run(["pkg-config", "--exists", "libzmq"], check=False).returncode != 0
     return shutil.which(tool) is None

@@ -40,6 +40,8 @@ module mesh_motion
       procedure :: connect => server_connect
       procedure :: ping => server_ping
       procedure :: welcome => server_welcome
+      procedure :: list => server_list
+      procedure :: listed => server_listed
       procedure :: failed => server_failed
       procedure :: error_code => server_error_code
       procedure :: error_message => server_error_message
@@ -134,6 +136,17 @@ module mesh_motion
          import :: c_ptr
          type(c_ptr), value :: context
          type(c_ptr) :: c_welcome
+      end function
+      function c_list(context, after) bind(c, name="mm_list")
+         import :: c_ptr, c_char, c_int
+         type(c_ptr), value :: context
+         character(kind=c_char), intent(in) :: after(*)
+         integer(c_int) :: c_list
+      end function
+      function c_listed(context) bind(c, name="mm_listed")
+         import :: c_ptr
+         type(c_ptr), value :: context
+         type(c_ptr) :: c_listed
       end function
       function c_error(context) bind(c, name="mm_error")
          import :: c_ptr, c_int
@@ -480,6 +493,26 @@ contains
       character(*), intent(in) :: path
       character(:), allocatable :: text
       text = json_of(c_welcome(self%handle), path)
+   end function
+
+   ! The sessions behind an id (absent: from the first on), as many as a reply holds; listed("more") tells of others.
+   subroutine server_list(self, after)
+      class(mm_server), intent(in) :: self
+      character(*), intent(in), optional :: after
+      integer(c_int) :: ignored
+      if (present(after)) then
+         ignored = c_list(self%handle, ended(after))
+      else
+         ignored = c_list(self%handle, ended(""))
+      end if
+   end subroutine
+
+   ! What list() was told, as JSON: "sessions", "sessions.0.state", "more".
+   function server_listed(self, path) result(text)
+      class(mm_server), intent(in) :: self
+      character(*), intent(in) :: path
+      character(:), allocatable :: text
+      text = json_of(c_listed(self%handle), path)
    end function
 
    function server_failed(self) result(failed)

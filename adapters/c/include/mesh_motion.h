@@ -80,6 +80,12 @@ MM_API mm_result mm_connect(mm_context *context, const char *endpoint);
 MM_API mm_result mm_ping(mm_context *context);
 /* WELCOME: version.0, server, limits.max_sessions, durability.0 … */
 MM_API const mm_report *mm_welcome(const mm_context *context);
+/* The server's sessions that this key may see, in the order of their ids: those behind after (NULL: from the first on),
+ * as many as a reply holds. While more is 1, mm_list(context, the last id) has the next ones.
+ */
+MM_API mm_result mm_list(mm_context *context, const char *after);
+/* LISTED: sessions.0.session, .label, .state, .step, .partitions, .worker; more */
+MM_API const mm_report *mm_listed(const mm_context *context);
 
 /* --- the error --------------------------------------------------------------------------------------------------- */
 

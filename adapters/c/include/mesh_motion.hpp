@@ -26,6 +26,7 @@
 #include <string>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace mesh_motion
 {
@@ -139,6 +140,12 @@ public:
     }
     void ping() { check(mm_ping(context_.get())); }
     Report welcome() const { return Report(mm_welcome(context_.get())); }
+    /// Sessions behind an id, as mm_listed tells of them, until the next call.
+    Report list(const std::string &after = "")
+    {
+        check(mm_list(context_.get(), after.c_str()));
+        return Report(mm_listed(context_.get()));
+    }
     mm_context *get() const { return context_.get(); }
 
 private:
@@ -181,7 +188,15 @@ public:
         return *this;
     }
 
-    // The arrays stay the caller's, and in place, until build() returns. Nodes count from 0.
+    // The arrays stay the caller's, and in place, until build() returns, so none may be a temporary. Nodes count from 0.
+    template <class Number>
+    Session &points(int, const std::vector<Number> &&) = delete;
+    template <class Number>
+    Session &cells(const std::string &, const std::vector<Number> &&) = delete;
+    template <class Number>
+    Session &patch(const std::string &, const std::string &, const std::vector<Number> &&) = delete;
+    template <class Number>
+    Session &global_ids(const std::vector<Number> &&) = delete;
     Session &points(int dimension, View<const double> points)
     {
         require(dimension > 0 && points.size() % static_cast<std::size_t>(dimension) == 0,

@@ -1,10 +1,13 @@
 /* The client: connections, requests that are done once whatever breaks, and the verbs. See mesh_motion.h.
  *
- *   errors        one place in the context
- *   connections   a DEALER socket and its monitor: ZeroMQ mends broken connections in silence, and what was under way
- * is lost without a word; so the end of a connection is watched for requests      numbered, sent, repeated by the same
- * id (SPEC.md, section 10) control       HELLO, OPEN, RESUME, PROBE: asked until they are answered data delivered over
- * broken connections and died workers (SPEC.md, section 11) verbs         what the public header has
+ * In this order:
+ * - errors: one place in the context;
+ * - connections: a DEALER socket and its monitor. ZeroMQ mends broken connections in silence, and what was under way
+ *   is lost without a word; so the end of a connection is watched for;
+ * - requests: numbered, sent, repeated by the same id (SPEC.md, section 10);
+ * - control: HELLO, OPEN, RESUME, PROBE, asked until they are answered;
+ * - data: delivered over broken connections and died workers (SPEC.md, section 11);
+ * - verbs: what the public header has.
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -40,6 +43,7 @@
 #define PAUSE_SECONDS 0.2             /* between two tries while nobody can answer */
 #define START_SECONDS 300.0           /* a server's first session may wait until its kernels are compiled */
 #define PART_BYTES ((size_t)32 << 20) /* of one UPLOAD: the worker never holds much beside the mesh itself */
+#define UNKNOWN_NODES ((size_t)1 << 31)
 /* Smaller arrays are copied: lending the caller's memory to libzmq costs more than that. */
 #define LENT_BYTES ((size_t)1 << 14)
 
@@ -49,9 +53,13 @@ typedef enum { DONE, LOST, FAILED } outcome; /* LOST: the connection ended, the 
 typedef struct {
     uint8_t client[MMI_CLIENT_BYTES];
     int64_t sequence;
-    int64_t unanswered; /* number of the request that was given up without an answer, 0 = none, and its content */
-    uint64_t content;
 } line;
+
+/* The number of a request that was given up without an answer, 0 = none, and its content. */
+typedef struct {
+    int64_t number;
+    uint64_t content;
+} unanswered;
 
 typedef struct {
     void *socket, *events;
@@ -107,7 +115,7 @@ struct mm_context {
     char endpoint[ENDPOINT_BYTES];
     connection control;
     line line;
-    mm_report welcome;
+    mm_report welcome, listed;
     mm_session *sessions;
 };
 
@@ -126,6 +134,8 @@ struct mm_session {
     int64_t epoch;
     connection data;
     line line;
+    unanswered request; /* of the session's own line … */
+    unanswered opening; /* … and its OPEN or RESUME, in the context's line: each session may have one */
     int joined;
     int may_resume; /* it is built, and nobody else takes part: this side may resume it when its worker is gone */
     size_t part, part_row; /* the next UPLOAD: block and row */
@@ -459,15 +469,17 @@ static int is_kept(const request *request)
 }
 
 /* The next number; a repeat of what was given up unanswered keeps its own, so that it is executed once. */
-static void number(line *line, request *request)
+static void number(line *line, unanswered *before, request *request)
 {
     request->client = line->client;
-    if (line->unanswered && is_kept(request) && line->content == content_of(request)) {
-        request->sequence = line->unanswered;
+    if (is_kept(request) && before->number && before->content == content_of(request)) {
+        request->sequence = before->number;
     } else {
         request->sequence = ++line->sequence;
     }
-    line->unanswered = is_kept(request) ? 0 : line->unanswered;
+    if (is_kept(request)) {
+        before->number = 0;
+    }
 }
 
 /* Nobody has answered, or not in words that we know: it is not known what was done. */
@@ -477,11 +489,11 @@ static int is_unheard(const mm_context *context)
 }
 
 /* So that the caller may ask again. */
-static void remember_unanswered(mm_context *context, line *line, const request *request)
+static void remember_unanswered(mm_context *context, unanswered *kept, const request *request)
 {
     if (is_kept(request) && (is_unheard(context) || mm_error_is(context, "RESOURCE_EXHAUSTED.MEMORY"))) {
-        line->unanswered = request->sequence;
-        line->content = content_of(request);
+        kept->number = request->sequence;
+        kept->content = content_of(request);
     }
 }
 
@@ -604,20 +616,21 @@ static void free_answer(answer *from)
     *from = (answer){0};
 }
 
-static zmq_msg_t *new_frame(answer *to)
+/* Room for so many frames at once: libzmq's messages must not be moved about in memory. */
+static int make_room(answer *to, size_t frames)
 {
-    if (to->count == to->capacity) {
-        size_t capacity = to->capacity ? 2 * to->capacity : 4;
-        zmq_msg_t *frames = realloc(to->frames, capacity * sizeof *frames);
-        to->frames = frames ? frames : to->frames;
-        size_t *sizes = frames ? realloc(to->sizes, capacity * sizeof *sizes) : NULL;
-        to->sizes = sizes ? sizes : to->sizes;
-        if (!sizes) {
-            return NULL;
-        }
-        to->capacity = capacity;
-    }
-    return &to->frames[to->count];
+    to->frames = malloc(frames * sizeof *to->frames);
+    to->sizes = malloc(frames * sizeof *to->sizes);
+    to->capacity = frames;
+    return to->frames && to->sizes;
+}
+
+/* Of a reply to this session: frame 0 and two arrays, of which none has more than three numbers a node. What is not
+ * known yet, before JOINED tells it, is taken for large. */
+static size_t most_frames(const mm_session *session)
+{
+    size_t nodes = session ? session->nodes ? session->nodes : UNKNOWN_NODES : 0;
+    return 1 + MMI_MOST_ARRAYS * ((nodes * 3 * sizeof(double) + MMI_CHUNK_BYTES - 1) / MMI_CHUNK_BYTES);
 }
 
 /* What came is no message; what follows it on that connection cannot be trusted either. */
@@ -629,16 +642,19 @@ static outcome damaged(mm_context *context, connection *connection, const char *
 }
 
 /* All frames of the next message; ZeroMQ hands out whole messages only. */
-static outcome receive(mm_context *context, connection *connection, answer *to)
+static outcome receive(mm_context *context, connection *connection, const mm_session *session, answer *to)
 {
     int more = 1;
     free_answer(to);
+    if (!make_room(to, most_frames(session))) {
+        disconnect(connection); /* the message goes with it */
+        return no_memory(context);
+    }
     while (more) {
-        zmq_msg_t *frame = new_frame(to);
-        if (!frame) {
-            disconnect(connection); /* the rest of the message goes with it */
-            return no_memory(context);
+        if (to->count == to->capacity) {
+            return damaged(context, connection, "it has more frames than the mesh can fill");
         }
+        zmq_msg_t *frame = &to->frames[to->count];
         zmq_msg_init(frame);
         int size = zmq_msg_recv(frame, connection->socket, ZMQ_DONTWAIT);
         if (size < 0) {
@@ -708,7 +724,7 @@ static outcome await_reply(mm_context *context, connection *connection, const re
     for (;;) {
         outcome how = wait_for_message(context, connection, request, deadline, watched);
         if (how == DONE) {
-            how = receive(context, connection, got);
+            how = receive(context, connection, watched, got);
         }
         if (how != DONE) {
             return how;
@@ -783,12 +799,13 @@ static void copy_integers(int64_t *to, const answer *from, const mmi_array *arra
 
 /* --- the control endpoint ---------------------------------------------------------------------------------------- */
 
-/* Until it is answered or the time is over; frees the request. */
-static outcome ask(mm_context *context, request *request, double seconds, answer *got)
+/* Until it is answered or the time is over; frees the request. `opening` remembers an unanswered one; NULL for what is not
+ * kept. */
+static outcome ask(mm_context *context, unanswered *opening, request *request, double seconds, answer *got)
 {
     double deadline = now() + seconds;
     outcome how;
-    number(&context->line, request);
+    number(&context->line, opening, request);
     for (;;) {
         how = context->control.socket ? DONE : connect_to(context, &context->control, context->endpoint);
         if (how == DONE) {
@@ -803,7 +820,7 @@ static outcome ask(mm_context *context, request *request, double seconds, answer
         mm_clear_error(context);
         pause_for(PAUSE_SECONDS);
     }
-    remember_unanswered(context, &context->line, request);
+    remember_unanswered(context, opening, request);
     mmi_writer_free(&request->fields);
     return how;
 }
@@ -819,21 +836,20 @@ static request request_about(const mm_session *session, const char *type, const 
 static outcome probe(mm_session *session, double seconds, answer *got)
 {
     request about = request_about(session, "PROBE", "PROBED");
-    return ask(session->context, &about, seconds, got);
+    return ask(session->context, NULL, &about, seconds, got);
 }
 
 static outcome resume(mm_session *session, double seconds, answer *got)
 {
     request about = request_about(session, "RESUME", "RESUMED");
-    return ask(session->context, &about, seconds, got);
+    return ask(session->context, &session->opening, &about, seconds, got);
 }
 
 /* A RESUME of ours has not been answered: the epoch may be higher than we know, and yet the session be ours. */
 static int is_resuming(const mm_session *session)
 {
-    const line *line = &session->context->line;
     request about = request_about(session, "RESUME", "RESUMED");
-    int is = line->unanswered && line->content == content_of(&about);
+    int is = session->opening.number && session->opening.content == content_of(&about);
     mmi_writer_free(&about.fields);
     return is;
 }
@@ -972,7 +988,7 @@ static outcome take_step(mm_session *session, int64_t step)
     }
     mmi_writer details = {0};
     session->iteration = session->has_trial = 0;
-    session->line.unanswered = 0;
+    session->request.number = 0;
     fail(context, "ABORTED.STEPS_LOST",
          "go on from mm_step: the same moves and commits give the same coordinates again",
          "step %" PRId64 " was committed, but after a restart the session stands at step %" PRId64, known, step);
@@ -1055,7 +1071,7 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
     mm_context *context = session->context;
     double deadline = now() + seconds;
     outcome how = LOST;
-    number(&session->line, request);
+    number(&session->line, &session->request, request);
     for (int attempt = 0; attempt < ATTEMPTS && how == LOST; ++attempt) {
         mm_clear_error(context);
         how = request_data(session, request, deadline, got);
@@ -1068,7 +1084,7 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
         fail(context, "UNAVAILABLE", "", "%s broke %d connections to %s", request->type, ATTEMPTS,
              session->data.endpoint);
     }
-    remember_unanswered(context, &session->line, request);
+    remember_unanswered(context, &session->request, request);
     mmi_writer_free(&request->fields);
     return how;
 }
@@ -1123,6 +1139,7 @@ void mm_context_free(mm_context *context)
     zmq_ctx_term(context->zmq);
     mmi_report_free(&context->told.details);
     mmi_report_free(&context->welcome);
+    mmi_report_free(&context->listed);
     free(context);
 }
 
@@ -1230,7 +1247,7 @@ mm_result mm_connect(mm_context *context, const char *endpoint)
     answer welcome = {0};
     request hello = new_request("HELLO", "WELCOME");
     add_text(&hello, "agent", AGENT);
-    outcome how = ask(context, &hello, context->timeout, &welcome);
+    outcome how = ask(context, NULL, &hello, context->timeout, &welcome);
     if (how != DONE && (context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE)) {
         fail(context, "UNAVAILABLE",
              context->secret_key[0]
@@ -1262,7 +1279,7 @@ mm_result mm_ping(mm_context *context)
     if (check_has_server(context) == DONE) {
         answer pong = {0};
         request ping = new_request("PING", "PONG");
-        ask(context, &ping, context->timeout, &pong);
+        ask(context, NULL, &ping, context->timeout, &pong);
         free_answer(&pong);
     }
     return context->error;
@@ -1270,8 +1287,24 @@ mm_result mm_ping(mm_context *context)
 
 const mm_report *mm_welcome(const mm_context *context) { return context ? &context->welcome : NULL; }
 
-/* --- a mesh and how it is moved
- * --------------------------------------------------------------------------------------- */
+mm_result mm_list(mm_context *context, const char *after)
+{
+    BEGIN(context);
+    if (check_has_server(context) == DONE) {
+        answer listed = {0};
+        request list = new_request("LIST", "LISTED");
+        add_text(&list, "after", after ? after : "");
+        if (ask(context, NULL, &list, context->timeout, &listed) == DONE) {
+            keep_report(&context->listed, &listed);
+        }
+        free_answer(&listed);
+    }
+    return context->error;
+}
+
+const mm_report *mm_listed(const mm_context *context) { return context ? &context->listed : NULL; }
+
+/* --- a mesh and how it is moved ---------------------------------------------------------------------------------- */
 
 mm_session *mm_session_new(mm_context *context)
 {
@@ -1667,7 +1700,7 @@ static outcome open_session(mm_session *session, double deadline)
     session->part = session->part_row = 0;
     session->step = session->durable_step = 0;
     forget_moving_nodes(session);
-    outcome how = ask(context, &ask_open, seconds_left(deadline), &opened);
+    outcome how = ask(context, &session->opening, &ask_open, seconds_left(deadline), &opened);
     if (how == DONE
         && mm_report_text(&opened.reply.report, "session", session->id, sizeof session->id) != MM_ID_SIZE - 1) {
         how = fail(context, "INTERNAL", "", "the server's session has an id that is not of 32 characters");

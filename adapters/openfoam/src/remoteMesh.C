@@ -288,6 +288,14 @@ void Foam::remoteMesh::toNodes
     for (label i = 0; i < nNodes; ++i)
     {
         const label node = label(nodes[i]);
+        if (node < 0 || node >= nodePoint_.size() + middles_.size())
+        {
+            FatalErrorInFunction
+                << "the session says that node " << node << " moves: this "
+                << "mesh has " << nodePoint_.size() + middles_.size()
+                << " that can. Is it the session of another mesh?"
+                << exit(FatalError);
+        }
         const vector value
         (
             node < nodePoint_.size()
@@ -308,6 +316,13 @@ void Foam::remoteMesh::toPoints
     vectorField& pointValues
 ) const
 {
+    if (rows.size() != size()*dimension())
+    {
+        FatalErrorInFunction
+            << "the session has " << rows.size()/dimension() << " nodes, this "
+            << "mesh " << size() << ": is it the session of another mesh?"
+            << exit(FatalError);
+    }
     forAll(pointNode_, pointi)
     {
         forAll(axes_, j)

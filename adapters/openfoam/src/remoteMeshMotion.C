@@ -20,6 +20,49 @@ namespace Foam
 }
 
 
+namespace
+{
+
+using namespace Foam;
+
+//- Refuse entries that nobody reads: a misspelt one would be its default
+void checkEntries(const dictionary& coeffs)
+{
+    static const wordList known
+    ({
+        "endpoint", "patches", "method", "onServerLoss", "timeout",
+        "computeTimeout", "commit", "atEnd", "durability", "label",
+        "secretKey", "serverKey"
+    });
+    for (const entry& e : coeffs)
+    {
+        if (!known.found(e.keyword()))
+        {
+            FatalIOErrorInFunction(coeffs)
+                << "there is no entry " << e.keyword() << nl
+                << "    entries are " << flatOutput(known)
+                << exit(FatalIOError);
+        }
+    }
+}
+
+
+//- One of two words, the first where nothing is given
+bool isSecond(const dictionary& coeffs, const word& key, const wordList& words)
+{
+    const word given(coeffs.lookupOrDefault<word>(key, words[0]));
+    if (!words.found(given))
+    {
+        FatalIOErrorInFunction(coeffs)
+            << key << " is " << words[0] << " or " << words[1] << "; got "
+            << given << exit(FatalIOError);
+    }
+    return given == words[1];
+}
+
+} // End anonymous namespace
+
+
 Foam::fileName Foam::remoteMeshMotion::folder(const word& instance) const
 {
     return mesh().time().path()/instance/"uniform"/"remoteMeshMotion";
@@ -38,12 +81,14 @@ Foam::string Foam::remoteMeshMotion::digest() const
 void Foam::remoteMeshMotion::open()
 {
     offset_ = mesh().points() - points0();
-    const string name(mesh().time().globalCaseName());
-    session_->open
-    (
-        remoteMesh_,
-        coeffDict().lookupOrDefault<string>("label", name)
-    );
+    string label(mesh().time().globalCaseName());
+    if (coeffDict().found("label"))
+    {
+        // with quotes or without
+        const token given(coeffDict().lookup("label"));
+        label = given.isWord() ? given.wordToken() : given.stringToken();
+    }
+    session_->open(remoteMesh_, label);
     Info<< "remoteMeshMotion: a new session" << endl;
 }
 
@@ -82,7 +127,8 @@ bool Foam::remoteMeshMotion::resume()
     Pstream::scatter(step);
     Pstream::scatter(ranks);
     Pstream::scatter(settings);
-    const bool same = ranks == Pstream::nProcs() && settings == digest();
+    bool same = ranks == Pstream::nProcs() && settings == digest();
+    reduce(same, andOp<bool>()); // each rank may read a dictionary of its own
     if
     (
         !same
@@ -135,14 +181,14 @@ Foam::remoteMeshMotion::remoteMeshMotion
     trial_(-1),
     commitEveryMove_(false)
 {
-    const word commits(coeffDict().lookupOrDefault<word>("commit", "timeStep"));
-    if (commits != "timeStep" && commits != "everyMove")
+    // without a dictionary of its own the coefficients stand among others'
+    if (dict.found(word(typeName + "Coeffs")))
     {
-        FatalIOErrorInFunction(coeffDict())
-            << "commit is timeStep or everyMove; got " << commits
-            << exit(FatalIOError);
+        checkEntries(coeffDict());
     }
-    commitEveryMove_ = commits == "everyMove";
+    commitEveryMove_ =
+        isSecond(coeffDict(), "commit", {"timeStep", "everyMove"});
+    isSecond(coeffDict(), "atEnd", {"keep", "discard"});
     patches_.check(pointDisplacement_, coeffDict());
     session_.reset(new remoteSession(coeffDict()));
     if (!resume())

@@ -177,7 +177,12 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
         {
             const auto& pf = displacement.boundaryField()[patchi];
             const auto& value = refCast<const valuePointPatchField<vector>>(pf);
-            UIndirectList<vector>(values, pf.patch().meshPoints()) = value;
+            const labelList& points = pf.patch().meshPoints();
+            // of a point of two patches the larger one, as between ranks
+            forAll(points, i)
+            {
+                maxMagSqrEqOp<vector>()(values[points[i]], value[i]);
+            }
         }
     }
     if (Pstream::parRun())

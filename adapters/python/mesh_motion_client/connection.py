@@ -62,7 +62,7 @@ class Connection:
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 1000)
         self._socket.setsockopt(zmq.HEARTBEAT_IVL, 5_000)
         self._socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 20_000)
-        self._socket.setsockopt(zmq.IPV6, int("[" in endpoint))
+        self._socket.setsockopt(zmq.IPV6, int("[" in str(endpoint)))
         self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(_WATCHED)
         try:
             if keys is not None:
@@ -71,9 +71,9 @@ class Connection:
         except InvalidInput:
             self.close()
             raise
-        except zmq.ZMQError as error:
+        except (zmq.ZMQError, TypeError) as error:
             self.close()
-            raise InvalidInput(f"endpoint must be tcp://HOST:PORT or ipc:///path, got {endpoint!r}: {error}") from None
+            raise _no_endpoint(endpoint) from error
 
     def request(self, message: Message, deadline: float, watch: Callable[[], None] | None = None) -> Message:
         """Send a request and wait for its reply.
@@ -173,3 +173,16 @@ class Connection:
 def seconds_left(deadline: float) -> float:
     """Seconds until ``deadline`` on the monotonic clock, 0 when it is over."""
     return max(0.0, deadline - time.monotonic())
+
+
+def _no_endpoint(text: object) -> InvalidInput:
+    """What was given instead of an endpoint, and what was probably meant."""
+    given = str(text)
+    rest, _, port = given.rpartition(":")
+    if given.startswith("/"):
+        hint = f"ipc://{given} is the socket of that path"
+    elif port.isdigit():
+        hint = f"tcp://{rest.rpartition('/')[2] or '127.0.0.1'}:{port} is that port"
+    else:
+        hint = "a server writes its endpoint when it is ready: `ready tcp://127.0.0.1:7440`"
+    return InvalidInput(f"endpoint must be tcp://HOST:PORT or ipc:///path, got {text!r}", hint=hint)

@@ -1,7 +1,8 @@
 """The control endpoint as a client sees it: HELLO, OPEN, RESUME, LIST, PROBE, asked until they are answered.
 
 An OPEN or RESUME may have executed although its reply never came. When it is asked for again, by the same content, it
-keeps its id: the session that was opened is then found again, and nobody is fenced by a RESUME of his own.
+keeps its id, whatever else was asked for meanwhile: the session that was opened is then found again, and nobody is
+fenced by a RESUME of his own.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ _Reply = TypeVar("_Reply", bound=Message)
 _PAUSE_SECONDS = 0.2
 #: Requests that execute once.
 _KEPT = (Open, Resume)
+#: Of those so many that were not answered keep their ids; no server remembers more than about a thousand.
+_MOST_UNANSWERED = 1000
 #: Errors after which it is not known whether the request executed.
 _UNHEARD = (Timeout, Unavailable, DamagedReply)
 
@@ -56,15 +59,17 @@ class Control:
         Timeout, Unavailable, MeshMotionError
         """
         deadline = time.monotonic() + seconds
-        message = self._numbered(kind(client=self._client, sequence=self._sequence + 1, **fields))
+        message = kind(client=self._client, sequence=self._sequence + 1, **fields)
+        content = request_digest(message) if isinstance(message, _KEPT) else None
+        message = replace(message, sequence=self._number(content))
         try:
             reply = self._answer(message, deadline)
         except MeshMotionError as error:
-            if isinstance(message, _KEPT) and not isinstance(error, _UNHEARD):
-                self._unanswered.clear()
+            if content is not None and not isinstance(error, _UNHEARD):
+                del self._unanswered[content]
             raise
-        if isinstance(message, _KEPT):
-            self._unanswered.clear()
+        if content is not None:
+            del self._unanswered[content]
         if not isinstance(reply, expected):
             raise TypeError(f"{kind.type} is answered by {reply.type}, not {expected.type}")
         return reply
@@ -84,16 +89,17 @@ class Control:
                     raise
                 time.sleep(_PAUSE_SECONDS)
 
-    def _numbered(self, message: Message) -> Message:
-        """With the next sequence; an OPEN or RESUME like the one that was not answered keeps its own."""
-        if not isinstance(message, _KEPT):
-            self._sequence += 1
-            return message
-        content = request_digest(message)
-        if content not in self._unanswered:
-            self._sequence += 1
-            self._unanswered = {content: self._sequence}
-        return replace(message, sequence=self._unanswered[content])
+    def _number(self, content: bytes | None) -> int:
+        """The next sequence; an OPEN or RESUME like one that was not answered keeps that one's."""
+        known = self._unanswered.get(content) if content is not None else None
+        if known is not None:
+            return known
+        self._sequence += 1
+        if content is not None:
+            self._unanswered[content] = self._sequence
+            while len(self._unanswered) > _MOST_UNANSWERED:
+                del self._unanswered[next(iter(self._unanswered))]
+        return self._sequence
 
     def _connected(self) -> Connection:
         if self._connection is None or self._connection.closed:

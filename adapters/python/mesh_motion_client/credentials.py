@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from mesh_motion_client.errors import InvalidInput
+from mesh_motion_client.private_file import write_private
 
 __all__ = ["Credentials"]
 
@@ -29,13 +32,22 @@ class Credentials:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file that only its owner may read."""
-        target = Path(path)
-        part = target.with_name(target.name + ".part")
-        text = json.dumps({"session": self.session, "token": self.token.hex()})
-        part.unlink(missing_ok=True)  # what is left of an earlier try has a mode and an owner of its own
-        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
-            file.write(text + "\n")
-        part.replace(target)
+        write_private(path, json.dumps(self.values()))
+
+    def values(self) -> dict[str, str]:
+        """What :meth:`save` writes."""
+        return {"session": self.session, "token": self.token.hex()}
+
+    @classmethod
+    def of_values(cls, values: Mapping[str, Any]) -> Credentials:
+        """Of what :meth:`values` gave.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            They are something else.
+        """
+        return cls(str(values["session"]), bytes.fromhex(values["token"]))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Credentials:
@@ -47,7 +59,6 @@ class Credentials:
             If the file holds no credentials.
         """
         try:
-            values = json.loads(Path(path).read_text(encoding="ascii"))
-            return cls(str(values["session"]), bytes.fromhex(values["token"]))
+            return cls.of_values(json.loads(Path(path).read_text(encoding="ascii")))
         except (ValueError, KeyError, TypeError) as error:
             raise InvalidInput(f"{path} must hold a session and a token: {error}") from None

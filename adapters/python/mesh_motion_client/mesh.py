@@ -18,6 +18,9 @@ __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]
 CELL_NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
 
+#: Cells of a plane mesh.
+_PLANE = ("triangle", "quad")
+
 #: Bytes of one UPLOAD: small enough that the worker never holds much beside the mesh itself.
 _PART_BYTES = 32 << 20
 #: Nodes that 4 bytes number.
@@ -39,8 +42,11 @@ class Patch:
     nodes: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        if self.role not in ROLES:
-            raise InvalidInput(f"a patch's role must be one of {', '.join(ROLES)}, got {self.role!r}")
+        if not isinstance(self.role, str) or self.role not in ROLES:
+            raise InvalidInput(
+                f"a patch's role must be one of {', '.join(ROLES)}, got {_short(self.role)}",
+                hint="Patch(role, nodes)",
+            )
         object.__setattr__(self, "nodes", _indices(self.nodes, "a patch's nodes").reshape(-1))
 
 
@@ -71,6 +77,7 @@ class Mesh:
         if not (len(points) and 1 <= points.shape[1] <= 3):
             raise InvalidInput(f"points must have shape (n, 1), (n, 2) or (n, 3) with n > 0, got {points.shape}")
         object.__setattr__(self, "points", points)
+        self._check_kinds()
         object.__setattr__(self, "cells", {name: self._cells(name, nodes) for name, nodes in self.cells.items()})
         for name, patch in self.patches.items():
             self._check_range(patch.nodes, f"patch {name!r}")
@@ -106,9 +113,34 @@ class Mesh:
             for start in range(0, max(1, len(rows)), step):
                 yield Upload(**at, **fields, rows=rows[start : start + step])
 
+    def _check_kinds(self) -> None:
+        """Cells and patches are by name."""
+        if not isinstance(self.cells, Mapping):
+            raise InvalidInput(
+                f"cells must be a dict, cell type → node numbers, got {_short(self.cells)}",
+                hint="as cells={'triangle': triangles}",
+            )
+        if not isinstance(self.patches, Mapping):
+            raise InvalidInput(
+                f"patches must be a dict, name → Patch, got {_short(self.patches)}",
+                hint="as patches={'wall': Patch('moving', nodes)}",
+            )
+        for name, patch in self.patches.items():
+            if not isinstance(name, str) or not name:
+                raise InvalidInput(f"a patch's name must be a text that is not empty, got {name!r}")
+            if not isinstance(patch, Patch):
+                raise InvalidInput(
+                    f"patch {name!r} must be a Patch, got {_short(patch)}", hint=f"as {name!r}: Patch('moving', nodes)"
+                )
+
     def _cells(self, name: str, nodes: ArrayLike) -> NDArray[np.integer]:
         if name not in CELL_NODES:
             raise InvalidInput(f"cell types are {', '.join(CELL_NODES)}, got {name!r}")
+        if name in _PLANE and self.points.shape[1] == 3:
+            raise InvalidInput(
+                f"cells of type {name} must have points (n, 2), got points {self.points.shape}",
+                hint="a plane mesh takes points[:, :2]; a mesh in space its volume cells without those of its surface",
+            )
         array = _whole_numbers(nodes, f"cells of type {name}")
         if array.ndim != 2 or array.shape[1] != CELL_NODES[name]:
             raise InvalidInput(f"cells of type {name} must have shape (m, {CELL_NODES[name]}), got {array.shape}")
@@ -131,6 +163,8 @@ class Mesh:
 def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
     """(n, d) float64 copy of ``values``, without NaN or infinity; an (n,) input is one column."""
     try:
+        if np.iscomplexobj(values):
+            raise TypeError("they are complex")
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{what} must be numbers: {error}", code="INVALID_ARGUMENT.DTYPE") from None
@@ -160,5 +194,15 @@ def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
     """The values as an array, uncopied where they are one."""
     array = np.asarray(values)
     if array.size and not np.issubdtype(array.dtype, np.integer):
-        raise InvalidInput(f"{what} must be whole numbers, got dtype {array.dtype}", code="INVALID_ARGUMENT.DTYPE")
+        mask = array.dtype == np.bool_
+        raise InvalidInput(
+            f"{what} must be whole numbers, got dtype {array.dtype}",
+            code="INVALID_ARGUMENT.DTYPE",
+            hint="numpy.flatnonzero(mask) gives the numbers" if mask else "array.astype(int), if they are whole",
+        )
     return array
+
+
+def _short(value: object) -> str:
+    """What it is, without its content where that is long."""
+    return f"an array of shape {value.shape}" if isinstance(value, np.ndarray) else f"{value!r:.60}"

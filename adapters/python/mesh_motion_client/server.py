@@ -60,6 +60,7 @@ class Server:
         self._compute_timeout = compute_timeout
         self._control = Control(endpoint, keys)
         self._embedded: EmbeddedServer | None = None
+        self._closed = False
         try:
             self.welcome = self._control.ask(Hello, Welcome, timeout, agent=AGENT)
         except (Timeout, ConnectionLost) as error:
@@ -133,7 +134,7 @@ class Server:
         durability: str | None,
         announce: Callable[[Credentials], None] | None,
     ) -> Session:
-        opened = self._control.ask(
+        opened = self._connected.ask(
             Open,
             Opened,
             max(self._timeout, min(self._compute_timeout, _COLD_START_SECONDS)),
@@ -157,7 +158,7 @@ class Server:
         deadline = time.monotonic() + self._timeout
         fields = {"session": credentials.session, "token": credentials.token}
         while True:
-            probed = self._control.ask(Probe, Probed, max(seconds_left(deadline), 1.0), **fields)
+            probed = self._connected.ask(Probe, Probed, max(seconds_left(deadline), 1.0), **fields)
             if probed.worker == "alive":
                 break
             if not seconds_left(deadline):
@@ -175,7 +176,7 @@ class Server:
     def resume(self, credentials: Credentials, *, partition: int = 0) -> Session:
         """Take a session up again at its last committed step; earlier holders are fenced off."""
         fields = {"session": credentials.session, "token": credentials.token}
-        resumed = self._control.ask(Resume, Resumed, self._compute_timeout, **fields)
+        resumed = self._connected.ask(Resume, Resumed, self._compute_timeout, **fields)
         session = self._session(credentials, partition)
         with _closing_on_error(session, "keep"):
             session.join(resumed.endpoint, resumed.epoch)
@@ -187,13 +188,14 @@ class Server:
         found: list[dict[str, Any]] = []
         more, after = True, ""
         while more:
-            page = self._control.ask(List, Listed, self._timeout, after=after)
+            page = self._connected.ask(List, Listed, self._timeout, after=after)
             found += page.sessions
             more, after = page.more, found[-1]["session"] if found else ""
         return found
 
     def close(self) -> None:
         """End the connection, and the embedded server if there is one; idempotent."""
+        self._closed = True
         self._control.close()
         if self._embedded is not None:
             self._embedded.stop()
@@ -204,6 +206,13 @@ class Server:
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self.close()
+
+    @property
+    def _connected(self) -> Control:
+        """What is asked, while it is open: nobody waits for the answer of a server that was closed here."""
+        if self._closed:
+            raise Unavailable("the connection to the server is closed", hint="connect again")
+        return self._control
 
     def _session(self, credentials: Credentials, partition: int) -> Session:
         """With a control connection of its own, so that each session may live in its own thread."""

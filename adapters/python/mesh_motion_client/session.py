@@ -120,7 +120,7 @@ class Session:
             If no acceptable mesh was found; the session is as before.
         InvalidInput, SessionError, Unavailable, Timeout
         """
-        move = Move(**self._courier.address, step=self.step + 1, frame=frame, displacement=self._rows(displacements))
+        move = Move(**self._address, step=self.step + 1, frame=frame, displacement=self._rows(displacements))
         moved = self._courier.deliver(move, Moved, timeout or self._compute_timeout)
         self._courier.trial, self._courier.iteration = move, moved.iteration
         return moved
@@ -133,7 +133,7 @@ class Session:
         StepsLost
             With durability "relaxed", as any call: the server crashed, and committed steps with it.
         """
-        commit = Commit(**self._courier.address, step=self.step + 1)
+        commit = Commit(**self._address, step=self.step + 1)
         committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
         self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, None
         self.durable_step = committed.durable_step
@@ -141,18 +141,18 @@ class Session:
 
     def rollback(self, *, timeout: float | None = None) -> None:
         """Drop the trial."""
-        rollback = Rollback(**self._courier.address, step=self.step + 1)
+        rollback = Rollback(**self._address, step=self.step + 1)
         self._courier.deliver(rollback, RolledBack, timeout or self._compute_timeout)
         self._courier.iteration, self._courier.trial = 0, None
 
     def points(self, what: Frame = "committed", *, timeout: float | None = None) -> NDArray[np.float64]:
         """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
-        fetch = Fetch(**self._courier.address, what=what)
+        fetch = Fetch(**self._address, what=what)
         return self._courier.deliver(fetch, Fetched, timeout or self._timeout).points
 
     def status(self, *, timeout: float | None = None) -> StatusReport:
         """Where the session stands: state, step, iteration, counters."""
-        return self._courier.deliver(Status(**self._courier.address), StatusReport, timeout or self._timeout)
+        return self._courier.deliver(Status(**self._address), StatusReport, timeout or self._timeout)
 
     def close(self, outcome: Literal["keep", "discard"] = "keep") -> None:
         """End this use. ``keep`` leaves the session resumable, ``discard`` deletes it. Idempotent."""
@@ -203,6 +203,15 @@ class Session:
         self.settings, self.mesh_report, self.quality = built.settings, built.mesh, built.quality
         self._patches = {name: patch.nodes for name, patch in mesh.patches.items() if patch.role == "moving"}
         return built
+
+    @property
+    def _address(self) -> dict[str, Any]:
+        """Of the session's requests, while it is open."""
+        if self._closed:
+            raise SessionError(
+                "the session is closed", hint="server.resume(session.credentials) takes a kept one up again"
+            )
+        return self._courier.address
 
     # --- displacements -----------------------------------------------------------------------------------------------
 

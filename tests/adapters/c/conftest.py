@@ -1,18 +1,14 @@
 """The C client and what is built on it, compiled in temporary folders; a real server; the Python client's answer."""
 
-import contextlib
-import json
-import os
 import shutil
-import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mesh_motion_client import Mesh, Patch, connect
+
+from mesh_motion_server.prove.server_process import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[3]
 SOURCE = ROOT / "adapters" / "c"
@@ -21,10 +17,7 @@ WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 SANITIZE = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 STANDARD = {".c": ["-std=c11"], ".cpp": ["-std=c++17"], ".f90": ["-std=f2008"]}
 COMPILERS = {".c": "gcc", ".cpp": "g++", ".f90": "gfortran"}
-LIFELINE = "MESH_MOTION_LIFELINE_FD"
 PATIENCE = 120.0
-#: After these in the log a session has another worker.
-EVENTS = ("open", "resume", "reclaim")
 
 
 def run(command, **options):
@@ -106,59 +99,11 @@ def installed(tmp_path_factory, zmq_flags):
     return prefix
 
 
-class Server:
-    """``mesh-motion serve`` as it is installed; may be killed and started again on the same endpoint."""
-
-    def __init__(self, folder, *options):
-        self.folder, self.options, self.endpoint = folder, options, "tcp://127.0.0.1:0"
-        self.start()
-
-    def start(self):
-        ready = self.folder / "ready.json"
-        ready.unlink(missing_ok=True)
-        lifeline, self._ours = os.pipe()  # the server ends with the tests, even if they are killed
-        arguments = ["--endpoint", self.endpoint, "--state", self.folder / "state", "--ready-file", ready]
-        arguments += ["--threads", "1", *self.options]
-        with (self.folder / "log").open("ab") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "mesh_motion_server", "serve", *map(str, arguments)],
-                env=os.environ | {LIFELINE: str(lifeline)},
-                pass_fds=[lifeline],
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-            )
-        os.close(lifeline)
-        deadline = time.monotonic() + PATIENCE
-        while not ready.exists():
-            assert self.process.poll() is None, (self.folder / "log").read_text()
-            assert time.monotonic() < deadline, "the server is not ready"
-            time.sleep(0.02)
-        self.endpoint = json.loads(ready.read_text())["endpoint"]
-
-    def kill_worker(self, session):
-        """Kill the session's worker; the log may tell of it a moment after the client knows."""
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            lines = [json.loads(line) for line in (self.folder / "log").read_text().splitlines()]
-            told = [e for e in lines if e.get("session") == session and e["event"] in EVENTS]
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(told[-1]["worker"], signal.SIGKILL)
-                return
-            assert time.monotonic() < deadline, told
-            time.sleep(0.02)
-
-    def stop(self, how=signal.SIGTERM):
-        self.process.send_signal(how)
-        self.process.wait(PATIENCE)
-        os.close(self._ours)
-
-
 @pytest.fixture(scope="session")
 def endpoint(tmp_path_factory):
     """Of a real server."""
-    server = Server(tmp_path_factory.mktemp("server"), "--log-level", "error")
-    yield server.endpoint
-    server.stop()
+    with ServerProcess(tmp_path_factory.mktemp("server"), level="error") as server:
+        yield server.endpoint
 
 
 CELLS, LOW, HIGH, STEPS, ITERATIONS = 16, 6, 10, 4, 3
@@ -212,5 +157,5 @@ def check_example(endpoint, python_answer, tmp_path):
 
 @pytest.fixture(scope="session")
 def tools():
-    """``run``, ``need``, ``Server``: what tests need beside fixtures."""
-    return {"run": run, "need": need, "Server": Server, "source": SOURCE, "here": HERE, "root": ROOT}
+    """``run``, ``need``: what tests need beside fixtures."""
+    return {"run": run, "need": need, "source": SOURCE, "here": HERE, "root": ROOT}

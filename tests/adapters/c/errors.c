@@ -15,6 +15,23 @@ static int failures;
         }                                                                                                              \
     } while (0)
 
+/* by as many pages as there are */
+static int is_listed(mm_context *server, const char *id)
+{
+    char name[MM_ID_SIZE] = "", path[64];
+    do {
+        EXPECT(mm_list(server, name) == MM_OK);
+        for (size_t i = 0; i < mm_report_count(mm_listed(server), "sessions"); ++i) {
+            snprintf(path, sizeof path, "sessions.%zu.session", i);
+            mm_report_text(mm_listed(server), path, name, sizeof name);
+            if (strcmp(name, id) == 0) {
+                return 1;
+            }
+        }
+    } while (mm_report_integer(mm_listed(server), "more", 0));
+    return 0;
+}
+
 int main(int count, char **arguments)
 {
     double points[] = {0, 0, 1, 0, 1, 1, 0, 1}, answer[8], rows[] = {0.1, 0, 0.1, 0}, wild[] = {0.1, 0, NAN, 0};
@@ -92,6 +109,9 @@ int main(int count, char **arguments)
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK && mm_iteration(session) == 1);
     EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1);
     EXPECT(mm_rollback(session) == MM_OK && mm_status(session) == MM_OK && strcmp(mm_state(session), "READY") == 0);
+    EXPECT(is_listed(server, mm_id(session)) && !is_listed(server, "00000000000000000000000000000000"));
+    EXPECT(mm_list(server, "ffffffffffffffffffffffffffffffff") == MM_OK);
+    EXPECT(mm_report_count(mm_listed(server), "sessions") == 0);
 
     /* fenced: another holder resumes, this one is told; its close is no error */
     mm_session *holder = mm_session_new(server);

@@ -1,6 +1,7 @@
 """The C client and the C++ header against a scripted server, and against the real one."""
 
 import contextlib
+import json
 import os
 import shlex
 import shutil
@@ -14,6 +15,7 @@ import pytest
 from mesh_motion_client import Credentials, Mesh, Patch, connect
 from mesh_motion_conformance.command import Subject, conform
 
+from mesh_motion_server.prove.server_process import ServerProcess
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 
 
@@ -45,7 +47,7 @@ def test_every_scenario_in_every_language(compiler, tools):
 @pytest.mark.parametrize(
     ("sound", "faulty", "case"),
     [
-        ("line->unanswered && is_kept(request)", "0", "10.1-MOVE-repeated-by-the-caller"),
+        ("is_kept(request) && before->number", "0", "10.1-MOVE-repeated-by-the-caller"),
         ("how == FAILED && session->has_trial &&", "0 &&", "11.4-worker-died-before-COMMIT-was-executed"),
         ("got->reply.sequence == request->sequence\n", "got->reply.sequence\n", "4-replies-to-others-come-first"),
         ("integer_field(probed, \"epoch\") <= session->epoch", "1", "11.3-fenced-while-the-connection-was-broken"),
@@ -86,6 +88,22 @@ def test_errors(compiler, endpoint, tools):
         timeout=120,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("name", ["list.cpp", "list.f90"])
+def test_sessions_are_listed(compiler, tools, tmp_path, name):
+    tools["need"]("gfortran" if name.endswith(".f90") else "g++")
+    module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")
+    mesh = Mesh(np.eye(3)[:, :2], {"triangle": np.array([[2, 0, 1]])}, {"all": Patch("moving", np.arange(3))})
+    with connect(state=tmp_path) as server, server.open(mesh, label="the flap's") as session:
+        printed = tools["run"](
+            [compiler.program(*module, tools["here"] / name), server.endpoint],
+            env=os.environ | {"ASAN_OPTIONS": "detect_leaks=0"},
+        )
+        listed = json.loads(printed)
+        (entry,) = listed if name.endswith(".f90") else [listed]
+        assert (entry["session"], entry["label"], entry["step"]) == (session.credentials.session, "the flap's", 0)
+        assert entry == server.sessions()[0]
 
 
 def test_arrays_of_another_shape_are_refused_f90(compiler, tools):
@@ -133,14 +151,11 @@ def test_keys(compiler, tools, tmp_path, check_example):
         make_client_keys(name, tmp_path / name)
     admit(str(tmp_path / "alice" / "alice.public"), folder)
     program = compiler.program(tools["source"] / "examples" / "block.c")
-    (tmp_path / "served").mkdir()
-    server = tools["Server"](tmp_path / "served", "--keys", folder, "--log-level", "error")
-    endpoint = server.endpoint
-    try:
+    with ServerProcess(tmp_path / "served", level="error", keys_folder=str(folder)) as server:
 
         def refused(**environment):
             done = subprocess.run(
-                [program, endpoint],
+                [program, server.endpoint],
                 env=os.environ | environment,
                 capture_output=True,
                 text=True,
@@ -154,15 +169,13 @@ def test_keys(compiler, tools, tmp_path, check_example):
             secret = tmp_path / name / f"{name}.secret"
             return {"MESH_MOTION_KEY": str(secret), "MESH_MOTION_SERVER_KEY": str(folder / "server.public")}
 
-        printed = tools["run"]([program, endpoint], env=os.environ | keys("alice"))
+        printed = tools["run"]([program, server.endpoint], env=os.environ | keys("alice"))
         assert "minimum quality" in printed
         assert refused(**keys("mallory")).startswith("UNAUTHENTICATED")
         assert refused().startswith("UNAUTHENTICATED")
         assert "both" in refused(MESH_MOTION_KEY="x")
         (tmp_path / "alice" / "alice.secret").chmod(0o644)
         assert "0644" in refused(**keys("alice"))
-    finally:
-        server.stop()
 
 
 @contextlib.contextmanager

@@ -1,4 +1,7 @@
-"""The C client as it is installed: a CMake package, a pkg-config file, a plain Makefile; it exports ``mm_`` alone."""
+"""The C client as it is installed: a CMake package, a pkg-config file, a plain Makefile; it exports ``mm_`` alone.
+
+As docs/tutorials/own_code_in_c.md installs it.
+"""
 
 import os
 import re
@@ -27,6 +30,24 @@ int main()
     } catch (const mesh_motion::Error &error) {
         std::printf("%d %s\\n", error.result(), error.code().c_str());
     }
+}
+"""
+#: The arrays of a mesh are not copied: those that end with the statement are refused by the compiler.
+TEMPORARIES = """
+#include <mesh_motion.hpp>
+using mesh_motion::Session;
+template <class Given, class = void>
+struct taken : std::false_type {};
+template <class Given>
+struct taken<Given, std::void_t<decltype(std::declval<Session &>().points(2, std::declval<Given>()))>>
+    : std::true_type {};
+static_assert(taken<std::vector<double> &>::value);
+static_assert(taken<const std::vector<double> &>::value);
+static_assert(taken<mesh_motion::View<const double>>::value);
+static_assert(!taken<std::vector<double>>::value);
+void of_a_pointer(Session &session, const double *points, std::vector<std::int64_t> &nodes)
+{
+    session.points(2, {points, 3}).patch("all", "moving", {nodes.data(), 2}).cells("quad", nodes);
 }
 """
 FORTRAN_CONSUMER = """
@@ -82,6 +103,13 @@ def test_find_package(installed, consumer, tools, language, needed, source, text
     tools["run"](["cmake", "-S", consumer, "-B", consumer / "build", f"-DCMAKE_PREFIX_PATH={installed}"])
     tools["run"](["cmake", "--build", consumer / "build"])
     assert tools["run"]([consumer / "build" / "consumer"]) == ANSWER
+
+
+def test_temporaries_are_no_arrays_of_a_mesh(tools, tmp_path):
+    tools["need"]("g++")
+    (tmp_path / "temporaries.cpp").write_text(TEMPORARIES)
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", f"-I{tools['source'] / 'include'}"]
+    tools["run"](["g++", *flags, tmp_path / "temporaries.cpp"])
 
 
 @pytest.mark.parametrize("prefix", ["installed", "made"])

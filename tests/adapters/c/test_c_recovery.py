@@ -6,10 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from mesh_motion_conformance.client.scripted_server import ScriptedServer
+from mesh_motion_conformance.client.scripted_server import Disturbance, ScriptedServer
+
+from mesh_motion_server.prove.server_process import ServerProcess
 
 N, STEPS, ITERATIONS = 6, 3, 2
-INTERNAL, UNAVAILABLE = 13, 14
+DEADLINE_EXCEEDED, INTERNAL, UNAVAILABLE = 4, 13, 14
 
 
 class Driver:
@@ -99,10 +101,9 @@ def play(installed, endpoint, disturb):
 
 
 @pytest.fixture(scope="module")
-def server(tools, tmp_path_factory):
-    running = tools["Server"](tmp_path_factory.mktemp("killed"))
-    yield running
-    running.stop()
+def server(tmp_path_factory):
+    with ServerProcess(tmp_path_factory.mktemp("killed")) as running:
+        yield running
 
 
 @pytest.mark.slow
@@ -167,6 +168,44 @@ def test_enrichment_points_of_another_dimension_are_refused(installed):
         sizes = driver.size(2), driver.address(rows), driver.size(4), driver.address(answer)
         assert driver.library.mm_move(driver.session, 0, *sizes) == INTERNAL
         assert b"enrichment points" in driver.library.mm_error_message(driver.server)
+        driver.library.mm_context_free(driver.server)
+    finally:
+        scripted.close()
+
+
+def test_each_session_keeps_the_number_of_its_unanswered_opening(installed):
+    """Two sessions of one context are opened while nobody answers: asked again, each is the request that it was."""
+    scripted = ScriptedServer([Disturbance("OPEN", "drop", nth=2, times=2)], {})
+    try:
+        driver = Driver(installed, scripted.endpoint)
+        driver.library.mm_set_timeouts(driver.server, ctypes.c_double(0.2), ctypes.c_double(0.2))
+        sessions = [ctypes.c_void_p(driver.library.mm_session_new(driver.server)) for _ in range(2)]
+        for session, label in zip(sessions, (b"wing", b"flap"), strict=True):
+            driver.call("mm_points", session, 2, driver.size(len(driver.points)), driver.address(driver.points))
+            driver.call("mm_set_label", session, label)
+            assert driver.library.mm_open(session) == DEADLINE_EXCEEDED
+            driver.library.mm_clear_error(driver.server)
+        driver.library.mm_set_timeouts(driver.server, ctypes.c_double(60), ctypes.c_double(60))
+        for session in sessions:
+            driver.call("mm_open", session)
+        opened = [seen.message for seen in scripted.seen if seen.message.kind == "OPEN"][1:]
+        assert [message.fields["label"] for message in opened] == ["wing", "flap"] * 2
+        first, second, *again = [message.sequence for message in opened]
+        assert again == [first, second]
+        assert first != second
+        driver.library.mm_context_free(driver.server)
+    finally:
+        scripted.close()
+
+
+def test_a_reply_has_no_more_frames_than_the_mesh_can_fill(installed):
+    scripted = ScriptedServer([Disturbance("STATUS", "garbage", given={"frames": ["c0"] * 1000})], {})
+    try:
+        driver = Driver(installed, scripted.endpoint)
+        assert driver.library.mm_status(driver.session) == INTERNAL
+        assert b"more frames than the mesh" in driver.library.mm_error_message(driver.server)
+        driver.library.mm_clear_error(driver.server)
+        driver.call("mm_status", driver.session)
         driver.library.mm_context_free(driver.server)
     finally:
         scripted.close()

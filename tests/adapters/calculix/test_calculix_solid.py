@@ -1,4 +1,7 @@
-"""CalculiX as a participant: the mechanics of a flap, repeatable windows, restarts, and clear errors."""
+"""CalculiX as a participant: the mechanics of a flap, repeatable windows, restarts, and clear errors.
+
+The last test runs what adapters/calculix/README.md shows.
+"""
 
 import os
 import shutil

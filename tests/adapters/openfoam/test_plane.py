@@ -1,9 +1,12 @@
-"""The tutorial case, a 2D mesh: the Python client's answer, ranks, restarts, faults."""
+"""The tutorial case, a 2D mesh: the Python client's answer, ranks, restarts, faults.
 
+The case that adapters/openfoam/README.md begins with.
+"""
+
+import contextlib
 import re
 import shutil
-import subprocess
-import sys
+import signal
 import tempfile
 import time
 from pathlib import Path
@@ -13,6 +16,7 @@ import pytest
 from mesh_motion_client import Mesh, Patch, connect
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.prove.server_process import ServerProcess
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 
 PATIENCE = 240.0
@@ -166,38 +170,13 @@ def test_a_server_that_is_not_there(make_case, tmp_path):
     assert "no server answers at ipc://" in case.output
 
 
-@pytest.fixture
-def start_server():
-    """Starts a server on an endpoint of a folder, with its state there; what still runs after the test is ended."""
-    processes = []
-
-    def start(folder, *further):
-        ready = folder / "ready.json"
-        ready.unlink(missing_ok=True)
-        endpoint = f"ipc://{folder}/control"
-        places = ["--endpoint", endpoint, "--state", folder / "state", "--ready-file", ready]
-        options = [*places, "--threads", "1", *further]
-        process = subprocess.Popen([sys.executable, "-m", "mesh_motion_server", "serve", *map(str, options)],
-                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
-        processes.append(process)
-        while not ready.exists():
-            assert process.poll() is None
-            time.sleep(0.05)
-        return process, endpoint
-
-    yield start
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.wait(PATIENCE)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("waits", "ranks"), [(False, 1), (True, 1), (True, 2)])
-def test_a_server_that_is_killed(make_case, start_server, waits, ranks):
-    with tempfile.TemporaryDirectory() as name:  # short, for the path of a socket
-        server, endpoint = start_server(Path(name))
-        case = make_case(endpoint=endpoint)
+def test_a_server_that_is_killed(make_case, waits, ranks):
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket
+        server = stack.enter_context(ServerProcess(folder, endpoint=f"ipc://{folder}/control"))
+        case = make_case(endpoint=server.endpoint)
         case.set("system/controlDict", deltaT="0.002", endTime="0.08", writeInterval="40", writePrecision="17")
         case.method("", f"timeout 2; computeTimeout 5; onServerLoss {'wait 200' if waits else 'fail'};")
         command = ["moveDynamicMesh"]
@@ -210,17 +189,16 @@ def test_a_server_that_is_killed(make_case, start_server, waits, ranks):
             while "step 3, iteration 1" not in log.read_text():
                 assert solver.poll() is None, log.read_text()[-3000:]
                 time.sleep(0.01)
-            server.kill()
-            server.wait()
+            server.stop(signal.SIGKILL)
             if waits:
                 while "waiting 200 s for the server" not in log.read_text():
                     assert solver.poll() is None, log.read_text()[-3000:]
                     time.sleep(0.05)
-                server, _ = start_server(Path(name))
+                server.start()
             assert (solver.wait(PATIENCE) == 0) == waits, log.read_text()[-3000:]
         if waits:
             assert "step 40, iteration 3" in log.read_text()
-            other = make_case("undisturbed", endpoint=endpoint)
+            other = make_case("undisturbed", endpoint=server.endpoint)
             shutil.copy(case.folder / "system/controlDict", other.folder / "system/controlDict")
             other.method("")
             other.run("moveDynamicMesh")
@@ -231,22 +209,17 @@ def test_a_server_that_is_killed(make_case, start_server, waits, ranks):
         else:
             assert "FOAM FATAL ERROR" in log.read_text()
             assert re.search(r"the mesh-motion server at ipc://\S+ could not be asked", log.read_text())
-        server.terminate()
-        server.wait(PATIENCE)
 
 
-def test_a_server_with_keys(make_case, start_server, tmp_path):
+def test_a_server_with_keys(make_case, tmp_path):
     make_server_keys(tmp_path / "keys")
     make_client_keys("solver", tmp_path)
     admit(str(tmp_path / "solver.public"), tmp_path / "keys")
-    with tempfile.TemporaryDirectory() as name:
-        server, endpoint = start_server(Path(name), "--keys", tmp_path / "keys")
-        case = make_case(endpoint=endpoint, steps=1)
+    with ServerProcess(tmp_path / "served", keys_folder=str(tmp_path / "keys")) as server:
+        case = make_case(endpoint=server.endpoint, steps=1)
         case.method("", "timeout 2;")
         case.run("moveDynamicMesh", expect=1)
         assert "FOAM FATAL ERROR" in case.output
         case.environment["KEYS"] = str(tmp_path)
         case.method("", 'secretKey "$KEYS/solver.secret"; serverKey "$KEYS/keys/server.public";')
         assert "step 1, iteration 3" in case.run("moveDynamicMesh")
-        server.terminate()
-        server.wait(PATIENCE)

@@ -1,0 +1,19 @@
+"""A mesh solver of Kratos Multiphysics that asks the mesh-motion server.
+
+::
+
+    names               register(): "solver_type": "mesh_motion_kratos.remote_mesh_motion"
+    remote_mesh_motion  the mesh solver on Kratos' MeshSolverBase
+    fluid_wrapper       CoSimulation's fluid with that mesh solver
+    mesh_wrapper        CoSimulation's participant that only moves a mesh
+    participant         a session of a part: open or resume, move, commit
+    part                a model part as arrays
+    settings            the block "remote"
+    session_file        what a restarted run finds its session by
+    errors              what can go wrong, each with its way out
+"""
+
+from mesh_motion_kratos.errors import KratosAdapterError, MotionError, PartError, SettingsError
+from mesh_motion_kratos.names import register
+
+__all__ = ["KratosAdapterError", "MotionError", "PartError", "SettingsError", "register"]

@@ -1,0 +1,241 @@
+"""The mesh of a part moved by the server: opened or resumed, moved as often as the coupling wants, committed.
+
+A session's reference is the mesh that the session was opened with: the initial one, or in a restart that found no
+session to go on with, the one it started from. The part's displacements count from the initial mesh; the difference of
+the two is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mesh_motion_client import Mesh, MeshMotionError, Patch, QualityRefused, Server, Session, SessionError, connect
+from numpy.typing import NDArray
+
+from mesh_motion_kratos.errors import MotionError, PartError, SettingsError
+from mesh_motion_kratos.part import MovingPart
+from mesh_motion_kratos.session_file import StoredSession, digest
+from mesh_motion_kratos.settings import RemoteSettings
+
+__all__ = ["Participant", "Roles", "roles_of"]
+
+#: Two meshes are the same if no coordinate differs by more than this share of the mesh's extent: round-off.
+_SAME = 1e-12
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Which node does what.
+
+    Attributes
+    ----------
+    moving : (k,) int64 array
+        Rows whose displacement every move gives, ascending.
+    fixed : (f,) int64 array
+        Rows that stay.
+    patches : dict
+        As the server is told.
+    """
+
+    moving: NDArray[np.int64]
+    fixed: NDArray[np.int64]
+    patches: dict[str, Patch]
+
+
+def roles_of(part: MovingPart, settings: RemoteSettings) -> Roles:
+    """Sort the nodes: those prescribed in every component move, sub parts with a role have it.
+
+    Raises
+    ------
+    PartError
+        No node is prescribed, or one in some components only that slides on no part.
+    """
+    prescribed = part.prescribed()
+    rows = {name: part.rows_of(name) for name in settings.roles}
+    patches = {name: Patch(role, rows[name]) for name, role in settings.roles.items()}
+    fixed = _union([rows[name] for name, role in settings.roles.items() if role == "fixed"])
+    sliding = _union([rows[name] for name, role in settings.roles.items() if role != "fixed"])
+    moving = np.setdiff1d(np.flatnonzero(prescribed.all(axis=1)), fixed)
+    partly = np.asarray(prescribed.any(axis=1) & ~prescribed.all(axis=1))
+    partly[fixed] = partly[sliding] = False
+    if partly.any():
+        raise PartError(
+            f"node {part.node_ids[np.argmax(partly)]} has some components of MESH_DISPLACEMENT fixed, not all",
+            'name its sub model part in "roles": slip or symmetry',
+        )
+    if not len(moving):
+        raise PartError(
+            "no node has all components of MESH_DISPLACEMENT fixed",
+            "fix them on the interface and on the outer boundary, as for Kratos' own mesh solvers",
+        )
+    return Roles(moving, fixed, {"prescribed": Patch("moving", moving), **patches})
+
+
+class Participant:
+    """One part and its session.
+
+    Parameters
+    ----------
+    part : MovingPart
+    settings : RemoteSettings
+    restarted : bool
+        Whether the run goes on from a restart file, and its session with it if there is one.
+    warn : callable
+        Takes text for people, one line.
+    """
+
+    def __init__(
+        self, part: MovingPart, settings: RemoteSettings, *, restarted: bool, warn: Callable[[str], None]
+    ) -> None:
+        self._part, self._settings, self._warn = part, settings, warn
+        self._roles = roles_of(part, settings)
+        self._server: Server = connect(
+            settings.address or None, timeout=settings.timeout, compute_timeout=settings.compute_timeout
+        )
+        self._session: Session | None = None
+        try:
+            self.resumed = restarted and self._resume()
+            if self._session is None:
+                self._open()
+            self._offset = self.session.points("reference") - part.initial_points()
+        except BaseException:
+            self.close(keep=self._session is not None and restarted)
+            raise
+
+    @property
+    def session(self) -> Session:
+        """The session in use.
+
+        Raises
+        ------
+        PartError
+            It has been closed.
+        """
+        if self._session is None:
+            raise PartError("the mesh's session is closed", "a solver that was finalized moves nothing any more")
+        return self._session
+
+    def check_roles(self) -> None:
+        """Raise PartError if other nodes are prescribed than at the start."""
+        moving = roles_of(self._part, self._settings).moving
+        changed = np.setxor1d(moving, self._roles.moving)
+        if len(changed):
+            node = self._part.node_ids[changed[0]]
+            raise PartError(
+                f"node {node} {'is' if changed[0] in moving else 'is no longer'} prescribed, unlike at the start",
+                "which nodes have MESH_DISPLACEMENT fixed may not change within a run",
+            )
+
+    def move(self) -> Any:
+        """One coupling iteration: take the displacements given, set all others.
+
+        Returns
+        -------
+        Moved
+            The server's answer.
+
+        Raises
+        ------
+        MotionError
+            No acceptable mesh was found; the part is as before.
+        PartError
+            A part with the role ``fixed`` was given a displacement.
+        """
+        given = self._part.displacements() - self._offset
+        self._check_fixed(given)
+        try:
+            moved = self.session.move(given[self._roles.moving], frame="reference")
+        except QualityRefused as error:
+            raise self._refused(error) from None
+        for warning in moved.warnings:
+            self._warn(warning)
+        answer = moved.displacement + self._offset
+        answer[self._roles.moving] = given[self._roles.moving] + self._offset[self._roles.moving]
+        self._part.set_displacements(answer)
+        return moved
+
+    def commit(self) -> Any:
+        """Make the last move the mesh that the next step starts from; None if there was none since the last commit."""
+        return self.session.commit() if self.session.iteration else None
+
+    def close(self, *, keep: bool | None = None) -> None:
+        """End the session's use, and the private server if there is one; idempotent."""
+        if keep is None:
+            keep = bool(self._settings.session_file)
+        session, self._session = self._session, None
+        try:
+            if session is not None:
+                session.close("keep" if keep else "discard")
+        finally:
+            self._server.close()
+
+    def _check_fixed(self, given: NDArray[np.float64]) -> None:
+        astray = self._roles.fixed[(given[self._roles.fixed] != 0.0).any(axis=1)]
+        if len(astray):
+            raise PartError(
+                f"node {self._part.node_ids[astray[0]]} of a part with the role fixed is to move by {given[astray[0]]}",
+                "take the role away: its nodes are then moved as they are told",
+            )
+
+    def _open(self) -> None:
+        mesh = Mesh(self._part.current_points(), self._part.cells, self._roles.patches)
+        settings = self._settings
+        self._session = self._server.open(
+            mesh, settings.method, label=settings.label, durability=settings.durability or None
+        )
+        for warning in self._session.mesh_report.get("warnings", []):
+            self._warn(warning)
+        if settings.session_file:
+            StoredSession(self._session.credentials, digest(settings)).save(Path(settings.session_file))
+
+    def _resume(self) -> bool:
+        """Take up the session of the session file; False, with a warning, where that does not go on from this mesh."""
+        if not self._settings.session_file:
+            self._warn('no "session_file" is set: a new session begins with the restart\'s mesh')
+            return False
+        try:
+            stored = StoredSession.load(Path(self._settings.session_file))
+            if stored.opened_with != digest(self._settings):
+                raise SettingsError("the session was opened with another method or other roles")
+            session = self._server.resume(stored.credentials)
+        except (SettingsError, SessionError) as error:
+            self._warn(f"a new session begins with the restart's mesh: {error.message}")
+            return False
+        try:
+            reason = self._differs(session)
+        except MeshMotionError:
+            session.close("keep")
+            raise
+        if reason:
+            session.close("keep")
+            self._warn(f"a new session begins with the restart's mesh: {reason}")
+            return False
+        self._session = session
+        return True
+
+    def _differs(self, session: Session) -> str:
+        """Why the session does not go on from the part as it is; empty if it does."""
+        if not np.array_equal(session.moving_nodes, self._roles.moving):
+            return "other nodes are prescribed than in its session"
+        points, here = session.points("committed"), self._part.current_points()
+        if points.shape != here.shape or np.abs(points - here).max() > _SAME * np.ptp(here, axis=0).max():
+            return f"its session has gone on to step {session.step}, with another mesh"
+        return ""
+
+    def _refused(self, error: QualityRefused) -> MotionError:
+        """The server's refusal with Kratos' numbers."""
+        worst = [str(self._part.cell_ids[cell["type"]][cell["cell"]]) for cell in error.worst[:5]]
+        where = f"; worst elements: {', '.join(worst)}" if worst else ""
+        hint = error.hint
+        if error.fraction:
+            hint = f"{error.fraction:.0%} of the step's displacement would do; a smaller time step may help"
+        return MotionError(f"{error.message}{where}", hint)
+
+
+def _union(groups: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """All rows of the groups, ascending."""
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *groups]))

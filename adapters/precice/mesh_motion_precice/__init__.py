@@ -1,0 +1,26 @@
+"""The preCICE participant that moves a mesh: boundary displacements in, displacements of the mesh's nodes out.
+
+::
+
+    configuration   the TOML file: which patches read what, where the answer is written, how the mesh is moved
+    api             the part of preCICE 3 that is used
+    vertices        the preCICE meshes: wet surfaces that read, a volume that writes
+    participant     the coupling loop: trial moves, checkpoints, committed windows
+    command         mesh-motion-precice
+"""
+
+from mesh_motion_precice.configuration import Configuration, Surface, Volume, read_configuration
+from mesh_motion_precice.participant import Participant, Window, open_session, resume_session
+from mesh_motion_precice.vertices import nodes_at
+
+__all__ = [
+    "Configuration",
+    "Participant",
+    "Surface",
+    "Volume",
+    "Window",
+    "nodes_at",
+    "open_session",
+    "read_configuration",
+    "resume_session",
+]

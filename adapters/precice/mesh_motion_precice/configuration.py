@@ -1,0 +1,216 @@
+"""The participant's file: TOML in, a checked :class:`Configuration` out.
+
+``[mesh]``, ``[patches]`` and ``[method]`` are those of a case file; ``[precice]``, ``[[read]]``, ``[write]`` and
+``[coupling]`` say how preCICE's meshes and data belong to them. Names of files are relative to the file.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args
+
+from mesh_motion_client import InvalidInput
+from mesh_motion_client.mesh import ROLES
+
+__all__ = ["Configuration", "Frame", "Surface", "Volume", "read_configuration"]
+
+Frame = Literal["reference", "committed"]
+_Section = TypeVar("_Section")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One ``[[read]]``: a moving patch, and the preCICE mesh that it provides.
+
+    Attributes
+    ----------
+    patch : str
+        A patch with the role moving.
+    mesh : str
+        The preCICE mesh; its vertices are the patch's nodes.
+    data : str
+        The displacement read there.
+    """
+
+    patch: str
+    mesh: str
+    data: str = "Displacement"
+
+
+@dataclass(frozen=True)
+class Volume:
+    """``[write]``: the preCICE mesh that gets the displacement of the nodes.
+
+    Attributes
+    ----------
+    mesh : str
+    data : str
+    received : bool
+        False: the mesh is provided here, a vertex a node. True: it is a solver's own, received from it with
+        ``api-access="true"``; each of its vertices must lie on a node of the mesh file.
+    """
+
+    mesh: str
+    data: str = "NodeDisplacement"
+    received: bool = False
+
+
+@dataclass(frozen=True)
+class _PreciceSection:
+    config: str = "precice-config.xml"
+    participant: str = "MeshMotion"
+
+
+@dataclass(frozen=True)
+class _MeshSection:
+    file: str
+
+
+@dataclass(frozen=True)
+class _CouplingSection:
+    frame: Frame = "reference"
+    time_step: float = float("inf")
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A checked file.
+
+    Attributes
+    ----------
+    precice_config : Path
+        preCICE's own configuration.
+    participant : str
+        The participant's name there.
+    mesh_file : Path
+    patches : dict of str to str
+        The role of each patch.
+    surfaces : tuple of Surface
+        One a moving patch.
+    volume : Volume
+    frame : {"reference", "committed"}
+        What displacements are measured from, those read and those written: the mesh file's coordinates, or where the
+        last window ended.
+    time_step : float
+        Longest step, time unit; infinite: a window is one step.
+    method : dict
+        Settings of the method, for the server to check.
+    """
+
+    precice_config: Path
+    participant: str
+    mesh_file: Path
+    patches: dict[str, str]
+    surfaces: tuple[Surface, ...]
+    volume: Volume
+    frame: Frame = "reference"
+    time_step: float = float("inf")
+    method: dict[str, Any] = field(default_factory=dict)
+
+
+def read_configuration(path: str | os.PathLike[str]) -> Configuration:
+    """Read and check a participant's file.
+
+    Raises
+    ------
+    InvalidInput
+        It cannot be read, or does not fit the format: the first offending key and what was expected.
+    """
+    path = Path(path)
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(f"{path}: the file cannot be read: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: not a TOML file: {str(error).splitlines()[0]}") from None
+    try:
+        return _checked(values, path.parent)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error.message}", hint=error.hint) from None
+
+
+def _checked(values: dict[str, Any], folder: Path) -> Configuration:
+    """The configuration of the file's tables."""
+    known = ("precice", "mesh", "patches", "read", "write", "coupling", "method")
+    if unknown := [name for name in values if name not in known]:
+        raise InvalidInput(f"unknown table {unknown[0]!r}; known are {', '.join(known)}")
+    entries = values.get("read", [])
+    if not isinstance(entries, list):
+        raise InvalidInput("[read] must be a list of tables", hint="write [[read]] once for each moving patch")
+    precice = _section(_PreciceSection, values.get("precice", {}), "precice")
+    coupling = _section(_CouplingSection, values.get("coupling", {}), "coupling")
+    if coupling.frame not in get_args(Frame):
+        raise InvalidInput(f"coupling.frame must be one of {', '.join(get_args(Frame))}, got {coupling.frame!r}")
+    if not coupling.time_step > 0.0:
+        raise InvalidInput(f"coupling.time_step must be positive, got {coupling.time_step!r}")
+    configuration = Configuration(
+        precice_config=folder / precice.config,
+        participant=precice.participant,
+        mesh_file=folder / _section(_MeshSection, values.get("mesh", {}), "mesh").file,
+        patches=_table(values.get("patches", {}), "patches"),
+        surfaces=tuple(_section(Surface, entry, f"read[{number}]") for number, entry in enumerate(entries, start=1)),
+        volume=_section(Volume, values.get("write", {}), "write"),
+        frame=coupling.frame,
+        time_step=coupling.time_step,
+        method=_table(values.get("method", {}), "method"),
+    )
+    _check_patches(configuration)
+    return configuration
+
+
+def _table(values: Any, name: str) -> dict[str, Any]:
+    """The values of a table."""
+    if not isinstance(values, dict):
+        raise InvalidInput(f"{name} must be a table, got {values!r}")
+    return values
+
+
+def _section(kind: type[_Section], values: Any, name: str) -> _Section:
+    """A table as its dataclass: no unknown key, none missing, types as they are declared."""
+    table: Mapping[str, Any] = _table(values, name)
+    declared = {entry.name: entry for entry in fields(kind)}  # type: ignore[arg-type]
+    if unknown := [key for key in table if key not in declared]:
+        raise InvalidInput(f"unknown key {name}.{unknown[0]}; known are {', '.join(declared)}")
+    for key, entry in declared.items():
+        if key not in table:
+            if entry.default is MISSING:
+                raise InvalidInput(f"{name}.{key} is missing")
+            continue
+        expected: Any = {"bool": bool, "float": (int, float)}.get(str(entry.type), str)
+        is_flag = isinstance(table[key], bool)  # True is an int to Python
+        if not isinstance(table[key], expected) or is_flag != (expected is bool) or table[key] == "":
+            raise InvalidInput(f"{name}.{key}: expected {_WORDS[expected]}, got {table[key]!r}")
+    return kind(**table)
+
+
+_WORDS: dict[Any, str] = {bool: "true or false", str: "a name", (int, float): "a number"}
+
+
+def _check_patches(configuration: Configuration) -> None:
+    """Roles are known, each moving patch is read once, and each mesh stands for one thing."""
+    roles = configuration.patches
+    for name, role in roles.items():
+        if role not in ROLES:
+            raise InvalidInput(f"patches.{name}: expected one of {', '.join(ROLES)}, got {role!r}")
+    moving = [name for name, role in roles.items() if role == "moving"]
+    read = [surface.patch for surface in configuration.surfaces]
+    for number, patch in enumerate(read, start=1):
+        if patch not in moving:
+            raise InvalidInput(f"read[{number}]: patch {patch!r} is none of the moving ones: {', '.join(moving)}")
+        if patch in read[: number - 1]:
+            raise InvalidInput(f"read[{number}]: patch {patch!r} is read already")
+    if missing := [patch for patch in moving if patch not in read]:
+        raise InvalidInput(
+            f"the moving patch {missing[0]!r} has no [[read]]", hint='give it one, or the role "fixed" in [patches]'
+        )
+    if not moving:
+        raise InvalidInput("no patch has the role moving", hint='for example  [patches]  flap = "moving"')
+    meshes = [surface.mesh for surface in configuration.surfaces] + [configuration.volume.mesh]
+    if twice := [mesh for mesh in meshes if meshes.count(mesh) > 1]:
+        raise InvalidInput(
+            f"the preCICE mesh {twice[0]!r} is named twice", hint="each [[read]] and [write] has its own"
+        )

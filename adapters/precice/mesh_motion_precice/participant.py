@@ -1,0 +1,201 @@
+"""The coupling loop: each step a trial move, each window that is complete a committed step, a repeated one rolled back.
+
+preCICE asks an implicitly coupled participant to keep its state where a window begins and to restore it when the window
+is computed again. The server keeps it: a move is a trial from the last committed state, however often it is asked for,
+and nothing but ``commit`` changes that state. So a checkpoint is written by doing nothing and read by ``rollback``; of
+several steps in a window each is a trial from where the window began, and the last one is committed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mesh_motion_client import Credentials, InvalidInput, Mesh, Patch, Server, Session, SessionError
+from numpy.typing import NDArray
+
+from mesh_motion_precice.api import Coupling
+from mesh_motion_precice.configuration import Configuration
+from mesh_motion_precice.vertices import VolumeVertices, WetVertices
+from mesh_motion_server.errors import InvalidInput as FileError
+from mesh_motion_server.files import read_mesh
+
+__all__ = ["Participant", "Window", "load_mesh", "open_session", "resume_session"]
+
+#: Steps of a window are equal; a rest of it shorter than this share of the longest step is no step of its own.
+_REST = 1e-9
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window that is complete.
+
+    Attributes
+    ----------
+    number : int
+        The session's committed steps: goes on after a restart.
+    time : float
+        Its end, since this run began, time unit.
+    iterations : int
+        How often it was computed.
+    lowest_quality : float
+        Smallest size-skew of a cell.
+    warnings : tuple of str
+        What the server warned of in the move that was committed.
+    """
+
+    number: int
+    time: float
+    iterations: int
+    lowest_quality: float
+    warnings: tuple[str, ...]
+
+
+class Participant:
+    """The participant, ready to couple.
+
+    Parameters
+    ----------
+    coupling : Coupling
+        preCICE's participant, not yet initialized.
+    session : Session
+        Of the server, READY; it stays open.
+    mesh : Mesh
+        The reference mesh, as the session has it.
+    configuration : Configuration
+
+    Raises
+    ------
+    InvalidInput
+        preCICE's meshes do not have the mesh's dimension, or a moving node is on no patch that is read.
+    """
+
+    def __init__(self, coupling: Coupling, session: Session, mesh: Mesh, configuration: Configuration) -> None:
+        self._coupling = coupling
+        self._session = session
+        self._mesh = mesh
+        self._frame = configuration.frame
+        self._time_step = configuration.time_step
+        self._surfaces = [WetVertices.provide(coupling, surface, mesh) for surface in configuration.surfaces]
+        self._volume = VolumeVertices.prepare(coupling, configuration.volume, mesh)
+        read = np.unique(np.concatenate([surface.nodes for surface in self._surfaces]))
+        if (missing := np.setdiff1d(session.moving_nodes, read)).size:
+            raise InvalidInput(f"the moving node {int(missing[0])} is on no patch that is read")
+
+    def windows(self) -> Iterator[Window]:
+        """Couple until preCICE says that it is over; yields each window once it is committed.
+
+        Raises
+        ------
+        QualityRefused
+            No acceptable mesh was found; the session is at its last committed window.
+        MeshMotionError
+            As :meth:`mesh_motion_client.Session.move`.
+        """
+        coupling, time, iterations = self._coupling, 0.0, 1
+        self._begin()
+        start = time
+        while coupling.is_coupling_ongoing():
+            if coupling.requires_writing_checkpoint():
+                start = time
+            step = self._step(coupling.get_max_time_step_size())
+            moved = self._session.move(self._boundary(step), frame=self._frame)
+            self._volume.write(coupling, moved.displacement)
+            coupling.advance(step)
+            time += step
+            if coupling.requires_reading_checkpoint():
+                self._session.rollback()
+                time, iterations = start, iterations + 1
+            elif coupling.is_time_window_complete():
+                committed = self._session.commit()
+                quality = float(committed.quality["size_skew"]["min"])
+                yield Window(self._session.step, time, iterations, quality, tuple(moved.warnings))
+                start, iterations = time, 1
+        coupling.finalize()
+
+    def _begin(self) -> None:
+        """Initialize preCICE, with the mesh's displacement so far where it asks for initial data."""
+        if self._coupling.requires_initial_data():
+            if self._volume.volume.received:
+                raise InvalidInput(
+                    f"initial data cannot be written to the received mesh {self._volume.volume.mesh!r}",
+                    hint='leave initialize="true" away from its <exchange>',
+                )
+            self._volume.write(self._coupling, self._displacement_so_far())
+        self._coupling.initialize()
+        self._volume = self._volume.settled(self._coupling, self._mesh)
+
+    def _displacement_so_far(self) -> NDArray[np.float64]:
+        """(n, d) displacement of the committed state in the frame; not zero after a restart."""
+        if self._frame == "committed":
+            return np.zeros_like(self._mesh.points)
+        return self._session.points("committed") - self._mesh.points
+
+    def _step(self, rest: float) -> float:
+        """The next step: what is left of the window in the fewest equal steps that are short enough."""
+        return rest / max(1, math.ceil(rest / self._time_step - _REST))
+
+    def _boundary(self, relative_time: float) -> NDArray[np.float64]:
+        """(k, d) displacements of the moving nodes; of a node on several patches that of the first one."""
+        moving = self._session.moving_nodes
+        rows = np.empty((len(moving), self._mesh.dimension))
+        for surface in reversed(self._surfaces):
+            at = np.minimum(np.searchsorted(moving, surface.nodes), len(moving) - 1)
+            moves = moving[at] == surface.nodes
+            rows[at[moves]] = surface.read(self._coupling, relative_time)[moves]
+        return rows
+
+
+def load_mesh(configuration: Configuration) -> Mesh:
+    """The mesh file with the patches' roles.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, or its patches are not those that have roles.
+    """
+    try:
+        file = read_mesh(configuration.mesh_file)
+    except FileError as error:
+        raise InvalidInput(error.message, hint=error.hint) from None
+    roles = configuration.patches
+    if odd := sorted(set(file.patches) ^ set(roles)):
+        known = ", ".join(sorted(file.patches)) or "none"
+        raise InvalidInput(f"[patches] must have the patches of {configuration.mesh_file} ({known}); see {odd[0]!r}")
+    patches = {name: Patch(role, file.patches[name]) for name, role in roles.items()}
+    return Mesh(file.points, file.cells, patches)
+
+
+def open_session(server: Server, mesh: Mesh, configuration: Configuration, credentials: Path | None = None) -> Session:
+    """A new session; with ``credentials``, the file from which a restart takes it up again."""
+    session = server.open(mesh, configuration.method, label=f"preCICE {configuration.participant}")
+    if credentials is not None:
+        session.credentials.save(credentials)
+    return session
+
+
+def resume_session(server: Server, mesh: Mesh, credentials: Path) -> Session:
+    """The session of an earlier run, at its last committed window.
+
+    Raises
+    ------
+    InvalidInput
+        There is no such file, or the session has another reference mesh.
+    SessionError
+        The server does not have the session.
+    """
+    if not credentials.is_file():
+        raise InvalidInput(f"there is nothing to restart from: no file {credentials}", hint="run without --restart")
+    try:
+        session = server.resume(Credentials.load(credentials))
+    except SessionError as error:
+        error.hint = error.hint or f"without --restart a new session begins; {credentials} is replaced"
+        raise
+    reference = session.points("reference")
+    if reference.shape != mesh.points.shape or not np.array_equal(reference, mesh.points):
+        session.close()
+        raise InvalidInput(f"the session of {credentials} has another mesh than the mesh file")
+    return session

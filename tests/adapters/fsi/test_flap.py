@@ -1,0 +1,109 @@
+"""The perpendicular flap's first windows, with OpenFOAM and CalculiX: both mesh motions, a killed run, clear errors.
+
+What examples/perpendicular_flap/README.md, adapters/fsi/README.md and docs/tutorials/openfoam_flap.md show.
+"""
+
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from mesh_motion_fsi import ParticipantError, RecordError, read_history
+
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLE = ROOT / "examples" / "perpendicular_flap"
+PATIENCE = 240.0
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        any(shutil.which(name) is None for name in ("pimpleFoam", "ccx", "g++")),
+        reason="OpenFOAM, CalculiX or g++ is not installed (Debian: openfoam calculix-ccx g++)",
+    ),
+]
+
+
+@pytest.fixture(scope="session")
+def flap():
+    """The example as a module, with its library built."""
+    specification = importlib.util.spec_from_file_location("perpendicular_flap", EXAMPLE / "flap.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    module.build()
+    return module
+
+
+def play(flap, out, *options):
+    return flap.run(flap.arguments(["--out", str(out), *options]))
+
+
+@pytest.fixture(scope="session")
+def undisturbed(flap, tmp_path_factory):
+    """Five windows with the server."""
+    folder = tmp_path_factory.mktemp("flap")
+    return folder, play(flap, folder, "--windows", "5")
+
+
+def test_windows_converge_and_the_tip_moves_downstream(undisturbed):
+    _, rows = undisturbed
+    assert [row.window for row in rows] == [1, 2, 3, 4, 5]
+    assert max(row.residual for row in rows) <= 1e-3
+    assert max(row.iterations for row in rows) <= 20
+    tip = np.array([row.x for row in rows])
+    assert tip[-1] > tip[-2] > tip[-3] > 0.0
+    assert 0.003 < tip[-1] < 0.007  # the reference's runs: 0.0046 to 0.0052 m
+    assert rows[-1].force_x > 0.0
+
+
+def test_what_the_server_stored_can_be_looked_at(undisturbed):
+    folder, _ = undisturbed
+    command = [sys.executable, "-m", "mesh_motion_server", "inspect", str(folder / "server")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, "whole" in done.stdout) == (0, True), done.stdout + done.stderr
+
+
+def test_openfoams_own_mesh_motion_gives_the_same_tip(flap, undisturbed, tmp_path):
+    """While the flap moves little, the mesh behind it does not matter."""
+    rows = play(flap, tmp_path, "--windows", "5", "--motion", "laplacian")
+    np.testing.assert_allclose([row.x for row in rows], [row.x for row in undisturbed[1]], rtol=0.02)
+    shutil.rmtree(tmp_path / "fluid" / "0.05")
+    with pytest.raises(RecordError, match=r"has no time 0.05"):
+        play(flap, tmp_path, "--windows", "6", "--motion", "laplacian")
+
+
+def test_a_run_that_is_killed_goes_on_at_its_last_window(undisturbed, tmp_path):
+    command = [sys.executable, str(EXAMPLE / "flap.py"), "--out", str(tmp_path), "--windows"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen([*command, "500"], env=environment, stdout=log, stderr=log)
+        deadline = time.monotonic() + PATIENCE
+        while len(read_history(tmp_path)) < 2:
+            assert process.poll() is None, (tmp_path / "log").read_text()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        fluid = [child for child in psutil.Process(process.pid).children() if child.name() == "pimpleFoam"]
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert fluid
+    assert not psutil.wait_procs(fluid, timeout=PATIENCE)[1]  # it does not outlive its driver
+    done = len(read_history(tmp_path))
+    windows = max(done + 1, 5)
+    subprocess.run([*command, str(windows)], env=environment, check=True, timeout=PATIENCE)
+    rows = read_history(tmp_path)
+    assert [row.window for row in rows] == list(range(1, windows + 1))
+    # OpenFOAM's restart is not bitwise: it begins with other first guesses
+    np.testing.assert_allclose([row.x for row in rows[:5]], [row.x for row in undisturbed[1]], rtol=0.01)
+
+
+def test_a_fluid_that_fails_is_told_with_its_words(flap, tmp_path):
+    flap.make_case(tmp_path / "fluid", "laplacian")
+    path = tmp_path / "fluid" / "constant" / "transportProperties"
+    path.write_text(path.read_text().replace("nu ", "nonsense "))
+    with pytest.raises(ParticipantError, match=r"pimpleFoam ended with status 1: .*nu"):
+        play(flap, tmp_path, "--windows", "2", "--motion", "laplacian")

@@ -1,0 +1,143 @@
+"""Roles that a patch's type brings, polygons in the plane, and the choices beside the method."""
+
+import re
+
+import numpy as np
+import pytest
+from mesh_motion_client import connect
+
+from mesh_motion_server.prove.waiting import wait_until
+
+HEADER = "FoamFile {{ version 2.0; format ascii; class dictionary; object {}; }}\n"
+
+
+def change(case, name, *changes):
+    """Replace words of a file of the case, each of which is there."""
+    path = case.folder / name
+    text = path.read_text()
+    for was, becomes in changes:
+        assert was in text, was
+        text = text.replace(was, becomes)
+    path.write_text(text)
+
+
+def points_of(case, patch):
+    """The points of a patch's faces."""
+    faces = case.faces()
+    return np.unique([point for i in case.patch(patch) for point in faces[i]])
+
+
+def no_flow(case):
+    """Fields of a flow name the patches too; the mesh alone needs none."""
+    for name in "U", "p":
+        (case.folder / "0" / name).unlink()
+
+
+def test_symmetry_is_what_its_patches_type_says(make_case):
+    case = make_case(steps=2)
+    no_flow(case)
+    change(case, "system/blockMeshDict", ("walls\n    {\n        type wall;", "walls\n    {\n        type symmetry;"))
+    change(case, "0/pointDisplacement", ("walls            { type slip; }", "walls { type symmetry; }"))
+    change(case, "constant/dynamicMeshDict", ("walls   slip;", ""))
+    case.method("support_radius 0.8; quality_threshold 0.2;")
+    case.run("blockMesh")
+    case.run("moveDynamicMesh")
+    start, moved = case.numbers("constant/polyMesh/points", 3), case.points("0.1")
+    walls = points_of(case, "walls")
+    np.testing.assert_allclose(moved[walls, 1], start[walls, 1], rtol=0, atol=1e-14)
+    assert np.abs(moved[walls, 0] - start[walls, 0]).max() > 1e-3
+    assert "Mesh OK." in case.run("checkMesh", "-latestTime")
+
+
+def test_cyclic_patches_stay_images_of_each_other(make_case):
+    case = make_case(steps=2)
+    no_flow(case)
+    change(
+        case,
+        "system/blockMeshDict",
+        ("inlet\n    {\n        type patch;", "inlet\n    {\n        type cyclic; neighbourPatch outlet;"),
+        ("outlet\n    {\n        type patch;", "outlet\n    {\n        type cyclic; neighbourPatch inlet;"),
+    )
+    change(
+        case,
+        "0/pointDisplacement",
+        ('"(inlet|outlet)" { type fixedValue; value uniform (0 0 0); }', '"(inlet|outlet)" { type cyclic; }'),
+    )
+    change(case, "constant/dynamicMeshDict", ("inlet   fixed;", ""), ("outlet  fixed;", ""))
+    case.method("support_radius 1.5; quality_threshold 0.2;")
+    case.run("blockMesh")
+    case.run("moveDynamicMesh")
+    start, moved = case.numbers("constant/polyMesh/points", 3), case.points("0.1")
+    by_height = [points_of(case, name) for name in ("inlet", "outlet")]
+    left, right = (points[np.lexsort(np.round(start[points, 1:], 9).T)] for points in by_height)
+    np.testing.assert_allclose(start[right] - start[left], np.broadcast_to([2, 0, 0], (len(left), 3)), atol=1e-12)
+    np.testing.assert_allclose(moved[right] - moved[left], start[right] - start[left], rtol=0, atol=1e-13)
+    assert np.abs(moved[left] - start[left]).max() > 1e-3
+    assert "Mesh OK." in case.run("checkMesh", "-latestTime")
+
+
+def test_polygons_in_the_plane(make_case):
+    case = make_case(steps=2)
+    no_flow(case)
+    action = "{ name some; type cellSet; action new; source boxToCell; box (0.4 0.1 -1) (1.3 0.9 1); }"
+    plan = (
+        "set some; coordinateSystem global; globalCoeffs { tan1 (1 0 0); tan2 (0 1 0); }\n"
+        "directions (tan1 tan2); useHexTopology no; geometricCut yes; writeMesh no;\n"
+    )
+    (case.folder / "system/topoSetDict").write_text(HEADER.format("topoSetDict") + f"actions ({action});\n")
+    (case.folder / "system/refineMeshDict").write_text(HEADER.format("refineMeshDict") + plan)
+    case.run("topoSet")
+    case.run("refineMesh", "-overwrite")
+    faces = case.faces()
+    assert {len(faces[i]) for i in case.patch("frontAndBack")} >= {4, 5}
+    case.run("moveDynamicMesh")
+    start, moved = case.numbers("constant/polyMesh/points", 3), case.points("0.1")
+    plate = points_of(case, "plate")
+    angle = 0.7 * np.sin(2 * np.pi * 0.1)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    origin = np.array([0.85, 0.5, 0])
+    np.testing.assert_allclose(moved[plate], (start[plate] - origin) @ turn.T + origin, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(moved[:, 2], start[:, 2])
+    assert "Mesh OK." in case.run("checkMesh", "-latestTime")
+
+
+@pytest.mark.parametrize(("commit", "steps"), [("timeStep", 2), ("everyMove", 6)])
+def test_every_move_is_a_step_where_asked(make_case, commit, steps):
+    case = make_case(steps=2)
+    case.method("quality_threshold 0.3;", f"commit {commit};")
+    case.run("moveDynamicMesh")
+    state = (case.folder / "0.1/uniform/remoteMeshMotion/state").read_text()
+    assert re.search(r"step\s+(\d+);", state)[1] == str(steps)
+
+
+@pytest.mark.parametrize(("at_end", "label"), [("keep", "keepIt"), ("discard", '"let it go"')])
+def test_a_session_is_kept_or_discarded(make_case, mesh_motion_server, at_end, label):
+    case = make_case(steps=2)
+    case.method("quality_threshold 0.3;", f"atEnd {at_end}; label {label};")
+    case.run("moveDynamicMesh")
+    with connect(mesh_motion_server.endpoint) as server:
+
+        def kept():
+            return [entry["step"] for entry in server.sessions() if entry["label"] == label.strip('"')]
+
+        # the list tells of what has ended when its worker has
+        wait_until(lambda: kept() == ([2] if at_end == "keep" else []), f"the session after {at_end}")
+
+
+@pytest.mark.parametrize(
+    ("further", "words"),
+    [
+        ("atEnd discrad;", ["atEnd is keep or discard; got discrad"]),
+        ("commit always;", ["commit is timeStep or everyMove; got always"]),
+        ("onServerLos wait 100;", ["there is no entry onServerLos", "onServerLoss"]),
+        ("onServerLoss retry;", ["onServerLoss is fail, or wait and the seconds; got retry"]),
+        ("durability none;", ["durability", "none"]),
+    ],
+)
+def test_a_wrong_choice_is_named(make_case, further, words):
+    case = make_case(steps=1)
+    case.method("quality_threshold 0.3;", further)
+    case.run("moveDynamicMesh", expect=1)
+    assert "FOAM FATAL" in case.output
+    for word in words:
+        assert word in case.output

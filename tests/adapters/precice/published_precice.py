@@ -1,0 +1,47 @@
+"""The methods of ``precice.Participant`` as pyprecice 3.4 publishes them; those used here are the same since 3.0."""
+
+CONSTRUCTOR = (
+    "solver_name",
+    "configuration_file_name",
+    "solver_process_index",
+    "solver_process_size",
+    "communicator=None",
+)
+
+#: Name → parameters after self.
+SIGNATURES: dict[str, tuple[str, ...]] = {
+    "initialize": (),
+    "advance": ("computed_timestep_length",),
+    "finalize": (),
+    "get_mesh_dimensions": ("mesh_name",),
+    "get_data_dimensions": ("mesh_name", "data_name"),
+    "is_coupling_ongoing": (),
+    "is_time_window_complete": (),
+    "get_max_time_step_size": (),
+    "requires_initial_data": (),
+    "requires_writing_checkpoint": (),
+    "requires_reading_checkpoint": (),
+    "requires_mesh_connectivity_for": ("mesh_name",),
+    "set_mesh_vertex": ("mesh_name", "position"),
+    "get_mesh_vertex_size": ("mesh_name",),
+    "set_mesh_vertices": ("mesh_name", "positions"),
+    "set_mesh_edge": ("mesh_name", "first_vertex_id", "second_vertex_id"),
+    "set_mesh_edges": ("mesh_name", "vertices"),
+    "set_mesh_triangle": ("mesh_name", "first_vertex_id", "second_vertex_id", "third_vertex_id"),
+    "set_mesh_triangles": ("mesh_name", "vertices"),
+    "set_mesh_quad": ("mesh_name", "first_vertex_id", "second_vertex_id", "third_vertex_id", "fourth_vertex_id"),
+    "set_mesh_quads": ("mesh_name", "vertices"),
+    "set_mesh_tetrahedron": ("mesh_name", "first_vertex_id", "second_vertex_id", "third_vertex_id", "fourth_vertex_id"),
+    "set_mesh_tetrahedra": ("mesh_name", "vertices"),
+    "reset_mesh": ("mesh_name",),
+    "write_data": ("mesh_name", "data_name", "vertex_ids", "values"),
+    "read_data": ("mesh_name", "data_name", "vertex_ids", "relative_read_time"),
+    "write_and_map_data": ("mesh_name", "data_name", "coordinates", "values"),
+    "map_and_read_data": ("mesh_name", "data_name", "coordinates", "relative_read_time"),
+    "write_gradient_data": ("mesh_name", "data_name", "vertex_ids", "gradients"),
+    "requires_gradient_data_for": ("mesh_name", "data_name"),
+    "set_mesh_access_region": ("mesh_name", "bounding_box"),
+    "get_mesh_vertex_ids_and_coordinates": ("mesh_name",),
+    "start_profiling_section": ("event_name",),
+    "stop_last_profiling_section": (),
+}

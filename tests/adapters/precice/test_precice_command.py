@@ -1,0 +1,63 @@
+"""The program beside a server: runs to its end, goes on after a kill, says what is wrong in one line.
+
+With preCICE's stub, what adapters/precice/README.md begins with.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[2]
+
+
+@pytest.fixture
+def program(tmp_path, script, server):
+    """Runs the program with the stub as the module precice."""
+    (tmp_path / "precice.py").write_text("from precice_stub import Participant\n__all__ = ['Participant']\n")
+
+    def run(*arguments, iterations=(2, 1), endpoint=server.endpoint, **more):
+        more = {"log": str(tmp_path / "written.npz")} | more
+        (tmp_path / "script.json").write_text(json.dumps(script(list(iterations), **more)))
+        paths = [tmp_path, HERE, ROOT / "adapters" / "precice", os.environ.get("PYTHONPATH", "")]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, filter(None, map(str, paths))))}
+        server_option = ["--server", endpoint] if endpoint else []
+        return subprocess.run(
+            [sys.executable, "-m", "mesh_motion_precice", "mesh-motion.toml", *server_option, *arguments],
+            cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+
+    return run
+
+
+def test_it_couples_to_the_end_and_again_from_there(case, program, tmp_path):
+    case()
+    done = program()
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].endswith("begins")
+    assert lines[1].startswith("window 1  t 0.1  2 iterations  min size-skew 0.")
+    with np.load(tmp_path / "written.npz") as written:
+        assert len(written.files) == 3
+        assert np.abs(written["arr_2"]).max() > 1e-3
+    (tmp_path / "mesh.npz").rename(tmp_path / "other.npz")
+    again = program("--restart", "--mesh", "other.npz", "--config", "script.json", iterations=[1])
+    assert again.returncode == 0, again.stderr
+    assert "goes on after window 2" in again.stdout
+    assert "window 3" in again.stdout
+    assert (tmp_path / "mesh-motion.session").stat().st_mode & 0o777 == 0o600
+
+
+def test_what_is_wrong_is_one_line(case, program, tmp_path):
+    case(method="support_radios = 1.0")
+    done = program()
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "support_radios" in done.stderr

@@ -1,0 +1,194 @@
+"""Explicit and implicit coupling, steps within windows, restarts: what is written is what the Python client gives.
+
+The reference is a session of its own, moved and committed once a window with what the other participants had converged
+to; nothing of the repeated windows may be seen in it.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput, QualityRefused
+from mesh_motion_precice import Participant, open_session, read_configuration, resume_session
+from mesh_motion_precice.participant import load_mesh
+from precice_stub import Script
+
+VOLUME = ("Volume", "NodeDisplacement")
+
+
+@pytest.fixture
+def play(server, case, stub):
+    """Couples with the stub; the windows, the stub, and the session's committed points."""
+
+    def run(*arguments, file=None, credentials=None, restart=False, **more):
+        configuration = read_configuration(file or case())
+        mesh = load_mesh(configuration)
+        precice = stub(*arguments, **more)
+        session = (
+            resume_session(server, mesh, credentials)
+            if restart
+            else open_session(server, mesh, configuration, credentials)
+        )
+        with session:
+            windows = list(Participant(precice, session, mesh, configuration).windows())
+            return windows, precice, session.points("committed")
+
+    return run
+
+
+@pytest.fixture
+def direct(server, square, script):
+    """What the client gives for the converged displacements at these fractions of each window, window by window."""
+
+    def run(iterations, frame="reference", fractions=(1.0,), **more):
+        partner = Script(script(iterations, **more))
+        history = []
+        with server.open(square, {"support_radius": 0.8}) as session:
+            places = square.points[session.moving_nodes]
+            for window in range(len(iterations)):
+                for fraction in fractions:
+                    rows = partner.displacement(places, window, iterations[window], fraction)
+                    history.append(session.move(rows, frame=frame).displacement)
+                session.commit()
+            final = session.points("committed")
+            session.close("discard")
+        return history, final
+
+    return run
+
+
+def converged(precice):
+    """What was written in the last iteration of each window, step by step."""
+    last = precice.script.iterations
+    return [written[VOLUME] for window, iteration, _, written in precice.history if iteration == last[window]]
+
+
+@pytest.mark.parametrize(
+    ("iterations", "explicit"),
+    [([1, 1], True), ([3, 1, 4], False)],
+    ids=["explicit", "implicit"],
+)
+def test_converged_windows_are_those_of_the_client(iterations, explicit, play, direct):
+    windows, precice, final = play(iterations, explicit=explicit)
+    expected, points = direct(iterations)
+    assert [window.iterations for window in windows] == iterations
+    assert [window.number for window in windows] == list(range(1, len(iterations) + 1))
+    np.testing.assert_array_equal(converged(precice), expected)
+    np.testing.assert_array_equal(final, points)
+    assert precice.state == "finalized"
+    kept, restored = precice.calls.count("write checkpoint"), precice.calls.count("read checkpoint")
+    assert (kept, restored) == ((0, 0) if explicit else (len(iterations), sum(iterations) - len(iterations)))
+    if iterations[0] == 3:  # what had not converged differs, or nothing would have been compared
+        first, second, third = (written[VOLUME] for *_, written in precice.history[:3])
+        assert np.abs(first - third).max() > 1.9 * np.abs(second - third).max() > 1e-4
+
+
+def test_steps_within_a_window_start_where_it_began(case, play, direct):
+    """A committed step cannot be taken back: each step is a trial, the last of them is committed."""
+    iterations = [1, 2]
+    windows, precice, final = play(iterations, file=case("time_step = 0.04"))
+    expected, points = direct(iterations, fractions=(1 / 3, 2 / 3, 1.0))
+    assert [round(3 * fraction) for _, _, fraction, _ in precice.history[:3]] == [1, 2, 3]
+    np.testing.assert_allclose(converged(precice), expected, atol=1e-15)  # 0.1 / 3 three times is not 0.1
+    np.testing.assert_allclose(final, points, atol=1e-15)
+    assert windows[-1].time == pytest.approx(0.2)
+
+
+def test_displacement_since_the_last_window(case, play, direct):
+    file = case('frame = "committed"')
+    _, precice, final = play([2, 2], file=file, since_window=True)
+    expected, points = direct([2, 2], frame="committed", since_window=True)
+    np.testing.assert_array_equal(converged(precice), expected)
+    np.testing.assert_array_equal(final, points)
+
+
+def test_a_solver_s_own_mesh_in_its_own_order(case, play, direct, square):
+    order = np.random.default_rng(1).permutation(len(square.points))[:70]  # a part of it, as one rank may have
+    blurred = square.points[order] + 1e-12
+    _, precice, _ = play([2, 1], file=case(volume="received = true"), received=blurred)
+    expected, _ = direct([2, 1])
+    np.testing.assert_array_equal(converged(precice), [nodes[order] for nodes in expected])
+
+
+def test_a_restart_goes_on_as_if_it_had_not_been(case, play, direct, server, stub, square, tmp_path):
+    """The first run is cut off in its third window, after a trial; the second begins with initial data.
+
+    By default each step starts from the mesh of the last one, so that the final mesh depends on all of them.
+    """
+    file, credentials = case(), tmp_path / "session"
+    configuration = read_configuration(file)
+    session = open_session(server, square, configuration, credentials)
+    first = stub([2, 2, 2, 2])
+    first.advance = cut_off_after(first, 5)
+    with pytest.raises(KeyboardInterrupt):
+        list(Participant(first, session, square, configuration).windows())
+    session.close()
+    restarted = {"begin": 2, "initial_data": True, "credentials": credentials, "restart": True}
+    windows, second, final = play([2, 2], file=file, **restarted)
+    expected, points = direct([1, 1, 1, 1])
+    assert [window.number for window in windows] == [3, 4]
+    np.testing.assert_allclose(second.initial[VOLUME], expected[1], atol=1e-15)
+    np.testing.assert_array_equal(converged(second), expected[2:])
+    np.testing.assert_array_equal(final, points)
+
+
+def cut_off_after(precice, steps):
+    advance = precice.advance
+
+    def cut(length):
+        if len(precice.history) == steps:
+            raise KeyboardInterrupt
+        advance(length)
+
+    return cut
+
+
+def test_a_refused_motion_leaves_the_last_window(case, play, server, tmp_path, square):
+    credentials = tmp_path / "session"
+    with pytest.raises(QualityRefused):
+        play([1, 1], window=3.0, motion=[[5.0, 0.0], [0.0, 5.0]], credentials=credentials)
+    session = resume_session(server, square, credentials)
+    assert session.step == 1
+    session.close("discard")
+
+
+def test_a_restart_with_another_mesh_or_from_nothing_is_refused(server, case, square, tmp_path):
+    configuration = read_configuration(case())
+    with pytest.raises(InvalidInput, match="nothing to restart from"):
+        resume_session(server, square, tmp_path / "none")
+    open_session(server, square, configuration, tmp_path / "session").close()
+    with np.load(tmp_path / "mesh.npz") as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "mesh.npz", **arrays | {"points": arrays["points"] * 1.01})
+    with pytest.raises(InvalidInput, match="another mesh"):
+        resume_session(server, load_mesh(configuration), tmp_path / "session")
+
+
+@pytest.fixture
+def participant(case, stub, square):
+    """A participant whose session is never asked."""
+
+    def make(file=None, moving=None, **more):
+        moving = np.union1d(square.patches["lower"].nodes, square.patches["upper"].nodes) if moving is None else moving
+        precice = stub([1], **more)
+        return Participant(precice, SimpleNamespace(moving_nodes=moving), square, read_configuration(file or case()))
+
+    return make
+
+
+def test_what_does_not_fit_is_refused(participant, case, square):
+    with pytest.raises(InvalidInput, match="has 3 dimensions, the mesh file 2"):
+        participant(dimensions=3)
+    with pytest.raises(InvalidInput, match="the moving node 0 is on no patch that is read"):
+        participant(moving=np.arange(3))
+    received = case(volume="received = true")
+    for points, words in [
+        (square.points + 1e-4, "vertex 0 of mesh 'Volume' at .* lies on no node"),
+        (square.points + 10.0, "has no vertex near"),
+    ]:
+        with pytest.raises(InvalidInput, match=words):
+            list(participant(received, received=points).windows())
+    with pytest.raises(InvalidInput, match="initial data cannot be written"):
+        list(participant(received, received=square.points, initial_data=True).windows())

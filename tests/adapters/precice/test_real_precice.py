@@ -1,0 +1,110 @@
+"""Against preCICE itself, where it is installed: the scripts of the stub, and the tutorial."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_motion_precice import read_configuration
+from precice_stub import Script
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[2]
+TUTORIAL = ROOT / "adapters" / "precice" / "tutorial"
+needs_precice = pytest.mark.skipif(
+    importlib.util.find_spec("precice") is None, reason="preCICE 3 and its Python bindings are not installed"
+)
+
+
+def started(folder, *command):
+    """A participant in a process of its own, in the folder where the participants find each other."""
+    paths = [HERE, ROOT / "adapters" / "precice", os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, map(str, paths)))}
+    command = [sys.executable, *map(str, command)]
+    with (folder / f"log.{len(list(folder.glob('log.*')))}").open("w") as log:
+        return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
+
+
+def finished(folder, *participants, seconds=240):
+    """Wait for all; end those that are left when one fails."""
+    try:
+        for process in participants:
+            assert process.wait(seconds) == 0, "\n".join(path.read_text()[-2000:] for path in folder.glob("log.*"))
+    finally:
+        for process in participants:
+            process.kill()
+            process.wait()
+
+
+@needs_precice
+@pytest.mark.parametrize(
+    ("iterations", "explicit", "coupling"),
+    [([1, 1, 1], True, ""), ([3, 3], False, ""), ([2, 2], False, "time_step = 0.04")],
+    ids=["explicit", "implicit", "steps"],
+)
+def test_a_script_gives_what_the_client_gives(iterations, explicit, coupling, case, script, square, server, tmp_path):
+    from real_partner import config  # noqa: PLC0415  (imports preCICE)
+
+    values = script(iterations, explicit=explicit)
+    wet = np.union1d(square.patches["lower"].nodes, square.patches["upper"].nodes)
+    (tmp_path / "precice-config.xml").write_text(config(values))
+    (tmp_path / "partner.json").write_text(json.dumps(values | {"points": square.points.tolist(), "wet": wet.tolist()}))
+    file = case(coupling)
+    file.write_text(file.read_text().replace("script.json", "precice-config.xml"))
+    partner = started(tmp_path, HERE / "real_partner.py", tmp_path)
+    ours = started(tmp_path, "-m", "mesh_motion_precice", file, "--server", server.endpoint)
+    finished(tmp_path, partner, ours)
+    with np.load(tmp_path / "read.npz") as read, server.open(square, {"support_radius": 0.8}) as session:
+        for window, found in enumerate(read["arr_0"]):
+            rows = Script(values).displacement(square.points[wet], window, iterations[window], 1.0)
+            expected = session.move(rows, frame="reference").displacement
+            session.commit()
+            np.testing.assert_allclose(found, expected, atol=1e-14)
+        session.close("discard")
+
+
+@needs_precice
+@pytest.mark.slow
+def test_the_tutorial_gives_the_monolithic_motion(server, tmp_path):
+    """Fluid, Solid and MeshMotion in preCICE's multi coupling: the beam with the added mass in its own mass matrix."""
+    config = TUTORIAL / "precice-config.xml"
+    solvers = [started(tmp_path, TUTORIAL / "solvers.py", name, "--config", config) for name in ("Fluid", "Solid")]
+    options = ["--server", server.endpoint, "--config", config]
+    ours = started(tmp_path, "-m", "mesh_motion_precice", TUTORIAL / "mesh-motion.toml", *options)
+    finished(tmp_path, *solvers, ours)
+    monolithic = load(ROOT / "tests" / "integration" / "test_mock_fsi.py")
+    with np.load(ROOT / "examples" / "turek_hron_flag" / "mesh.npz") as mesh:
+        expected = monolithic.monolithic_tip(mesh["points"][np.unique(mesh["patch_flag"])])
+    tips = np.loadtxt(tmp_path / "tip.csv")[:, 1]
+    np.testing.assert_allclose(tips, expected, atol=1e-6 * np.abs(expected).max() * 10)
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location(f"loaded_{path.stem}", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_tutorial_s_two_files_fit():
+    """Without preCICE: meshes and data that MeshMotion names are those that its configuration gives it."""
+    ours = read_configuration(TUTORIAL / "mesh-motion.toml")
+    text = ours.precice_config.read_text()
+    root = ET.fromstring(text.replace("data:vector", "data-vector").replace("m2n:", "m2n-").replace("mapping:", "")
+                         .replace("coupling-scheme:", "").replace("acceleration:", ""))  # fmt: skip
+    participant = next(p for p in root.iter("participant") if p.get("name") == ours.participant and len(p))
+    read = {(entry.get("mesh"), entry.get("name")) for entry in participant.iter("read-data")}
+    assert read == {(surface.mesh, surface.data) for surface in ours.surfaces}
+    written = {(entry.get("mesh"), entry.get("name")) for entry in participant.iter("write-data")}
+    assert written == {(ours.volume.mesh, ours.volume.data)}
+    received = {entry.get("name") for entry in participant.iter("receive-mesh") if entry.get("api-access") == "true"}
+    assert (ours.volume.mesh in received) == ours.volume.received
+    assert ours.mesh_file.is_file()
