@@ -4,7 +4,7 @@
 status  meaning
 ======  =============================================================================================
 0       done; warnings, if any, were printed
-1       `conform`: a demand of SPEC.md is not met; `prove`: a promise is not kept
+1       not met: a demand of SPEC.md (`conform`), a promise (`prove`), the same states again (`play --from-journal`)
 2       usage, or an invalid case, mesh, table or setting
 3       refused: no acceptable mesh was found for a motion
 4       the session or the server's limits or storage do not allow it, or results cannot be written
@@ -22,6 +22,8 @@ import sys
 import traceback
 from enum import IntEnum
 from typing import NoReturn
+
+from mesh_motion_server.extras import not_installed
 
 __all__ = ["ExitStatus", "complain", "main", "status_of"]
 
@@ -47,10 +49,9 @@ _BY_CODE = (
     ("UNAVAILABLE", ExitStatus.UNAVAILABLE),
     ("DEADLINE_EXCEEDED", ExitStatus.UNAVAILABLE),
     ("INTERNAL", ExitStatus.DEFECT),
+    ("UNIMPLEMENTED.", ExitStatus.FAILED),
+    ("UNIMPLEMENTED", ExitStatus.UNAVAILABLE),
 )
-
-#: The packages of the extra ``server`` that the command line needs at once.
-_EXTRA = ("typer", "rich", "pydantic", "numba", "scipy", "structlog", "threadpoolctl")
 
 
 def status_of(code: str) -> ExitStatus:
@@ -67,18 +68,24 @@ def main() -> NoReturn:
     """Run the command line and exit."""
     try:
         from mesh_motion_server.commands import app  # noqa: PLC0415  (its packages may be missing: the client's do)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in _EXTRA:
-            raise
-        complain(f"the package {error.name!r} is not installed (pip install 'mesh-motion-server[server]')")
-        sys.exit(ExitStatus.UNAVAILABLE)
-    try:
+
         app()
+    except ModuleNotFoundError as error:
+        line = not_installed(error)
+        if line is None:
+            _report_defect(error)
+        complain(line)
+        sys.exit(ExitStatus.UNAVAILABLE)
     except BrokenPipeError:  # the reader of our output has gone, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(ExitStatus.DONE)
     except Exception as error:
-        traceback.print_exc()
-        complain(f"a defect of this program: {type(error).__name__}; please report the lines above")
-        sys.exit(ExitStatus.DEFECT)
+        _report_defect(error)
     sys.exit(ExitStatus.DONE)
+
+
+def _report_defect(error: Exception) -> NoReturn:
+    """What a report of it needs, and status 70."""
+    traceback.print_exception(error)
+    complain(f"a defect of this program: {type(error).__name__}; please report the lines above")
+    sys.exit(ExitStatus.DEFECT)

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import os
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from mesh_motion_client import InvalidInput, Keys
+from mesh_motion_client.keys import KEY_VARIABLE, SERVER_KEY_VARIABLE
 
-__all__ = ["DistributedOption", "EndpointOption", "KeyOption", "ServerKeyOption"]
+__all__ = ["DistributedOption", "EndpointOption", "KeyOption", "SeriesFormat", "ServerKeyOption", "keys_of_options"]
+
+
+class SeriesFormat(StrEnum):
+    """What ``play`` writes a series in; those of :data:`~mesh_motion_server.files.SERIES_FORMATS`."""
+
+    VTU = "vtu"
+    VTKHDF = "vtkhdf"
+
 
 EndpointOption = Annotated[
     str | None,
@@ -27,3 +39,14 @@ ServerKeyOption = Annotated[
     str | None,
     typer.Option(metavar="FILE", help="The server's .public file; or MESH_MOTION_SERVER_KEY names it."),
 ]
+
+
+def keys_of_options(endpoint: str | None, key: Path | None, server_key: str | None) -> Keys | None:
+    """The keys of the options, filled up by the environment; a private server needs none."""
+    key_name = str(key or os.environ.get(KEY_VARIABLE, ""))
+    server_name = server_key or os.environ.get(SERVER_KEY_VARIABLE, "")
+    if endpoint is None or not (key_name or server_name):
+        return None
+    if not key_name or not server_name:
+        raise InvalidInput("--key and --server-key must be given both, or neither")
+    return Keys.load(key_name, server_name)

@@ -5,37 +5,35 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from mesh_motion_client import InvalidInput, Keys
-from mesh_motion_client import MeshMotionError as ClientError
-from mesh_motion_client.keys import KEY_VARIABLE, SERVER_KEY_VARIABLE
 from rich.console import Console
 
 from mesh_motion_server import __version__
-from mesh_motion_server.cli import ExitStatus, complain, status_of
-from mesh_motion_server.command_options import DistributedOption, EndpointOption, KeyOption, ServerKeyOption
-from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.cli import ExitStatus, complain
+from mesh_motion_server.command_errors import expected_errors
+from mesh_motion_server.command_options import EndpointOption, KeyOption, ServerKeyOption, keys_of_options
+from mesh_motion_server.completions import session_folders
+from mesh_motion_server.convert_command import convert
 from mesh_motion_server.key_commands import keys as keys_app
+from mesh_motion_server.monitor_command import monitor
+from mesh_motion_server.play_command import play
+from mesh_motion_server.plot_command import plot
 from mesh_motion_server.prove_command import prove
 from mesh_motion_server.serve_command import serve
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.check import CheckReport
-    from mesh_motion_server.cases.records import StepRecord
 
 __all__ = ["app"]
 
 _EPILOGUE = (
-    "Exit status: 0 done, 1 a demand not met (conform, prove), 2 usage or invalid input, 3 refused (no acceptable "
-    "mesh), 4 session, limit or storage, 69 nobody answers or not installed, 70 defect, 78 wrong or unsafe server "
-    "settings, 130 interrupted."
+    "Exit status: 0 done, 1 a demand not met (conform, prove) or a session that came out otherwise (play "
+    "--from-journal), 2 usage or invalid input, 3 refused (no acceptable mesh), 4 session, limit or storage, 69 nobody "
+    "answers or not installed, 70 defect, 78 wrong or unsafe server settings, 130 interrupted."
 )
 
 app = typer.Typer(
@@ -43,111 +41,20 @@ app = typer.Typer(
     help="Move volume meshes with their boundaries: predict the quality, correct the motion, then move.",
     epilog=_EPILOGUE,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 app.add_typer(keys_app, name="keys")
+app.command(short_help="Write a mesh in another format.")(convert)
+app.command(short_help="Draw runs and meshes for a paper.")(plot)
+app.command(short_help="Watch sessions from a terminal.")(monitor)
 app.command(short_help="Show that the server keeps its promises.")(prove)
 app.command(short_help="Serve sessions until SIGTERM.")(serve)
+app.command(short_help="Drive a session through a case.")(play)
 
 _out = Console(highlight=False, soft_wrap=True)
 _err = Console(stderr=True, highlight=False)
-
-
-@contextmanager
-def _expected_errors() -> Iterator[None]:
-    """Turn expected errors into one line and an exit status."""
-    try:
-        yield
-    except (MeshMotionError, ClientError) as error:
-        complain(str(error))
-        raise typer.Exit(status_of(error.code)) from None
-    except KeyboardInterrupt:
-        complain("interrupted")
-        raise typer.Exit(ExitStatus.INTERRUPTED) from None
-
-
-# --- play ------------------------------------------------------------------------------------------------------------
-
-CaseArgument = Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
-
-
-@app.command(short_help="Drive a session through a case.")
-def play(
-    case: CaseArgument,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives the results; made if missing.")],
-    endpoint: EndpointOption = None,
-    distributed: DistributedOption = None,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
-    every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the VTU series.")] = 1,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
-) -> None:
-    """Drive a session through a case, as a coupling code would.
-
-    Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
-    mesh.pvd with its VTU files for ParaView, and quality.png; a case that is invalid or refused leaves none of them.
-
-    \b
-    mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
-    mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
-    """
-    from mesh_motion_server.cases.play import play as play_case
-
-    if endpoint is not None and distributed is not None:
-        raise typer.BadParameter("a running server has its own; give one of --endpoint and --distributed")
-    with _expected_errors(), _progress(quiet) as advance:
-        keys = _keys(endpoint, key, server_key)
-        played = play_case(
-            case, out, endpoint=endpoint, every=every, progress=advance, distributed=distributed, keys=keys
-        )
-    for warning in played.warnings:
-        complain(f"warning: {warning}")
-    if not quiet:
-        summary = played.summary
-        _out.print(
-            f"{len(played.steps)} step{'s' if len(played.steps) > 1 else ''} in {summary['seconds']:.1f} s, "
-            f"lowest size-skew {summary['min_size_skew']:.3f} in step {summary['worst_step']}, "
-            f"{summary['inverted_cells']} inverted cells: {out}"
-        )
-
-
-def _keys(endpoint: str | None, key: Path | None, server_key: str | None) -> Keys | None:
-    """The keys of the options, filled up by the environment; a private server needs none."""
-    key_name = str(key or os.environ.get(KEY_VARIABLE, ""))
-    server_name = server_key or os.environ.get(SERVER_KEY_VARIABLE, "")
-    if endpoint is None or not (key_name or server_name):
-        return None
-    if not key_name or not server_name:
-        raise InvalidInput("--key and --server-key must be given both, or neither")
-    return Keys.load(key_name, server_name)
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Any]:
-    """A progress bar on standard error that vanishes at the end; a function to advance it."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    if quiet or not _err.is_terminal:
-        yield None
-        return
-    columns = (
-        TextColumn("step"),
-        MofNCompleteColumn(),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=_err, transient=True) as progress:
-        task = progress.add_task("opening the session", total=None)
-
-        def advance(done: int, total: int, record: StepRecord) -> None:
-            text = f"size-skew {record.min_size_skew:.3f}"
-            progress.update(task, completed=done, total=total, description=text)
-
-        yield advance
 
 
 # --- check -----------------------------------------------------------------------------------------------------------
@@ -169,7 +76,7 @@ def check(
     """
     from mesh_motion_server.cases.check import check as check_path
 
-    with _expected_errors():
+    with expected_errors():
         report = check_path(path)
     if as_json:
         _out.print(json.dumps(_check_values(report), indent=2, ensure_ascii=False), markup=False)
@@ -236,7 +143,16 @@ def _print_check(report: CheckReport) -> None:
 @app.command(short_help="List sessions, or judge stored ones.")
 def inspect(
     folder: Annotated[
-        Path | None, typer.Argument(metavar="FOLDER", help="A session's folder, or a state folder.", show_default=False)
+        Path | None,
+        typer.Argument(
+            metavar="FOLDER",
+            help="A session's folder, or a state folder.",
+            show_default=False,
+            autocompletion=session_folders,
+        ),
+    ] = None,
+    step: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="What happened at step N of a session's folder, and why.")
     ] = None,
     endpoint: EndpointOption = None,
     key: KeyOption = None,
@@ -251,16 +167,19 @@ def inspect(
     \b
     mesh-motion inspect --endpoint tcp://127.0.0.1:7440
     mesh-motion inspect ~/.local/state/mesh-motion
+    mesh-motion inspect ~/.local/state/mesh-motion/sessions/0123… --step 1234
     """
-    from mesh_motion_server.cases.inspect import inspect_folder, list_sessions
+    from mesh_motion_server.cases.inspect import inspect_folder, inspect_step, list_sessions
 
     if (folder is None) == (endpoint is None):
         raise typer.BadParameter("give either FOLDER or --endpoint", param_hint="FOLDER")
-    with _expected_errors():
+    if step is not None and folder is None:
+        raise typer.BadParameter("a step needs a session's FOLDER", param_hint="--step")
+    with expected_errors():
         if folder is not None:
-            found = inspect_folder(folder)
+            found = inspect_folder(folder) if step is None else inspect_step(folder, step)
         else:
-            found = list_sessions(str(endpoint), timeout, _keys(endpoint, key, server_key))
+            found = list_sessions(str(endpoint), timeout, keys_of_options(endpoint, key, server_key))
     if as_json:
         _out.print(json.dumps(found.values, indent=2, ensure_ascii=False), markup=False)
     else:
@@ -296,7 +215,7 @@ def conform(
 
     \b
     mesh-motion conform --endpoint tcp://127.0.0.1:7440 --quiet
-    mesh-motion conform --endpoint tcp://127.0.0.1:7440 --only 10 --only 11.3 --json report.json
+    mesh-motion conform --endpoint tcp://127.0.0.1:7440 --only 16 --only 11.3 --json report.json
     mesh-motion conform --client "python -m mesh_motion_client.conformance"
     """
     from mesh_motion_conformance.command import Subject, listed
@@ -335,10 +254,16 @@ def demo(
     """Play the thesis' three cases and a flag in a channel, standard against corrected.
 
     Prints a table and leaves overview.png, flag.png and each case's results in DIR. It takes about a minute.
+
+    \b
+    mesh-motion demo --out out/demo
     """
     from mesh_motion_server.cases.demo import play_demo, table_of
+    from mesh_motion_server.pictures.page import pictures_are_possible
 
-    with _expected_errors(), _err.status("starting a server") as status:
+    if not pictures_are_possible():
+        complain("warning: no pictures without matplotlib: pip install 'mesh-motion-server[plot]'")
+    with expected_errors(), _err.status("starting a server") as status:
         outcomes = play_demo(out, status.update)
     _out.print(table_of(outcomes))
     for picture in sorted(out.glob("*.png")):
@@ -349,7 +274,11 @@ def demo(
 def version(
     warm: Annotated[bool, typer.Option("--warm", help="Compile the kernels now, so that no session waits.")] = False,
 ) -> None:
-    """Print the versions of the program, its protocol and what it stands on."""
+    """Print the versions of the program, its protocol and what it stands on.
+
+    \b
+    mesh-motion version --warm
+    """
     from importlib.metadata import PackageNotFoundError
     from importlib.metadata import version as installed
 
@@ -364,6 +293,9 @@ def version(
     if warm:
         from mesh_motion_server.cases.warm import compile_kernels
 
-        with _expected_errors(), _err.status("compiling the kernels"):
-            seconds = compile_kernels()
+        waiting = "compiling the kernels; once, some minutes"
+        if not _err.is_terminal:
+            _err.print(waiting)
+        with expected_errors(), _err.status(waiting) as status:
+            seconds = compile_kernels(lambda part: status.update(f"{waiting}: {part}"))
         _out.print(f"kernels ready after {seconds:.0f} s")

@@ -4,16 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from mesh_motion_server.cli import complain, status_of
-from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.command_errors import expected_errors
+from mesh_motion_server.completions import roles
 
 __all__ = ["keys"]
 
@@ -27,15 +25,6 @@ _out = Console(highlight=False, soft_wrap=True, markup=False)
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The server's key folder.", show_default=False)]
 
 
-@contextmanager
-def _expected_errors() -> Iterator[None]:
-    try:
-        yield
-    except MeshMotionError as error:
-        complain(str(error))
-        raise typer.Exit(status_of(error.code)) from None
-
-
 @keys.command(short_help="Make a server's keys.")
 def server(folder: Folder) -> None:
     """Make DIR/server.secret, DIR/server.public, and DIR/allow.toml, which admits nobody yet.
@@ -46,7 +35,7 @@ def server(folder: Folder) -> None:
     """
     from mesh_motion_server.security.key_folder import make_server_keys
 
-    with _expected_errors():
+    with expected_errors():
         make_server_keys(folder)
     _out.print(f"{folder}/server.secret stays here; clients need {folder}/server.public")
 
@@ -63,7 +52,7 @@ def client(
     """
     from mesh_motion_server.security.key_folder import make_client_keys
 
-    with _expected_errors():
+    with expected_errors():
         make_client_keys(name, folder)
     _out.print(f"{folder}/{name}.secret stays here; the server's operator needs {folder}/{name}.public")
 
@@ -76,7 +65,11 @@ def allow(
     folder: Folder,
     role: Annotated[
         list[str] | None,
-        typer.Option(metavar="ROLE", help="owner (default), monitor or admin; may be given several times."),
+        typer.Option(
+            metavar="ROLE",
+            help="owner (default), monitor or admin; may be given several times.",
+            autocompletion=roles,
+        ),
     ] = None,
     name: Annotated[str, typer.Option(metavar="NAME", help="Default: that in the file.")] = "",
 ) -> None:
@@ -91,7 +84,7 @@ def allow(
     """
     from mesh_motion_server.security.key_folder import admit
 
-    with _expected_errors():
+    with expected_errors():
         entry = admit(public, folder, name=name, roles=role or ())
     _out.print(f"{entry.name} is admitted as {', '.join(entry.roles)}")
 
@@ -107,17 +100,21 @@ def revoke(
     """
     from mesh_motion_server.security.key_folder import revoke as take_off
 
-    with _expected_errors():
+    with expected_errors():
         entry = take_off(name, folder)
     _out.print(f"{entry.name} is not admitted any more; the sessions are kept")
 
 
 @keys.command("list", short_help="Show who is admitted.")
 def show(folder: Folder) -> None:
-    """Show the names, roles and keys of the allow-list."""
+    """Show the names, roles and keys of the allow-list.
+
+    \b
+    mesh-motion keys list keys
+    """
     from mesh_motion_server.security.key_folder import ALLOW_LIST, read_list
 
-    with _expected_errors():
+    with expected_errors():
         entries = read_list(folder)
     for key, entry in sorted(entries.items(), key=lambda item: item[1].name):
         _out.print(f"{entry.name:24} {','.join(entry.roles):20} {key}")

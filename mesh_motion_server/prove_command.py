@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ import typer
 from rich.console import Console
 
 from mesh_motion_server.cli import ExitStatus, complain, status_of
+from mesh_motion_server.completions import promises
 from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["prove"]
@@ -22,7 +24,8 @@ __all__ = ["prove"]
 def prove(
     full: Annotated[bool, typer.Option("--full", help="The counts of a night instead of some minutes.")] = False,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A check's name; may be given several times.")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A check's name; may be given several times.", autocompletion=promises),
     ] = None,
     list_checks: Annotated[bool, typer.Option("--list", help="List the checks and do nothing.")] = False,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="The same one does the same.")] = 1,
@@ -50,7 +53,7 @@ def prove(
         if list_checks:
             _tell("\n".join(f"{check.name:<15} {check.target_of(check.count(plan.scale))}" for check in checks))
             return
-        with _progress() as progress:
+        with _told_to_end(), _progress() as progress:
             passed = run_checks(checks, plan, out, tell=_tell, progress=progress)
     except MeshMotionError as error:
         complain(str(error))
@@ -67,6 +70,16 @@ def _tell(line: str) -> None:
     """At once, also into a file or pipe."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
+
+
+@contextmanager
+def _told_to_end() -> Iterator[None]:
+    """SIGTERM (of a limit of time, say) is an interrupt like Ctrl-C: the servers and clients of a check end with it."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

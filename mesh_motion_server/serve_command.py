@@ -11,6 +11,7 @@ import typer
 
 from mesh_motion_server.cli import ExitStatus, complain
 from mesh_motion_server.command_options import DistributedOption
+from mesh_motion_server.completions import log_levels
 from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["serve"]
@@ -26,13 +27,18 @@ def serve(
     metrics: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="Answer Prometheus and probes over HTTP.")
     ] = None,
+    monitor: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Show the sessions in a browser, read-only.")
+    ] = None,
     ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
     threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
     distributed: DistributedOption = None,
     settings_file: Annotated[
         Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
     ] = None,
-    log_level: Annotated[str, typer.Option(metavar="LEVEL", help="debug, info, warning or error.")] = "info",
+    log_level: Annotated[
+        str, typer.Option(metavar="LEVEL", help="debug, info, warning or error.", autocompletion=log_levels)
+    ] = "info",
 ) -> None:
     """Serve sessions until SIGTERM; then drain, and leave every session resumable.
 
@@ -42,6 +48,7 @@ def serve(
     \b
     mesh-motion serve
     mesh-motion serve --endpoint ipc:///run/user/1000/mesh-motion --state ~/sessions --metrics 127.0.0.1:9464
+    mesh-motion serve --monitor 127.0.0.1:7441
     mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
     """
     from mesh_motion_server.transport.serve import serve as serve_sessions
@@ -53,6 +60,7 @@ def serve(
         "endpoint": endpoint,
         "state_folder": str(state) if state else None,
         "metrics": metrics,
+        "monitor": monitor,
         "threads": threads,
         "distributed": distributed,
         "keys_folder": str(keys) if keys else None,

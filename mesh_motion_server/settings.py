@@ -8,6 +8,7 @@ refused with one line that names the key, the value and what was expected.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -94,9 +95,10 @@ class MethodSettings(_Strict):
 class ServerSettings(_Strict):
     """How the server runs: where it listens, where it keeps sessions, where it computes, and every limit.
 
-    ``metrics`` is HOST:PORT of the pages for Prometheus and probes. A loop that is silent for ``stuck_seconds`` counts
-    as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or ``reserve_memory_bytes`` would be left
-    to the running ones.
+    ``metrics`` is HOST:PORT of the pages for Prometheus and probes, ``monitor`` of the page for people. A loop that is
+    silent for ``stuck_seconds`` counts as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or
+    ``reserve_memory_bytes`` would be left to the running ones. ``history_bytes`` is what each session's history,
+    for people, may take beside its journal; 0: none is kept.
 
     ``data_ports`` is the range, as ``"7441-7504"``, from which each session's data endpoint takes a free port: what a
     firewall opens and a container maps; without it the system chooses. ``advertised_host`` is told to clients as the
@@ -112,40 +114,42 @@ class ServerSettings(_Strict):
     operator names it, and ``tls://`` with the three files protects it.
     """
 
-    endpoint: str = "tcp://127.0.0.1:7440"
-    advertised_host: Annotated[str, Field(pattern=r"^[^\s/]+$")] | None = None
-    data_ports: Annotated[str, Field(pattern=r"^[0-9]{1,5}-[0-9]{1,5}$")] | None = None
-    state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")
-    keys_folder: Annotated[Path | None, Field(strict=False)] = None
-    max_sessions: Annotated[int, Field(ge=1)] = 64
-    max_partitions: Annotated[int, Field(ge=1, le=256)] = 256
-    max_session_bytes: Annotated[int, Field(ge=1 << 10)] = 4 << 30
-    max_header_bytes: Literal[65536] = 65536
-    max_chunk_bytes: Annotated[int, Field(ge=1 << 10)] = 16 << 20
-    max_label_characters: Annotated[int, Field(ge=1)] = 200
-    worker_memory_bytes: Annotated[int, Field(ge=256 << 20)] = 8 << 30
-    factor_cache_bytes: Annotated[int, Field(ge=0)] = 1 << 30
-    stored_replies: Annotated[int, Field(ge=1)] = 8
-    stored_reply_bytes: Annotated[int, Field(ge=1 << 10)] = 32 << 20
-    durability: Annotated[list[_Level], Field(min_length=1)] = list(DURABILITY_LEVELS)
-    snapshot_steps: Annotated[int, Field(ge=1, le=100_000)] = 50
-    threads: Annotated[int, Field(ge=0)] = 0
-    collective_timeout_seconds: _Length = 120.0
-    lease_seconds: _Length = 60.0
-    handshake_seconds: _Length = 5.0
-    idle_seconds: _Length = 3600.0
-    drain_seconds: _Length = 30.0
-    metrics: Annotated[str, Field(pattern=r"^.+:[0-9]+$")] | None = None
-    stuck_seconds: _Length = 30.0
-    reserve_disk_bytes: Annotated[int, Field(ge=0)] = 256 << 20
-    reserve_memory_bytes: Annotated[int, Field(ge=0)] = 256 << 20
-    distributed: Annotated[str, Field(pattern=r"^(tcp|tls)://.+:[0-9]+$")] | None = None
-    distributed_partitions: Annotated[int, Field(ge=0)] = 0
-    distributed_fallback: Literal["refuse", "local"] = "refuse"
-    distributed_patience_seconds: _Length = 30.0
-    distributed_tls_ca_file: _File = None
-    distributed_tls_certificate: _File = None
-    distributed_tls_key: _File = None
+    endpoint: str = "tcp://127.0.0.1:7440"  # where it listens: tcp://HOST:PORT or ipc:///PATH
+    advertised_host: Annotated[str, Field(pattern=r"^[^\s/]+$")] | None = None  # of data endpoints
+    data_ports: Annotated[str, Field(pattern=r"^[0-9]{1,5}-[0-9]{1,5}$")] | None = None  # a range
+    state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")  # where sessions are stored
+    keys_folder: Annotated[Path | None, Field(strict=False)] = None  # keys of the server and its clients; None: no keys
+    max_sessions: Annotated[int, Field(ge=1)] = 64  # sessions with a worker at a time
+    max_partitions: Annotated[int, Field(ge=1, le=256)] = 256  # partitions of one session
+    max_session_bytes: Annotated[int, Field(ge=1 << 10)] = 4 << 30  # mesh of one session
+    max_header_bytes: Literal[65536] = 65536  # of the protocol
+    max_chunk_bytes: Annotated[int, Field(ge=1 << 10)] = 16 << 20  # one frame of an array
+    max_label_characters: Annotated[int, Field(ge=1)] = 200  # of a session's label
+    worker_memory_bytes: Annotated[int, Field(ge=256 << 20)] = 8 << 30  # address space of one session
+    factor_cache_bytes: Annotated[int, Field(ge=0)] = 1 << 30  # factorizations that a session keeps
+    stored_replies: Annotated[int, Field(ge=1)] = 8  # kept for repeated requests, per client
+    stored_reply_bytes: Annotated[int, Field(ge=1 << 10)] = 32 << 20  # arrays of all kept replies of a session
+    durability: Annotated[list[_Level], Field(min_length=1)] = list(DURABILITY_LEVELS)  # first: default
+    snapshot_steps: Annotated[int, Field(ge=1, le=100_000)] = 50  # at level "replay" a state is stored so often
+    threads: Annotated[int, Field(ge=0)] = 0  # of each worker; 0: as many as there are cores
+    collective_timeout_seconds: _Length = 120.0  # a collective request waits for the other partitions
+    lease_seconds: _Length = 60.0  # without a connection a session is then suspended
+    handshake_seconds: _Length = 5.0  # a connection that keeps silent is then closed
+    idle_seconds: _Length = 3600.0  # and a suspended session's worker then ends
+    drain_seconds: _Length = 30.0  # a stopping server lets running requests finish
+    metrics: Annotated[str, Field(pattern=r"^.+:[0-9]+$")] | None = None  # Prometheus, probes
+    monitor: Annotated[str | None, Field(pattern=r"^.+:[0-9]+$")] = None  # HOST:PORT of the page
+    stuck_seconds: _Length = 30.0  # a loop that is silent for so long is unhealthy
+    reserve_disk_bytes: Annotated[int, Field(ge=0)] = 256 << 20  # no new session where less of the disk would be left
+    reserve_memory_bytes: Annotated[int, Field(ge=0)] = 256 << 20  # no new session where less memory would be left
+    history_bytes: Annotated[int, Field(ge=0)] = 2 << 30  # a session's history for people; 0: none
+    distributed: Annotated[str, Field(pattern=r"^(tcp|tls)://.+:[0-9]+$")] | None = None  # the Dask scheduler
+    distributed_partitions: Annotated[int, Field(ge=0)] = 0  # 0: one a worker
+    distributed_fallback: Literal["refuse", "local"] = "refuse"  # where no worker answers
+    distributed_patience_seconds: _Length = 30.0  # without any worker, before it is given up
+    distributed_tls_ca_file: _File = None  # certificates of the cluster
+    distributed_tls_certificate: _File = None  # the server's own
+    distributed_tls_key: _File = None  # and its key
 
     @field_validator("durability")
     @classmethod
@@ -198,14 +202,16 @@ def _first_offender(error: ValidationError, model: type[BaseModel]) -> InvalidIn
     key = ".".join(str(part) for part in first["loc"] if str(part) in model.model_fields) or str(first["loc"][0])
     if first["type"] == "extra_forbidden":
         known = ", ".join(model.model_fields)
-        return _refused(f"unknown setting {key!r}; known are {known}", {"setting": key})
+        near = get_close_matches(key, model.model_fields, n=1)
+        meant = f"did you mean {near[0]!r}?" if near else ""
+        return _refused(f"unknown setting {key!r}; known are {known}", {"setting": key}, meant)
     value = first["input"]
     message = f"setting {key!r}: expected {_expectation(first['msg'])}, got {value!r}"
     return _refused(message, {"setting": key, "value": repr(value)})
 
 
-def _refused(message: str, details: dict[str, object]) -> InvalidInput:
-    return InvalidInput(message, code="INVALID_ARGUMENT.SETTINGS", details=details)
+def _refused(message: str, details: dict[str, object], hint: str = "") -> InvalidInput:
+    return InvalidInput(message, code="INVALID_ARGUMENT.SETTINGS", details=details, hint=hint)
 
 
 def _expectation(message: str) -> str:

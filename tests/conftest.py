@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import signal
 from collections.abc import Callable, Iterator
@@ -18,6 +19,13 @@ def broken_pipes_are_errors() -> Iterator[None]:
     """Gmsh lets the process end at a broken pipe from its start on; the next test expects Python's way, an error."""
     yield
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_left_open() -> Iterator[None]:
+    """A socket or file that a module's tests leave open fails that module, not the one in which it is collected."""
+    yield
+    gc.collect()
 
 
 @pytest.fixture(autouse=True)

@@ -14,6 +14,9 @@ PACKAGES = {
     "mesh_motion_conformance": ROOT / "protocol" / "conformance" / "mesh_motion_conformance",
     "mesh_motion_client": ROOT / "adapters" / "python" / "mesh_motion_client",
     "mesh_motion_calculix": ROOT / "adapters" / "calculix" / "mesh_motion_calculix",
+    "mesh_motion_kratos": ROOT / "adapters" / "kratos" / "mesh_motion_kratos",
+    "mesh_motion_fsi": ROOT / "adapters" / "fsi" / "mesh_motion_fsi",
+    "mesh_motion_precice": ROOT / "adapters" / "precice" / "mesh_motion_precice",
 }
 LAYERS = ["numerics", "distributed", "session", "service", "transport"]
 ENGINE = ("dask", "distributed")
@@ -23,17 +26,26 @@ APART = {
     "mesh_motion_conformance": ("mesh_motion_protocol", "mesh_motion_client"),
     "mesh_motion_client": (),
     "mesh_motion_calculix": ("zmq", "msgpack", "mesh_motion_protocol", "mesh_motion_client"),
+    "mesh_motion_fsi": ("msgpack", "mesh_motion_protocol", "mesh_motion_client", "mesh_motion_calculix"),
 }
+#: It looks at folders alone: nothing is asked of a running server.
+OBSERVATION = (
+    "zmq",
+    "mesh_motion_client",
+    *(f"mesh_motion_server.{part}" for part in ("service", "transport", "cases")),
+)
 HEAVY = ("scipy", "numba", "pydantic", "mesh_motion_server")
 
 
 def forbidden(module: str) -> tuple[str, ...]:
     """Prefixes that the module may not import."""
     package, *inner = module.split(".")
+    if package == "mesh_motion_precice":  # of the server it takes the readers of mesh files, which need numpy alone
+        return (*HEAVY[:-1], "zmq", *(f"mesh_motion_server.{part}" for part in (*LAYERS, "cases", "cli", "commands")))
     if package in APART:
         return (*HEAVY, *APART[package])
     if not inner or inner[0] not in (*LAYERS, "files"):
-        return ()
+        return OBSERVATION if inner[:1] == ["observation"] else ()
     if inner[0] == "files":
         return tuple(f"{package}.{layer}" for layer in LAYERS[1:])
     engine = () if inner[0] == "distributed" else ENGINE
@@ -84,9 +96,11 @@ def test_imports_point_to_the_left(module: str, path: Path) -> None:
         ("mesh_motion_server.distributed.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),
         ("mesh_motion_server.service.seeded", "from ..transport import gateway"),
+        ("mesh_motion_server.observation.seeded", "from ..transport import gateway"),
         ("mesh_motion_protocol.seeded", "from scipy.spatial import cKDTree"),
         ("mesh_motion_conformance.seeded", "from mesh_motion_protocol.codec import decode"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),
+        ("mesh_motion_precice.seeded", "from mesh_motion_server.numerics import motion"),
     ],
 )
 def test_the_walk_sees_a_seeded_offence(module: str, source: str) -> None:

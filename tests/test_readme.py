@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 from mesh_motion_server.cases.case import read_case
+from tools.monitor_picture import MOST_BYTES
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -41,3 +42,9 @@ def test_every_link_leads_somewhere() -> None:
     links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
     assert len(links) > 8
     assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_pictures_are_small() -> None:
+    pictures = re.findall(r"!\[[^]]+\]\((docs/images/[^)]+)\)", README)
+    assert "docs/images/monitor.png" in pictures
+    assert (ROOT / "docs/images/monitor.png").stat().st_size <= MOST_BYTES

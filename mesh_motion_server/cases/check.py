@@ -18,7 +18,7 @@ from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
-from mesh_motion_server.files.reader import READERS
+from mesh_motion_server.files.reader import is_mesh
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
 from mesh_motion_server.numerics.method_check import check_method
@@ -107,7 +107,7 @@ def check(path: Path) -> CheckReport:
     InvalidInput
         Naming the first thing that would keep the case from being played.
     """
-    if path.suffix.lower() in READERS:
+    if is_mesh(path) or path.suffix.lower() not in (".toml", ""):
         return _report(path, read_mesh(path), None)
     case = read_case(path)
     mesh = case.read_mesh()
@@ -125,6 +125,11 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
     if not patches:
         warnings.append("the mesh has no patches: name its boundaries (physical groups, markers, patch_<name> arrays)")
         patches = {"boundary": Patch("moving", boundary_nodes(cells))}
+    warnings += [
+        f"patch {name!r} is one side of a period in the mesh file: give it the role periodic"
+        for name in mesh.periodic
+        if roles.get(name) != "periodic"
+    ]
     try:
         warnings += check_mesh(mesh.points, cells, patches)
         split = BoundaryRoles.from_patches(patches)

@@ -15,8 +15,8 @@ from mesh_motion_client import connect
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from mesh_motion_server.cases.picture import picture_is_possible
 from mesh_motion_server.cases.play import Played, play
+from mesh_motion_server.pictures.page import pictures_are_possible
 
 __all__ = ["DEMO_CASES", "DemoCase", "Outcome", "play_demo", "table_of"]
 
@@ -123,7 +123,7 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
                 case_file = _write_case(folder / case.name, case, label, correction)
                 played[label] = play(case_file, folder / case.name / label, endpoint=server.endpoint, every=8)
             outcomes.append(Outcome(case, **played))
-    if picture_is_possible():
+    if pictures_are_possible():
         from mesh_motion_server.cases.demo_pictures import draw_flag, draw_overview  # noqa: PLC0415  (an extra)
 
         say("drawing")

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from mesh_motion_server.cases.picture import INK, INVERTED_COLOUR, choose_window, draw_mesh
+from mesh_motion_server.pictures.mesh_axes import draw_mesh
+from mesh_motion_server.pictures.palette import INK, INVERTED_COLOUR, LIGHT
+from mesh_motion_server.pictures.snapshot import choose_window
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.demo import Outcome
 
 __all__ = ["draw_flag", "draw_overview"]
 
-_STANDARD, _CORRECTED = "#9a9a9a", "#3b528b"
+_STANDARD, _CORRECTED = LIGHT.faint, LIGHT.runs[0]
 
 
 def draw_overview(path: Path, outcomes: Sequence[Outcome]) -> None:

@@ -7,12 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_client import Keys, connect
+from rich.console import RenderableType
 from rich.table import Table
+from rich.text import Text
 
+from mesh_motion_server.cases.story import tell_step
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.observation.steps import HistoryDigest, digest_of_history
 from mesh_motion_server.session.inspection import Inspection, inspect_session
+from mesh_motion_server.session.listing import SPEC
 
-__all__ = ["Found", "inspect_folder", "list_sessions"]
+__all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]
 
 #: Records of a journal that are shown; there may be thousands.
 _LAST_RECORDS = 8
@@ -26,14 +31,14 @@ class Found:
     ----------
     values : dict
         Plain values, for programs.
-    table : rich.table.Table
+    table : rich.console.RenderableType
         The same for people.
     damaged : list of str
         Sessions that do not verify.
     """
 
     values: dict[str, Any]
-    table: Table
+    table: RenderableType
     damaged: list[str]
 
 
@@ -65,18 +70,33 @@ def inspect_folder(folder: Path) -> Found:
     JournalError
         If a session's folder has lost its description.
     """
-    if (folder / "spec.json").is_file():
-        inspection = inspect_session(folder)
-        return Found(inspection.as_dict(), _details(inspection), _damaged([inspection]))
+    if (folder / SPEC).is_file():
+        inspection, history = inspect_session(folder), digest_of_history(folder)
+        values = inspection.as_dict() | {"history": history.as_dict()}
+        return Found(values, _details(inspection, history), _damaged([inspection]))
     sessions = folder / "sessions"
     if not sessions.is_dir():
         raise InvalidInput(
             f"{folder}: neither a session's folder nor a server's state folder",
             hint="a state folder has a folder 'sessions'; serve --state DIR chooses it",
         )
-    found = [inspect_session(path) for path in sorted(sessions.iterdir()) if (path / "spec.json").is_file()]
+    found = [inspect_session(path) for path in sorted(sessions.iterdir()) if (path / SPEC).is_file()]
     values = {"folder": str(folder), "sessions": [inspection.as_dict() for inspection in found]}
     return Found(values, _overview(folder, found), _damaged(found))
+
+
+def inspect_step(folder: Path, step: int) -> Found:
+    """What happened at a step of the session in a folder, and why; its history is enough, nothing is verified.
+
+    Raises
+    ------
+    InvalidInput
+        If the folder is no session's, or the step is not recorded.
+    """
+    if not (folder / SPEC).is_file():
+        raise InvalidInput(f"{folder}: not a session's folder", hint="give one of those below STATE FOLDER/sessions")
+    story = tell_step(folder, step)
+    return Found({"session": folder.name} | story.as_dict(), Text("\n".join(story.lines)), [])
 
 
 def _damaged(found: list[Inspection]) -> list[str]:
@@ -92,7 +112,7 @@ def _overview(folder: Path, found: list[Inspection]) -> Table:
     return table
 
 
-def _details(inspection: Inspection) -> Table:
+def _details(inspection: Inspection, history: HistoryDigest) -> Table:
     """All about one session."""
     table = Table(show_header=False, box=None, pad_edge=False)
     names = ("session", "label", "state", "durability", "step", "stored_step", "epoch", "dimension")
@@ -101,9 +121,28 @@ def _details(inspection: Inspection) -> Table:
     table.add_row("settings", ", ".join(f"{key} = {value}" for key, value in inspection.settings.items()))
     for check in inspection.checks:
         table.add_row("check", f"{check.name}: {'verified' if check.passed else check.message}")
+    for line in _history(history):
+        table.add_row("history", line)
     hidden = len(inspection.records) - _LAST_RECORDS
     if hidden > 0:
         table.add_row("records", f"{hidden} earlier ones")
     for record in inspection.records[-_LAST_RECORDS:]:
         table.add_row("record", f"{record.sequence} at {record.offset}: {record.kind}, {record.says}")
     return table
+
+
+def _history(history: HistoryDigest) -> list[str]:
+    """What is recorded, in a few lines."""
+    if not (history.last_step or history.open_step or history.refusals):
+        return ["none"]
+    lines = [f"{history.recorded}; replay possible up to step {history.boundary_steps}"]
+    if history.worst_quality is not None:
+        lines.append(f"worst step {history.worst_step}: minimum {history.metric} {history.worst_quality:.4f}")
+    counts = {
+        "steps corrected": history.corrected_steps,
+        "refusals": history.refusals,
+        "roll-backs": history.rollbacks,
+        "resumptions": history.resumptions,
+        "warnings": history.warnings,
+    }
+    return [*lines, ", ".join(f"{number} {word}" for word, number in counts.items())]

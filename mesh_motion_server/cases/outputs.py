@@ -1,8 +1,8 @@
 """The results of a played case: a folder that receives all of them when the case has ended well, or none.
 
 ``summary.json``, ``points.npy`` (final coordinates, the file's node order), ``steps.csv``, ``mesh.pvd`` with
-``mesh_0000.vtu``, … and ``quality.png``. Results of an earlier run are removed first: a folder never holds results of
-another case than the one it was last asked for.
+``mesh_0000.vtu``, … (or ``mesh.vtkhdf``) and ``quality.png``. Results of an earlier run are removed first: a folder
+never holds results of another case than the one it was last asked for.
 """
 
 from __future__ import annotations
@@ -22,11 +22,21 @@ from numpy.typing import NDArray
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import ResourceError
 
-__all__ = ["RESULTS", "result_folder", "write_points", "write_steps", "write_summary"]
+__all__ = ["RESULTS", "remove_results", "result_folder", "write_points", "write_steps", "write_summary"]
 
 SERIES = "mesh"
 #: What a run leaves, as patterns.
-RESULTS = ("summary.json", "points.npy", "steps.csv", f"{SERIES}.pvd", f"{SERIES}_[0-9]*.vtu", "quality.png")
+RESULTS = (
+    "summary.json",
+    "points.npy",
+    "steps.csv",
+    f"{SERIES}.pvd",
+    f"{SERIES}_[0-9]*.vtu",
+    f"{SERIES}.vtkhdf",
+    "quality.png",
+    "comparison.json",
+    "comparison.csv",
+)
 
 
 @contextmanager
@@ -39,12 +49,12 @@ def result_folder(folder: Path) -> Iterator[Path]:
         If the folder cannot be made or written.
     """
     made = not folder.exists()
+    remove_results(folder)
     try:
-        remove_results(folder)
         folder.mkdir(parents=True, exist_ok=True)
         work = Path(mkdtemp(prefix=".play-", dir=folder))
     except OSError as error:
-        raise ResourceError(f"{folder}: results cannot be written there: {error.strerror or error}") from None
+        raise _unwritable(folder, error) from None
     try:
         yield work
         for result in sorted(work.iterdir()):
@@ -58,10 +68,19 @@ def result_folder(folder: Path) -> Iterator[Path]:
 
 
 def remove_results(folder: Path) -> None:
-    """Remove the results of an earlier run, and nothing else."""
-    for pattern in RESULTS:
-        for file in folder.glob(pattern):
-            file.unlink()
+    """Remove the results of an earlier run, and nothing else.
+
+    Raises
+    ------
+    ResourceError
+        If the folder cannot be written.
+    """
+    try:
+        for pattern in RESULTS:
+            for file in folder.glob(pattern):
+                file.unlink()
+    except OSError as error:
+        raise _unwritable(folder, error) from None
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
@@ -92,6 +111,10 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
+
+
+def _unwritable(folder: Path, error: OSError) -> ResourceError:
+    return ResourceError(f"{folder}: results cannot be written there: {error.strerror or error}")
 
 
 def _remove_if_empty(folder: Path) -> None:

@@ -6,6 +6,7 @@ displacement, the way a relaxed fixed-point iteration does; the last one is comm
 
 from __future__ import annotations
 
+import math
 import resource
 import sys
 import time
@@ -31,12 +32,14 @@ from mesh_motion_server.cases.outputs import (
     write_steps,
     write_summary,
 )
-from mesh_motion_server.cases.picture import Snapshot, picture_is_possible, write_picture
+from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import StepRecord, add_seconds, quality_numbers
 from mesh_motion_server.errors import MeshMotionError
-from mesh_motion_server.files import MeshFile, VtuSeries
+from mesh_motion_server.files import MeshFile, Series, check_target, open_series, write_moved
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.pictures.page import pictures_are_possible
+from mesh_motion_server.pictures.snapshot import Snapshot
 
 __all__ = ["Played", "play"]
 
@@ -83,6 +86,8 @@ def play(
     progress: Progress | None = None,
     distributed: str | None = None,
     keys: Keys | None = None,
+    series_format: str = "vtu",
+    final_mesh: Path | None = None,
 ) -> Played:
     """Play a case and write its results.
 
@@ -94,13 +99,17 @@ def play(
     endpoint : str, optional
         A running server; without one a private server is started and stopped again.
     every : int
-        Write every so many steps to the VTU series; the last one always.
+        Write every so many steps to the series; the last one always.
     progress : callable, optional
         Called with the steps done, the number of steps and the record of the step just done.
     distributed : str, optional
         For a private server: the Dask scheduler of the workers that it computes on.
     keys : Keys, optional
         For a server that asks for them.
+    series_format : str
+        One of :data:`~mesh_motion_server.files.SERIES_FORMATS`.
+    final_mesh : path, optional
+        Receives the mesh as the case leaves it (:func:`~mesh_motion_server.files.write_moved`).
 
     Raises
     ------
@@ -113,21 +122,27 @@ def play(
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()
+    if final_mesh is not None:
+        check_target(final_mesh, mesh)
     program = MotionProgram.of(case, mesh)
     options = () if distributed is None else ("--distributed", distributed)
     opening = open_session(case, mesh, endpoint, server_options=options, keys=keys)
-    with result_folder(folder) as work, opening as driver:
-        run = _Run(case, mesh, program, driver, VtuSeries(work, SERIES), every)
-        for step in run.steps():
-            if progress is not None:
-                progress(step.step, program.count, step)
-        played = run.result()
+    times = 1 + math.ceil(program.count / every)
+    with result_folder(folder) as work:
+        with open_series(series_format, work, SERIES, times) as series, opening as driver:
+            run = _Run(case, mesh, program, driver, series, every)
+            for step in run.steps():
+                if progress is not None:
+                    progress(step.step, program.count, step)
+            played = run.result()
         write_summary(work, played.summary)
         write_steps(work, played.steps)
         write_points(work, played.points)
-        if picture_is_possible():
+        if pictures_are_possible():
             metric = case.content.method.quality_metric
             write_picture(work / "quality.png", case.name, played.before, played.worst, played.steps, metric)
+    if final_mesh is not None:
+        write_moved(final_mesh, mesh, played.points)
     return played
 
 
@@ -135,7 +150,7 @@ class _Run:
     """The state of a case being played."""
 
     def __init__(
-        self, case: Case, mesh: MeshFile, program: MotionProgram, driver: Driver, series: VtuSeries, every: int
+        self, case: Case, mesh: MeshFile, program: MotionProgram, driver: Driver, series: Series, every: int
     ) -> None:
         self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
         self._series, self._every = series, every
@@ -223,7 +238,7 @@ class _Run:
 
     def result(self) -> Played:
         """What the case has come to."""
-        if not picture_is_possible():
+        if not pictures_are_possible():
             self._warnings.append("no quality.png without matplotlib: pip install 'mesh-motion-server[plot]'")
         records = self._records
         worst = min(records, key=lambda record: record.min_size_skew)

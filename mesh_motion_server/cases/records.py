@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.metrics import CellQuality
+from mesh_motion_server.observation.series import PHASES
 
-__all__ = ["PHASES", "StepRecord", "quality_numbers"]
+__all__ = ["StepRecord", "quality_numbers"]
 
 FloatArray = NDArray[np.float64]
-
-#: The phases of a motion whose seconds the server reports.
-PHASES = ("solve", "predict", "correct", "displace")
 
 
 @dataclass(frozen=True, kw_only=True)

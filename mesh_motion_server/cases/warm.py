@@ -6,7 +6,7 @@ The compiled code is kept by numba beside the sources (or in ``NUMBA_CACHE_DIR``
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 
 import numpy as np
@@ -43,13 +43,21 @@ _DIMENSION = {"line": 1, "triangle": 2, "quad": 2}
 _MANY_ROWS = 32  # squares along each side of a mesh whose correction has some two thousand unknowns
 
 
-def compile_kernels() -> float:
-    """Move tiny meshes of every cell type by every method; return the seconds it took."""
+def compile_kernels(told: Callable[[str], None] = lambda _: None) -> float:
+    """Move tiny meshes of every cell type by every method; return the seconds it took.
+
+    Parameters
+    ----------
+    told
+        Called with what is compiled next, a few words, before each of some ten parts.
+    """
     begin = time.perf_counter()
     for name, (points, cells) in tiny_meshes():
+        told(f"{name} cells")
         for method in _methods(points.shape[1]):
             _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
         load_session_kernels(points, cells)
+    told("large meshes")
     _many_unknowns()
     load_two_scale_kernels()
     _far_field()

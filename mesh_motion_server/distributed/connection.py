@@ -30,6 +30,7 @@ def require_dask() -> Any:
     except ImportError as error:
         raise InvalidInput(
             "partitions on Dask workers need the package distributed, which is not installed",
+            code="UNIMPLEMENTED",
             hint="pip install 'mesh-motion-server[dask]'",
         ) from error
     return distributed

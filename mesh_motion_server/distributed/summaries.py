@@ -114,12 +114,9 @@ def joined(
         for name in reported_metrics(metric)
     }
     worst = sorted((cell for part in parts for cell in part.worst), key=lambda cell: (cell.value, cell.number))
-    return QualitySummary(
-        metric_name=metric,
-        metric=found[metric],
-        size=found["size"],
-        skew=found["skew"],
-        size_skew=found["size-skew"],
+    return QualitySummary.of(
+        found,
+        metric,
         inverted=sum(part.inverted for part in parts),
         cells=cells,
         worst=tuple(worst[:_WORST]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +32,18 @@ class MeshFile:
         Node ids of each patch, ascending, each once.
     path : Path
         Where it was read from.
+    facets : dict of str to dict of str to (f, k) int64 arrays
+        {patch: {type: nodes}}: the facets of the patches, where the file says them.
+    periodic : tuple of str
+        Patches that the file says are one side of a period.
     """
 
     points: FloatArray
     cells: dict[str, IntArray]
     patches: dict[str, IntArray]
     path: Path
+    facets: dict[str, dict[str, IntArray]] = field(default_factory=dict)
+    periodic: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:
@@ -62,14 +68,19 @@ class MeshFile:
 
 
 def assemble(
-    path: Path, points: FloatArray, cells: Mapping[str, IntArray], patches: Mapping[str, IntArray]
+    path: Path,
+    points: FloatArray,
+    cells: Mapping[str, IntArray],
+    patches: Mapping[str, IntArray],
+    facets: Mapping[str, Mapping[str, IntArray]] | None = None,
 ) -> MeshFile:
     """Make a mesh of a foreign file's content: cells of all dimensions, always three coordinates.
 
     The cells of the highest dimension are the mesh. Coordinates beyond that dimension are dropped, which needs them to
     be constant. If every cell of a type is numbered the other way round (the mirror image of the order in
     :mod:`~mesh_motion_server.numerics.cells`, as meshes of reversed surfaces and some writers' wedges are), the type is
-    renumbered; a type of which only some cells are reversed is left alone, since those cells are inverted.
+    renumbered; a type of which only some cells are reversed is left alone, since those cells are inverted. Of the
+    ``facets`` of patches those of one dimension less than the mesh's are kept.
 
     Raises
     ------
@@ -84,7 +95,16 @@ def assemble(
     used = {name: nodes for name, nodes in used.items() if CELL_TYPES[name].dimension == dimension}
     mesh = MeshFile(points, used, {name: np.unique(nodes) for name, nodes in patches.items()}, path)
     oriented = {name: _orient(name, nodes, mesh.points) for name, nodes in mesh.cells.items()}
-    return MeshFile(mesh.points, oriented, mesh.patches, path)
+    return MeshFile(mesh.points, oriented, mesh.patches, path, _facets(facets or {}, dimension - 1))
+
+
+def _facets(facets: Mapping[str, Mapping[str, IntArray]], dimension: int) -> dict[str, dict[str, IntArray]]:
+    """Those of a dimension, of the patches that have any."""
+    found = {
+        patch: {name: nodes for name, nodes in of.items() if len(nodes) and CELL_TYPES[name].dimension == dimension}
+        for patch, of in facets.items()
+    }
+    return {patch: of for patch, of in found.items() if of}
 
 
 #: Node orders that turn a cell of each type into its mirror image.

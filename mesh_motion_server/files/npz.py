@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.memory import most_memory
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.replace import replacing
 
-__all__ = ["read_archive", "read_npz", "write_npz"]
+__all__ = ["read_archive", "read_npz", "read_points", "write_npz"]
 
 _T = TypeVar("_T", bound=np.generic)
+#: RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than there is room for.
+_DAMAGED = (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 _EXPECTED = "expected 'points', 'cells_<type>' and 'patch_<name>'"
 
 
@@ -54,6 +57,23 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
+def read_points(path: Path) -> NDArray[np.generic]:
+    """The array of a ``.npy`` file, such as ``points.npy`` of a run.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no such file.
+    """
+    try:
+        with path.open("rb") as file:
+            return np.lib.format.read_array(file, allow_pickle=False)
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, EOFError, MemoryError, OverflowError) as error:
+        raise InvalidInput(f"{path}: not readable as a .npy file of plain numbers: {_first_line(error)}") from None
+
+
 def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
     """All arrays of a ``.npz`` file, without unpickling anything.
 
@@ -67,8 +87,11 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
             archive = np.load(file, allow_pickle=False)
             if isinstance(archive, np.ndarray):
                 raise InvalidInput(f"{path}: a single array, not an .npz archive")
+            for entry in archive.zip.infolist():
+                if entry.file_size > most_memory(entry.compress_size):
+                    raise ValueError(f"{entry.filename} is {entry.file_size} bytes, packed into {entry.compress_size}")
             return {key: archive[key] for key in archive.files}
-    except (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError) as error:  # RuntimeError: encrypted
+    except _DAMAGED as error:
         raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {_first_line(error)}") from None
 
 

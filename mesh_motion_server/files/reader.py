@@ -6,13 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.cgns import read_cgns
 from mesh_motion_server.files.gmsh import read_gmsh
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import read_npz
+from mesh_motion_server.files.polymesh import read_polymesh
 from mesh_motion_server.files.su2 import read_su2
 from mesh_motion_server.files.vtk import read_vtk
 
-__all__ = ["READERS", "read_mesh"]
+__all__ = ["READERS", "is_mesh", "read_mesh"]
 
 READERS: dict[str, Callable[[Path], MeshFile]] = {
     ".npz": read_npz,
@@ -20,7 +22,14 @@ READERS: dict[str, Callable[[Path], MeshFile]] = {
     ".su2": read_su2,
     ".vtk": read_vtk,
     ".vtu": read_vtk,
+    ".cgns": read_cgns,
+    ".foam": read_polymesh,
 }
+
+
+def is_mesh(path: Path) -> bool:
+    """Whether the name is that of a mesh, rather than of a case file: a known suffix, or a folder."""
+    return path.suffix.lower() in READERS or path.is_dir()
 
 
 def read_mesh(path: Path | str) -> MeshFile:
@@ -29,7 +38,8 @@ def read_mesh(path: Path | str) -> MeshFile:
     Parameters
     ----------
     path : path
-        ``.npz``, ``.msh`` (Gmsh 2.2, 4.1), ``.su2``, ``.vtk`` or ``.vtu``.
+        ``.npz``, ``.msh`` (Gmsh 2.2, 4.1), ``.su2``, ``.vtk``, ``.vtu`` or ``.cgns``; an OpenFOAM case, its ``.foam``
+        file or a polyMesh folder.
 
     Raises
     ------
@@ -37,10 +47,12 @@ def read_mesh(path: Path | str) -> MeshFile:
         If the file is missing, of another format, damaged, or holds no usable mesh.
     """
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
+    folder = path.is_dir()
+    reader = read_polymesh if folder else READERS.get(path.suffix.lower())
     if reader is None:
-        raise InvalidInput(f"{path}: unknown kind of mesh file; known are {', '.join(READERS)}")
-    if not path.is_file():
+        known = f"known are {', '.join(READERS)} and OpenFOAM's folders"
+        raise InvalidInput(f"{path}: unknown kind of mesh file; {known}", hint="a case file is named .toml")
+    if not folder and not path.is_file():
         raise InvalidInput(f"{path}: no such mesh file", hint="paths in a case file are relative to the case file")
     try:
         return reader(path)

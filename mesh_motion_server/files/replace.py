@@ -8,16 +8,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ["replacing"]
+__all__ = ["replaced_by_name", "replacing"]
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """Open a neighbour of ``path`` for writing; it takes the name when the block ends well, and vanishes otherwise."""
+    with replaced_by_name(path) as partial, partial.open("wb") as file:
+        yield file
+
+
+@contextmanager
+def replaced_by_name(path: Path) -> Iterator[Path]:
+    """The same for libraries that open files themselves: the neighbour's name. A link stays one to the new file."""
+    path = path.resolve()
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with partial.open("wb") as file:
-            yield file
+        yield partial
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

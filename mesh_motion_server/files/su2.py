@@ -45,6 +45,7 @@ def _read_sections(path: Path, lines: Iterator[str]) -> MeshFile:
     """Go through the sections in whatever order they come."""
     dimension, points, cells, marker = 0, np.empty((0, 0)), dict[str, IntArray](), ""
     patches: dict[str, list[IntArray]] = defaultdict(list)
+    facets: dict[str, dict[str, IntArray]] = {}
     for line in lines:
         key, _, value = (part.strip() for part in line.partition("="))
         match key:
@@ -60,10 +61,11 @@ def _read_sections(path: Path, lines: Iterator[str]) -> MeshFile:
             case "MARKER_TAG":
                 marker = value
             case "MARKER_ELEMS":
-                patches[marker].append(_marker_nodes(_rows(lines, int(value), key)))
+                vertices, facets[marker] = _marker(_rows(lines, int(value), key))
+                patches[marker] += [vertices, *(nodes.ravel() for nodes in facets[marker].values())]
             case _:
                 continue  # counts that the rows repeat (NMARK), and keys without a meaning for a mesh (SEND_RECV, …)
-    return assemble(path, points, cells, {name: np.concatenate(nodes) for name, nodes in patches.items()})
+    return assemble(path, points, cells, {name: np.concatenate(nodes) for name, nodes in patches.items()}, facets)
 
 
 def _rows(lines: Iterator[str], count: int, key: str) -> _Rows:
@@ -88,9 +90,7 @@ def _elements(rows: _Rows) -> dict[str, IntArray]:
     return {name: np.array(nodes, dtype=np.int64) for name, nodes in found.items()}
 
 
-def _marker_nodes(rows: _Rows) -> NDArray[np.int64]:
-    """(p,) node ids of a marker's elements, with repeats."""
-    points = [int(row[1]) for row in rows if int(row[0]) == _VERTEX]
-    faces = _elements([row for row in rows if int(row[0]) != _VERTEX])
-    parts = [np.array(points, dtype=np.int64), *(nodes.ravel() for nodes in faces.values())]
-    return np.concatenate(parts)
+def _marker(rows: _Rows) -> tuple[NDArray[np.int64], dict[str, IntArray]]:
+    """(p,) a marker's vertices, and {type: (m, k)} its facets."""
+    vertices = [int(row[1]) for row in rows if int(row[0]) == _VERTEX]
+    return np.array(vertices, dtype=np.int64), _elements([row for row in rows if int(row[0]) != _VERTEX])

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import tempfile
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import IntArray, MeshFile, assemble
+from mesh_motion_server.files.vtu_inline import inlined
 from mesh_motion_server.numerics.cells import CELL_TYPES
 
 __all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "read_vtk"]
@@ -38,7 +40,7 @@ def read_vtk(path: Path) -> MeshFile:
     InvalidInput
         Without the extra ``mesh``, for a file meshio cannot read, and for cells other than first-order ones.
     """
-    mesh = _read_with_meshio(path)
+    mesh = read_with_meshio(path)
     blocks = [(block.type, np.asarray(block.data, dtype=np.int64)) for block in mesh.cells]
     foreign = sorted({name for name, _ in blocks} - set(CELL_TYPES) - {"vertex"})
     if foreign:
@@ -53,23 +55,42 @@ def read_vtk(path: Path) -> MeshFile:
     return assemble(path, mesh.points, {name: np.concatenate(parts) for name, parts in cells.items()}, _patches(mesh))
 
 
-def _read_with_meshio(path: Path) -> Any:
-    """The file as meshio's mesh."""
+def load_meshio(path: Path) -> Any:
+    """The module meshio; InvalidInput if it is not installed."""
     try:
         import meshio  # noqa: PLC0415  (an extra, needed for these formats only)
     except ImportError:
         raise InvalidInput(
-            f"{path}: reading {path.suffix} needs meshio", hint="pip install 'mesh-motion-server[mesh]', or use .npz"
+            f"{path}: {path.suffix} needs meshio, which is not installed",
+            code="UNIMPLEMENTED",
+            hint="pip install 'mesh-motion-server[mesh]', or use .npz",
         ) from None
+    return meshio
+
+
+def read_with_meshio(path: Path) -> Any:
+    """The file as meshio's mesh."""
+    meshio = load_meshio(path)
     chatter = io.StringIO()  # meshio prints its warnings; ours are raised
     try:
         with contextlib.redirect_stdout(chatter), contextlib.redirect_stderr(chatter):
-            return meshio.read(path)
+            return _read(meshio, path)
     except OSError:
         raise
     except (Exception, SystemExit) as error:  # meshio raises every kind of error on damaged files, and may exit
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise InvalidInput(f"{path}: not readable as {path.suffix}: {reason or type(error).__name__}") from None
+
+
+def _read(meshio: Any, path: Path) -> Any:
+    """The file, or a copy of it without appended data."""
+    copied = inlined(path) if path.suffix.lower() == ".vtu" else None
+    if copied is None:
+        return meshio.read(path)
+    with tempfile.TemporaryDirectory(prefix="mesh-motion-") as folder:
+        copy = Path(folder, "inlined.vtu")
+        copy.write_bytes(copied)
+        return meshio.read(copy)
 
 
 def _patches(mesh: Any) -> dict[str, IntArray]:

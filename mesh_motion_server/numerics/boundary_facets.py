@@ -19,6 +19,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.facet_buckets import count_cells, place_cells
 from mesh_motion_server.numerics.facet_matching import NODES_PER_ITEM, unmatched_facets
+from mesh_motion_server.numerics.local_facets import LOCAL_FACETS
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.thread_share import threads_for
 
@@ -26,16 +27,6 @@ __all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
 
 Ints = NDArray[np.int64]
 
-#: Local node numbers of each cell type's facets, seen anticlockwise from outside (an edge has its cell on the left).
-LOCAL_FACETS: dict[str, tuple[tuple[int, ...], ...]] = {
-    "line": ((0,), (1,)),
-    "triangle": ((0, 1), (1, 2), (2, 0)),
-    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
-    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
-    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
-    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
-}
 _FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 _KEPT: WeakKeyDictionary[CellTable, dict[str, Ints]] = WeakKeyDictionary()

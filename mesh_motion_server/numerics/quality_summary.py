@@ -6,7 +6,7 @@ worst cells are; only the cells in those bins are looked at once more.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -141,6 +141,20 @@ class QualitySummary:
     cells: int
     worst: tuple[WorstCell, ...]
 
+    @classmethod
+    def of(
+        cls,
+        found: Mapping[str, Distribution],
+        metric: str,
+        *,
+        inverted: int,
+        cells: int,
+        worst: tuple[WorstCell, ...],
+    ) -> QualitySummary:
+        """From the distributions of :func:`reported_metrics`, by name."""
+        size, skew, size_skew = (found[name] for name in ("size", "skew", "size-skew"))
+        return cls(metric, found[metric], size, skew, size_skew, inverted, cells, worst)
+
 
 #: What is said of a mesh: all of it, or what decides.
 Judgement = QualitySummary | LowestQuality
@@ -233,12 +247,9 @@ def summary_of(
     }
     lowest = _smallest(np.arange(len(candidates)), seen.metric(metric)[: len(candidates)], worst)
     cells = candidates[lowest]
-    return QualitySummary(
-        metric_name=metric,
-        metric=found[metric],
-        size=found["size"],
-        skew=found["skew"],
-        size_skew=found["size-skew"],
+    return QualitySummary.of(
+        found,
+        metric,
         inverted=inverted,
         cells=len(tallies[metric]),
         worst=worst_cells(cells, seen.subset(lowest), centres(cells), metric),

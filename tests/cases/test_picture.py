@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesh_motion_server.cases.picture import Snapshot, choose_plane, choose_window, write_picture
+from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.cases.warm import tiny_meshes
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.pictures.snapshot import Snapshot, choose_plane, choose_window
 
 pytest.importorskip("matplotlib")
 MESHES = dict(tiny_meshes())

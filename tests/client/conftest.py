@@ -5,10 +5,7 @@ import json
 import os
 import selectors
 import socket
-import subprocess
-import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,88 +13,24 @@ import pytest
 from mesh_motion_client import Keys, Mesh, Patch, connect
 from mesh_motion_client.control import Control
 
+from mesh_motion_server.prove.server_process import ServerProcess
+from mesh_motion_server.prove.waiting import PATIENCE
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 
 HERE = Path(__file__).parent
-PATIENCE = 30.0
 #: A checkout on the path of the tests is that of the server too.
-PYTHONPATH = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
-LIFELINE = "MESH_MOTION_LIFELINE_FD"
+PYTHONPATH = os.pathsep.join([str(HERE), str(HERE.parent / "shared"), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
-def wait_until(condition, what, seconds=PATIENCE):
-    """Poll until the condition holds and return what it gave."""
-    deadline = time.monotonic() + seconds
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"{what}: not within {seconds} s"
-        time.sleep(0.01)
-    return value
-
-
-@pytest.fixture(name="wait_until")
-def wait_until_fixture():
-    return wait_until
-
-
-class PlainServer:
-    """The server under test, which may be killed and started again on the same endpoint."""
-
-    wait_until = staticmethod(wait_until)
+class PlainServer(ServerProcess):
+    """The server under test."""
 
     def __init__(self, folder, **settings):
-        self.folder, self.endpoint, self.process, self._lifeline = folder, "tcp://127.0.0.1:0", None, -1
-        self.settings = settings
+        environment = {"PYTHONPATH": PYTHONPATH, "PLAIN_FOLDER": str(folder)}
+        super().__init__(folder, environment=environment, **{"lease_seconds": 1.0} | settings)
 
-    def start(self):
-        ready = self.folder / "ready.json"
-        ready.unlink(missing_ok=True)
-        values = {"endpoint": self.endpoint, "state_folder": str(self.folder / "state"), "threads": 1}
-        values |= {"lease_seconds": 1.0} | self.settings
-        lifeline, self._lifeline = os.pipe()  # the server ends with the tests, even if they are killed
-        environment = {"PYTHONPATH": PYTHONPATH, "PLAIN_FOLDER": str(self.folder), LIFELINE: str(lifeline)}
-        with (self.folder / "log").open("ab") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, str(HERE / "run_server.py"), json.dumps(values), str(ready)],
-                env=os.environ | environment,
-                pass_fds=[lifeline],
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-            )
-
-        os.close(lifeline)
-
-        def is_ready():
-            assert self.process.poll() is None, (self.folder / "log").read_text()
-            return ready.exists()
-
-        wait_until(is_ready, "the server is ready")
-        self.endpoint = json.loads(ready.read_text())["endpoint"]
-        return self
-
-    def kill(self):
-        self.process.kill()
-        self.process.wait()
-        self._let_go()
-
-    def _let_go(self):
-        if self._lifeline >= 0:
-            os.close(self._lifeline)
-            self._lifeline = -1
-
-    def stop(self):
-        if self.process is not None and self.process.poll() is None:
-            self.process.terminate()
-            try:
-                self.process.wait(PATIENCE)
-            except subprocess.TimeoutExpired:
-                self.kill()
-        self._let_go()
-
-    def worker_of(self, session):
-        """Process id of a session's worker, from the log."""
-        lines = [json.loads(line) for line in (self.folder / "log").read_text().splitlines()]
-        at_work = [e for e in lines if e.get("session") == session and e["event"] in ("open", "resume", "reclaim")]
-        return at_work[-1]["worker"]
+    def command(self, ready):
+        return [str(HERE / "run_server.py"), json.dumps(self.settings), str(ready)]
 
     def moves(self):
         """How many moves were computed."""

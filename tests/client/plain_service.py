@@ -8,12 +8,10 @@ import os
 import time
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
+from plain_model import PlainModel
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.roles import BoundaryRoles
 from mesh_motion_server.service.dispatch import SessionHost as RealHost
 from mesh_motion_server.session.store import SessionStore
 
@@ -22,59 +20,25 @@ __all__ = ["SessionHost", "SessionStore"]
 FOLDER = Path(os.environ["PLAIN_FOLDER"])
 
 
-class PlainModel:
+class WaitingModel(PlainModel):
     """Every node moves by the mean displacement of the moving nodes, which go where they are told."""
 
-    warnings = ()
-
-    def __init__(self, points, cells, patches, method):
-        self.roles, self.method, self.cells = BoundaryRoles.from_patches(patches), method, cells
-
-    def summary(self, points):
-        values = SimpleNamespace(min=1.0, mean=1.0, p1=1.0, p5=1.0, p50=1.0)
-        return SimpleNamespace(
-            size=values,
-            skew=values,
-            size_skew=values,
-            metric=values,
-            worst=[],
-            inverted=0,
-            cells=sum(len(block) for block in self.cells),
-        )
-
-    def without_distributions(self):
-        return self
+    farthest = 100.0
+    motion_warnings = ("a warning",)
 
     def move(self, committed, targets, factors):
         with (FOLDER / "moves").open("a") as file:
             file.write("move\n")
         while (FOLDER / "hold").exists():
             time.sleep(0.01)
-        told = targets - committed[self.roles.moving]
-        if abs(told).max() > 100:
-            raise NumericalError("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")
-        points = committed + np.array([np.sum(np.sort(column)) for column in told.T]) / len(told)
-        points[self.roles.moving] = targets
-        correction = SimpleNamespace(
-            method="none", enrichment_points=np.zeros((0, committed.shape[1])), freed_nodes=0, iterations=0
-        )
-        return SimpleNamespace(
-            points=points,
-            standard=self.summary(points),
-            corrected=self.summary(points),
-            correction=correction,
-            reached=True,
-            seconds={"total": 0.0},
-            caches={"factorization": "made"},
-            control_points=np.arange(len(committed)),
-            support_radius=1.0,
-            sub_steps=1,
-            warnings=["a warning"],
-        )
+        return super().move(committed, targets, factors)
+
+    def of_all(self, told):
+        return np.array([np.sum(np.sort(column)) for column in told.T]) / len(told)
 
 
 class SessionHost(RealHost):
     """The real one, with the plain model."""
 
-    create = partial(RealHost.create, build_model=PlainModel)
-    resume = partial(RealHost.resume, build_model=PlainModel)
+    create = partial(RealHost.create, build_model=WaitingModel)
+    resume = partial(RealHost.resume, build_model=WaitingModel)

@@ -1,5 +1,7 @@
 """Where the data endpoints are, seen from here; which requests keep their ids."""
 
+import contextlib
+
 import pytest
 from mesh_motion_client import SessionError, Timeout, control
 from mesh_motion_client.connection import ConnectionLost, DamagedReply
@@ -78,3 +80,28 @@ def test_a_connection_that_kept_silent_is_given_up(monkeypatch):
     for _ in range(2):
         asking.ask(Open, Opened, 0.0, dimension=2)
     assert wire.made == 2
+
+
+def test_each_request_that_was_not_answered_keeps_its_own_id(monkeypatch):
+    """Two sessions are opened at once over one connection, and neither answer comes."""
+    wire = Wire([Timeout("silence"), ConnectionLost("gone"), SessionError("no"), Timeout("silence"), None, None, None])
+    monkeypatch.setattr(control, "Connection", wire)
+    asking = Control("tcp://127.0.0.1:1")
+    asked = [("wing", Timeout), ("flap", ConnectionLost), ("tail", SessionError), ("flap", Timeout), ("wing", None)]
+    for label, error in asked:
+        with contextlib.nullcontext() if error is None else pytest.raises(error):
+            asking.ask(Open, Opened, 0.0, dimension=2, label=label)
+    for label in ("flap", "wing"):
+        asking.ask(Open, Opened, 0.0, dimension=2, label=label)
+    assert [sequence for _, sequence in wire.sent] == [1, 2, 3, 2, 1, 2, 4]
+
+
+def test_no_more_ids_are_kept_than_may_be(monkeypatch):
+    monkeypatch.setattr(control, "_MOST_UNANSWERED", 2)
+    wire = Wire([Timeout("silence")] * 5)
+    monkeypatch.setattr(control, "Connection", wire)
+    asking = Control("tcp://127.0.0.1:1")
+    for label in ("a", "b", "c", "b", "a"):
+        with pytest.raises(Timeout):
+            asking.ask(Open, Opened, 0.0, dimension=2, label=label)
+    assert [sequence for _, sequence in wire.sent] == [1, 2, 3, 2, 4]

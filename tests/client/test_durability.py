@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, StepsLost, connect
 
+from mesh_motion_server.prove.waiting import wait_until
+
 UP = np.array([[0.0, 1 / 64]] * 4)
 
 
@@ -20,7 +22,7 @@ def step(session):
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-def test_every_level_from_open_to_resume(server, mesh, level, wait_until):
+def test_every_level_from_open_to_resume(server, mesh, level):
     with connect(server.endpoint, timeout=20, compute_timeout=30, durability=level) as client:
         assert level in client.welcome.durability
         with client.open(mesh) as session:

@@ -37,7 +37,7 @@ def overseer(keyed_server):
         connection.close()
 
 
-def test_a_session_from_open_to_resume_with_keys(keyed_server, alice, mesh, wait_until):
+def test_a_session_from_open_to_resume_with_keys(keyed_server, alice, mesh):
     with alice.open(mesh, {"support_radius": 1.0}) as session:
         session.move(TOLD)
         session.commit()

@@ -1,65 +1,20 @@
 """The whole server with its real numerics: killed again and again, it ends bitwise where an undisturbed run ends."""
 
-import json
-import os
 import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from mesh_motion_client import Mesh, Patch, connect
 
+from mesh_motion_server.prove.server_process import ServerProcess
+
 STEPS, ITERATIONS = 4, 2
 
 
-class CommandLineServer:
-    """``mesh-motion serve``, killed and started again on the same endpoint."""
-
-    def __init__(self, folder, wait_until):
-        self.folder, self.wait_until, self.endpoint = folder, wait_until, "tcp://127.0.0.1:0"
-
-    def start(self):
-        ready = self.folder / "ready.json"
-        ready.unlink(missing_ok=True)
-        with (self.folder / "log").open("ab") as log:
-            self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "mesh_motion_server",
-                    "serve",
-                    "--endpoint",
-                    self.endpoint,
-                    "--ready-file",
-                    ready,
-                    "--state",
-                    self.folder / "state",
-                ],
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-            )
-        self.wait_until(ready.exists, "the server is ready")
-        self.endpoint = json.loads(ready.read_text())["endpoint"]
-        return self
-
-    def kill_worker(self, session):
-        lines = [json.loads(line) for line in (self.folder / "log").read_text().splitlines()]
-        worker = [e for e in lines if e.get("session") == session and e["event"] in ("open", "resume")][-1]["worker"]
-        os.kill(worker, signal.SIGKILL)
-
-    def restart(self, how):
-        self.process.send_signal(how)
-        self.process.wait(60)
-        self.start()
-
-
 @pytest.fixture
-def command_line_server(tmp_path, wait_until):
-    server = CommandLineServer(tmp_path, wait_until).start()
-    yield server
-    server.process.terminate()
-    server.process.wait(60)
+def command_line_server(tmp_path):
+    with ServerProcess(tmp_path) as server:
+        yield server
 
 
 def square(count=8):
@@ -72,6 +27,11 @@ def square(count=8):
         "wall": Patch("fixed", np.arange(count * (count - 1), count**2)),
     }
     return Mesh(points, {"quad": quads}, sides)
+
+
+def restart(server, how):
+    server.stop(how)
+    server.start()
 
 
 def play(server, mesh, disturb):
@@ -94,8 +54,8 @@ def test_killed_again_and_again_it_ends_where_an_undisturbed_run_ends(command_li
     replies, points, _ = play(server, mesh, lambda session, step: None)
     disturbances = [
         lambda session: server.kill_worker(session.credentials.session),
-        lambda session: server.restart(signal.SIGKILL),
-        lambda session: server.restart(signal.SIGTERM),
+        lambda session: restart(server, signal.SIGKILL),
+        lambda session: restart(server, signal.SIGTERM),
         lambda session: None,
     ]
     again, points_again, steps = play(server, mesh, lambda session, step: disturbances[step](session))

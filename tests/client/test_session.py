@@ -5,6 +5,8 @@ import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
 from mesh_motion_protocol.digests import state_digest
 
+from mesh_motion_server.prove.waiting import wait_until
+
 UP = np.array([[0.0, 0.25]] * 4)
 
 
@@ -119,7 +121,7 @@ def test_a_closed_session_is_kept_or_discarded(server, client, mesh):
     def known():
         return {entry["session"] for entry in client.sessions()}
 
-    server.wait_until(lambda: dropped.credentials.session not in known(), "the discarded one is gone")
+    wait_until(lambda: dropped.credentials.session not in known(), "the discarded one is gone")
     assert kept.credentials.session in known()
 
 

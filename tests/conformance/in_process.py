@@ -11,12 +11,11 @@ import time
 from collections import deque
 from types import SimpleNamespace
 
-import numpy as np
 import zmq
 from mesh_motion_protocol.limits import FRAME_BYTES, HEADER_BYTES, default_limits
+from plain_model import PlainModel
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.roles import BoundaryRoles
+from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
@@ -30,51 +29,15 @@ from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.worker import Worker
 
 
-class PlainModel:
-    """Moving nodes go where they are told, the others stay."""
-
-    warnings = ()
-
-    def __init__(self, points, cells, patches, method):
-        self.roles, self.method, self.cells = BoundaryRoles.from_patches(patches), method, cells
-
-    def summary(self, points):
-        values = SimpleNamespace(min=1.0, mean=1.0, p1=1.0, p5=1.0, p50=1.0)
-        count = sum(len(block) for block in self.cells)
-        return SimpleNamespace(
-            size=values, skew=values, size_skew=values, metric=values, worst=[], inverted=0, cells=count
-        )
-
-    def without_distributions(self):
-        return self
-
-    def move(self, committed, targets, factors):
-        if abs(targets - committed[self.roles.moving]).max() > 10:
-            raise NumericalError("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")
-        points = committed.copy()
-        points[self.roles.moving] = targets
-        return SimpleNamespace(
-            points=points,
-            standard=self.summary(points),
-            corrected=self.summary(points),
-            correction=SimpleNamespace(
-                method="none", enrichment_points=np.zeros((0, points.shape[1])), freed_nodes=0, iterations=0
-            ),
-            reached=True,
-            seconds=dict.fromkeys(("solve", "predict", "correct", "displace", "total"), 0.0),
-            caches={"factorization": "made"},
-            control_points=np.arange(len(committed)),
-            support_radius=1.0,
-            sub_steps=1,
-            warnings=[],
-        )
-
-
 class Line:
     """A channel without a process at its other end."""
 
     def __init__(self, send):
         self.send, self.orders = send, deque()
+
+    def offer(self, message):
+        self.send(message)
+        return True
 
     def receive(self):
         return self.orders.popleft() if self.orders else None
@@ -85,7 +48,7 @@ class WorkerThere:
 
     def __init__(self, server, order):
         self.pid, self.server, self.worker = next(server.numbers), server, None
-        self.channel = SimpleNamespace(send=self.obey)
+        self.channel = SimpleNamespace(offer=self.obey)
         self.order = order
 
     def start(self):
@@ -131,7 +94,14 @@ class InProcessServer:
         self.numbers, self.later, self.workers = itertools.count(1), deque(), []
         self.store = SessionStore(folder)
         self.context = zmq.Context()
-        self.control = Control(Registry(self.store), self.settings, self.start, self.reply, Protection.access(None))
+        self.control = Control(
+            Registry(self.store),
+            self.settings,
+            self.start,
+            self.reply,
+            Protection.access(None),
+            DiskWatch(self.settings.state_folder),
+        )
         socket = router(self.context, message_bytes=HEADER_BYTES, queued=64, handshake_seconds=5.0)
         self.endpoint = bind(socket, "tcp://127.0.0.1:*")
         welcome = {"server": "in process", "boot": bytes(range(16)), "durability": self.settings.durability}

@@ -11,7 +11,7 @@ import numpy as np
 from mesh_motion_protocol import codec, digests, header, schema
 from mesh_motion_protocol.messages import ErrorReply, Welcome
 
-from mesh_motion_server.service import execution, failures, fetch, move
+from mesh_motion_server.service import error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import motions
@@ -99,7 +99,7 @@ def remembers_errors_as_executed(patch):
 @fault("10.6-repeat-of-OPEN", "10.6-repeat-of-RESUME")
 def opens_again_for_each_repeat(patch):
     def anew(self, *asked):
-        self._known.clear()
+        self._users.clear()
         return enter(self, *asked)
 
     enter = RequestBook.enter
@@ -350,12 +350,12 @@ def forgets_the_id_of_what_it_refuses(patch):
 
 @fault("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")
 def gives_no_hint(patch):
-    patch.setattr(failures, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"hint": ""})))
+    patch.setattr(error_replies, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"hint": ""})))
 
 
 @fault("17-FAILED_PRECONDITION.STEP", "17-NOT_FOUND")
 def calls_every_error_retryable(patch):
-    patch.setattr(failures, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"retryable": True})))
+    patch.setattr(error_replies, "ErrorReply", lambda **fields: ErrorReply(**(fields | {"retryable": True})))
 
 
 @fault("18.1-a-later-minor", "18.1-later-and-ours")

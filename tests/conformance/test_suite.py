@@ -24,13 +24,25 @@ SPEC = ROOT / "protocol" / "SPEC.md"
 README = ROOT / "protocol" / "conformance" / "README.md"
 
 
+def titles_of_the_document():
+    """Section → its title."""
+    return dict(re.findall(r"^## (\d+) (.+)$", SPEC.read_text(encoding="utf-8"), re.MULTILINE))
+
+
 def counts(cases):
     """The README's rows: a section with its number of cases and its title."""
-    titles = dict(re.findall(r"^## (\d+) (.+)$", SPEC.read_text(encoding="utf-8"), re.MULTILINE))
+    titles = titles_of_the_document()
     sections = [case.section.partition(".")[0] for case in cases]
     return "".join(
         f"| {s} | {sections.count(s)} | {titles[s]} |\n" for s in sorted(set(sections), key=section_order)
     ) + (f"| all | {len(cases)} | |\n")
+
+
+def test_the_summary_names_sections_as_the_document_does():
+    titles = titles_of_the_document()
+    for case in (*server_cases(), *client_cases()):
+        section = case.section.partition(".")[0]
+        assert f"{section} {titles[section]} " in summary([Outcome(case, "PASS", 0.0)])
 
 
 def test_the_tables_are_those_of_the_document():

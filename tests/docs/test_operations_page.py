@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import socket
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from shown_commands import blocks, run
 
 from mesh_motion_server.cli import ExitStatus
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
@@ -24,10 +23,6 @@ PAGE = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
 TOOLS = ("curl", "flock")
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
-
-
 def free_address() -> str:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -37,38 +32,24 @@ def free_address() -> str:
 @pytest.mark.slow
 @pytest.mark.skipif(not all(map(shutil.which, TOOLS)), reason="needs curl and flock")
 def test_the_first_block_runs(tmp_path: Path) -> None:
-    program = tmp_path / "bin" / "mesh-motion"
-    program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m mesh_motion_server "$@"\n')
-    program.chmod(0o755)
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-    (block,), (client,) = blocks("sh"), blocks("python")
+    (block,), (client,) = blocks(PAGE, "sh"), blocks(PAGE, "python")
     endpoint, metrics = free_address(), free_address()
-    (tmp_path / "client.py").write_text(client.replace("127.0.0.1:7440", endpoint))
     script = block.replace("127.0.0.1:7440", endpoint).replace("127.0.0.1:9464", metrics)
     script = script.replace("python client.py", f"{sys.executable} client.py")
     script = "set -e\n" + script.replace("server.log &", "server.log & trap 'kill $! 2> /dev/null || true' EXIT", 1)
-    run = subprocess.run(
-        ["sh", "-c", script],
-        cwd=tmp_path,
-        env=os.environ | {"PATH": f"{program.parent}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-        timeout=280,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    commits = re.search(r"^mesh_motion_commits_total (\S+)$", run.stdout, re.MULTILINE)
+    done = run(script, tmp_path, client.replace("127.0.0.1:7440", endpoint))
+    assert done.returncode == 0, done.stderr
+    commits = re.search(r"^mesh_motion_commits_total (\S+)$", done.stdout, re.MULTILINE)
     assert commits is not None
     assert float(commits[1]) == 3
-    assert "in use" not in run.stdout
+    assert "in use" not in done.stdout
     stored = sorted(path.name for path in (tmp_path / "sessions" / "sessions").iterdir())
     assert len(stored) == 1
     assert sorted(path.name for path in (tmp_path / "backup" / "sessions").iterdir()) == stored
 
 
 def test_the_settings_are_known_and_their_defaults_right(tmp_path: Path) -> None:
-    settings, behind = (ServerSettings.from_mapping(tomllib.loads(block)) for block in blocks("toml"))
+    settings, behind = (ServerSettings.from_mapping(tomllib.loads(block)) for block in blocks(PAGE, "toml"))
     assert behind.data_ports == "7441-7504"
     assert settings.metrics == "127.0.0.1:9464"
     rows = re.findall(r"^\| `([a-z_]+)` \| ([0-9.]+) \|", PAGE, re.MULTILINE)
@@ -80,7 +61,7 @@ def test_the_settings_are_known_and_their_defaults_right(tmp_path: Path) -> None
 
 def test_rules_and_probes_name_what_there_is() -> None:
     yaml = pytest.importorskip("yaml")
-    scrape, rules, probes = (yaml.safe_load(block) for block in blocks("yaml"))
+    scrape, rules, probes = (yaml.safe_load(block) for block in blocks(PAGE, "yaml"))
     assert scrape["scrape_configs"][0]["static_configs"][0]["targets"] == ["127.0.0.1:9464"]
     endings = {"counter": ("_total",), "gauge": ("",), "histogram": ("_bucket", "_count", "_sum")}
     known = {PREFIX + metric.name + ending for metric in METRICS.values() for ending in endings[metric.kind]}
@@ -93,7 +74,7 @@ def test_rules_and_probes_name_what_there_is() -> None:
 
 
 def test_figures_of_the_logs_are_those_of_the_code() -> None:
-    (line,) = blocks("json")
+    (line,) = blocks(PAGE, "json")
     assert {"event", "level", "timestamp", "role", "session"} <= json.loads(line).keys()
     assert f"at most {log_bounds._BURST:.0f} lines come at once and then one a second" in PAGE
     assert log_bounds._RATE == 1

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from shown_commands import blocks, run
 
 from mesh_motion_server.security.allow_list import read_entries
 
@@ -18,8 +17,8 @@ PAGE = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
-    (found,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
-    return str(found)
+    (found,) = blocks(PAGE, language)
+    return found
 
 
 @pytest.fixture
@@ -30,31 +29,17 @@ def endpoint() -> str:
 
 
 def test_the_ten_lines_and_the_client_run(tmp_path: Path, endpoint: str) -> None:
-    program = tmp_path / "bin" / "mesh-motion"
-    program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m mesh_motion_server "$@"\n')
-    program.chmod(0o755)
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-    (tmp_path / "client.py").write_text(here(block("python"), endpoint))
     lines = here(block("sh"), endpoint).splitlines()
     assert len(lines) <= 10
     *before, last = lines
     refused = f"! mesh-motion inspect --timeout 10 --endpoint {endpoint}"
     script = "\n".join(["set -e", *before, f"{sys.executable} client.py", last, refused, "kill $!", "wait $!"])
     script = script.replace("--state sessions &", "--state sessions & trap 'kill $!' EXIT")
-    run = subprocess.run(
-        ["sh", "-c", script],
-        cwd=tmp_path,
-        env=os.environ | {"PATH": f"{program.parent}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-        timeout=280,
-        check=False,
-    )
-    assert (tmp_path / "out" / "summary.json").exists(), run.stderr
-    assert "mesh-motion-server" in run.stdout
-    assert "alice is not admitted any more" in run.stdout
-    assert "does not admit this key" in run.stderr
+    done = run(script, tmp_path, here(block("python"), endpoint))
+    assert (tmp_path / "out" / "summary.json").exists(), done.stderr
+    assert "mesh-motion-server" in done.stdout
+    assert "alice is not admitted any more" in done.stdout
+    assert "does not admit this key" in done.stderr
 
 
 def here(text: str, endpoint: str) -> str:

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh, write_npz
+from mesh_motion_server.files import memory, read_mesh, write_npz
+from mesh_motion_server.files.npz import read_points
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 TRIANGLE = np.array([[0, 1, 2]])
@@ -96,6 +98,31 @@ def test_a_cut_archive_and_a_flipped_byte_are_refused(tmp_path: Path) -> None:
     damaged.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
     with pytest.raises(InvalidInput, match="CRC"):
         read_mesh(damaged)
+
+
+@pytest.mark.parametrize("rows", [10**13, 2**62, 10**30])
+def test_a_header_of_more_rows_than_any_memory_has_is_refused(tmp_path: Path, rows: int) -> None:
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, 2)}}".encode().ljust(117) + b"\n"
+    array = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+    with zipfile.ZipFile(tmp_path / "m.npz", "w") as archive:
+        archive.writestr("points.npy", array)
+    (tmp_path / "p.npy").write_bytes(array)
+    with pytest.raises(InvalidInput, match=r"not readable as an \.npz archive") as caught:
+        read_mesh(tmp_path / "m.npz")
+    assert "\n" not in str(caught.value)
+    with pytest.raises(InvalidInput, match=r"not readable as a \.npy file"):
+        read_points(tmp_path / "p.npy")
+
+
+def test_zeros_that_unpack_to_more_than_a_mesh_may_be_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = np.zeros((100_000, 2))
+    np.savez_compressed(tmp_path / "m.npz", points=points, cells_triangle=TRIANGLE)
+    assert len(read_mesh(tmp_path / "m.npz").points) == len(points)
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
+    with pytest.raises(InvalidInput, match=r"points\.npy is \d+ bytes, packed into \d+"):
+        read_mesh(tmp_path / "m.npz")
 
 
 def test_a_single_array_is_no_mesh(tmp_path: Path) -> None:

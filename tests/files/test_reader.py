@@ -22,7 +22,7 @@ def test_a_missing_file_and_an_unknown_suffix(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", READERS)
 def test_a_folder_is_no_mesh(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"folder{suffix}").mkdir()
-    with pytest.raises(InvalidInput, match="no such mesh file"):
+    with pytest.raises(InvalidInput, match="neither an OpenFOAM case nor a polyMesh folder"):
         read_mesh(tmp_path / f"folder{suffix}")
 
 

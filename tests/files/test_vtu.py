@@ -78,6 +78,63 @@ def test_our_own_files_come_back(tmp_path: Path, all_solids: Mesh) -> None:
     assert {name: list(nodes) for name, nodes in mesh.patches.items()} == {"base": [0, 1, 2, 3]}
 
 
+def fan(nodes: int, triangles: int) -> tuple[np.ndarray, CellTable]:
+    """So many nodes, and triangles that all have the first of them."""
+    angles = np.linspace(0.0, 6.0, nodes - 1)
+    points = np.concatenate([np.zeros((1, 2)), np.column_stack([np.cos(angles), np.sin(angles)])])
+    rows = 1 + np.arange(triangles) % (nodes - 2)
+    return points, CellTable.from_arrays({"triangle": np.column_stack([np.zeros_like(rows), rows, rows + 1])})
+
+
+@pytest.mark.parametrize("counts", [(20, 39), (11, 7), (40, 60)])
+def test_every_array_of_a_result_of_ours_is_found_again(tmp_path: Path, counts: tuple[int, int]) -> None:
+    """With the arrays that a run leaves; meshio alone takes those of (20, 39) for each other."""
+    pytest.importorskip("meshio")
+    points, table = fan(*counts)
+    quality = {name: np.linspace(0, 1, len(table)) for name in ("size", "skew", "size_skew")}
+    write_vtu(tmp_path / "m.vtu", points, table, point_data={"displacement": 0 * points}, cell_data=quality)
+    mesh = read_mesh(tmp_path / "m.vtu")
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.cells["triangle"], next(iter(table)).nodes)
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("word", [32, 64])
+@pytest.mark.parametrize("compressor", ["None", "ZLib", "LZMA"])
+def test_appended_data_of_vtk_itself(tmp_path: Path, compressor: str, word: int, big: bool) -> None:
+    pytest.importorskip("meshio")
+    xml = pytest.importorskip("vtkmodules.vtkIOXML")
+    points, table = fan(5000, 4000)  # more than one block
+    write_vtu(tmp_path / "m.vtu", points, table, point_data={"patch_rim": np.arange(len(points)) > 0})
+    writer = xml.vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(tmp_path / "theirs.vtu"))
+    writer.SetInputData(vtk_read(tmp_path / "m.vtu"))
+    writer.SetDataModeToAppended()
+    writer.EncodeAppendedDataOff()
+    getattr(writer, f"SetCompressorTypeTo{compressor}")()
+    getattr(writer, f"SetHeaderTypeToUInt{word}")()
+    if big:
+        writer.SetByteOrderToBigEndian()
+    assert writer.Write()
+    mesh = read_mesh(tmp_path / "theirs.vtu")
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.cells["triangle"], next(iter(table)).nodes)
+    np.testing.assert_array_equal(mesh.patches["rim"], np.arange(1, len(points)))
+
+
+def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    path = tmp_path / "m.vtu"
+    write_vtu(path, *fan(20, 39))
+    whole = path.read_bytes()
+    end = whole.index(b"\n</AppendedData>")
+    for lost in (1, 100, 700, end - whole.index(b"\n_") - 2):
+        path.write_bytes(whole[: end - lost] + whole[end:])
+        with pytest.raises(InvalidInput, match=r"not readable as \.vtu") as caught:
+            read_mesh(path)
+        assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
 @pytest.mark.parametrize("array", ["patch", "patch_left"])
 def test_patches_from_cell_arrays_of_the_edges(tmp_path: Path, suffix: str, array: str) -> None:

@@ -1,7 +1,8 @@
-"""``python tests/mutation [--sample N] [--seed N] [MODULE …]``: do the tests notice small changes of the code?
+"""``python tests/mutation [--all] [--like TEXT] [--sample N] [--seed N] [MODULE …]``: do tests notice changed code?
 
 Every mutant that no test notices must stand in ``survivors.toml``, with the reason why it is none: exit status 0 if so,
-1 if there is another one. Well-known tools do not fit: cosmic-ray starts a process for each mutant, which costs seconds
+1 if there is another one. Those that stand there are not tried, except with ``--all``, which tells those that are
+noticed after all. Well-known tools do not fit: cosmic-ray starts a process for each mutant, which costs seconds
 of imports here, and mutmut leaves out what is decorated (properties, context managers) and functions inside functions.
 """
 
@@ -27,6 +28,8 @@ def main() -> int:
     """Mutate, test, compare with the survivors that are known."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("modules", nargs="*")
+    parser.add_argument("--all", action="store_true", help="also those that are explained")
+    parser.add_argument("--like", default="", help="only those with this in their names")
     parser.add_argument("--sample", type=int, help="so many mutants of each module, at random")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
@@ -41,24 +44,34 @@ def main() -> int:
 
     modules = given.modules or list(TARGETS)
     known = tomllib.loads((HERE / "survivors.toml").read_text(encoding="utf-8"))
-    unexplained = tried = 0
-    for tests in dict.fromkeys(TARGETS[name] for name in modules):
-        own = [name for name in modules if TARGETS[name] == tests]
-        trial = run(Trial(own, given.sample, given.seed), tests)
+    rows, unexplained = [], 0
+    for tests in dict.fromkeys(TARGETS[name].tests for name in modules):
+        own = {name: TARGETS[name].own for name in modules if TARGETS[name].tests == tests}
+        trial = run(Trial(own, {} if given.all else known, given.like, given.sample, given.seed), tests)
         if trial.problem:
             sys.exit(trial.problem)
         for name, outcome in trial.outcomes.items():
-            new = [key for key in outcome.survived if key not in known.get(name, {})]
-            stale = [] if given.sample else sorted(known.get(name, {}).keys() - set(outcome.survived))
-            tell(f"{name}: {outcome.killed} of {outcome.total} noticed, {len(outcome.survived) - len(new)} known")
+            explained = known.get(name, {})
+            new = [key for key in outcome.survived if key not in explained]
             for key in new:
-                tell(f"  nobody notices: {key}")
-            for key in stale:
-                tell(f"  is noticed now, or is gone: {key}")
+                tell(f"{name}: nobody notices: {key}")
+            if given.all and not (given.like or given.sample):
+                for key in sorted(explained.keys() - set(outcome.survived)):
+                    tell(f"{name}: is noticed now, or is gone: {key}")
+            counts = (outcome.tried, outcome.killed, outcome.late, len(explained), len(new), outcome.seconds)
+            rows.append((name, outcome.tried + outcome.left, *counts))
             unexplained += len(new)
-            tried += outcome.total
-    tell(f"{tried} mutants, {unexplained} unexplained survivors")
+    summary(rows)
     return 1 if unexplained else 0
+
+
+def summary(rows: list[tuple[str, *tuple[float, ...]]]) -> None:
+    """One line a module, and their sum."""
+    heads = ("mutants", "tried", "noticed", "by time", "explained", "open", "seconds")
+    width = max(len(name) for name, *_ in rows)
+    tell(" " * width + "".join(f"{head:>11}" for head in heads))
+    for name, *numbers in (*rows, ("together", *map(sum, zip(*(row[1:] for row in rows), strict=True)))):
+        tell(f"{name:{width}}" + "".join(f"{number:11.0f}" for number in numbers))
 
 
 if __name__ == "__main__":

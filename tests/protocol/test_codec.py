@@ -84,8 +84,9 @@ def test_received_arrays_are_aligned_owned_and_writable():
         (100_000, lambda frame: memoryview(bytearray(b"x" + bytes(frame)))[1:], False),
         (1_000, bytearray, False),
         (FRAME_BYTES // 16, bytearray, True),
+        ((1 << 20) // 16, bytearray, True),
     ],
-    ids=["large", "read-only", "misaligned", "small", "a whole frame"],
+    ids=["large", "read-only", "misaligned", "small", "a whole frame", "just large enough"],
 )
 def test_a_large_frame_becomes_its_array(rows, make, adopted):
     sent = np.arange(2.0 * rows).reshape(rows, 2)
@@ -155,6 +156,23 @@ def test_message_bytes_bounds_all_arrays_together():
         decode(frames, message_bytes=319)
 
 
+def test_each_array_has_the_frames_behind_those_of_the_ones_before():
+    about = {"step": 1, "iteration": 1, "quality": {}, "correction": {}, "caches": {}, "seconds": {}, "warnings": []}
+    sent = Moved(**about, displacement=np.arange(6.0).reshape(3, 2), enrichment_points=np.arange(6.0, 12).reshape(3, 2))
+    came = over_the_wire(sent)
+    np.testing.assert_array_equal(came.displacement, sent.displacement)
+    np.testing.assert_array_equal(came.enrichment_points, sent.enrichment_points)
+
+
+def test_an_array_that_may_be_left_out_and_one_that_may_not():
+    frames = encode(Upload(**AT, item="nodes"))
+    assert len(frames) == 1
+    assert decode(frames).rows is None
+    with pytest.raises(ProtocolError) as caught:
+        encode(Move(**AT, step=1, displacement=None))
+    assert caught.value.code == "INVALID_ARGUMENT.DTYPE"
+
+
 def test_non_finite_numbers_pass_in_replies_only():
     points = np.array([[np.nan, np.inf]])
     assert np.isnan(over_the_wire(Fetched(step=0, points=points)).points[0, 0])
@@ -193,14 +211,76 @@ def test_what_is_no_message_is_not_encoded(message, code):
     assert caught.value.code == code
 
 
-def test_an_error_carries_the_request_id_where_it_was_readable():
+@pytest.mark.parametrize(
+    ("wrong", "request_id"),
+    [
+        ({"type": "PUNG"}, (b"i" * 16, 9)),
+        ({"type": "PUNG", "sequence": 1}, (b"i" * 16, 1)),
+        ({"type": "PUNG", "sequence": 2**63 - 1}, (b"i" * 16, 2**63 - 1)),
+        ({"client": b"short", "sequence": -1}, (b"\0" * 16, 0)),
+        ({"client": "text of 16 bytes"}, (b"\0" * 16, 9)),
+        ({"client": None, "sequence": 2**63}, (b"\0" * 16, 0)),
+        ({"client": b"long" * 5, "sequence": "9"}, (b"\0" * 16, 0)),
+        ({"sequence": True}, (b"i" * 16, 0)),
+        ({"sequence": 9.0}, (b"i" * 16, 0)),
+    ],
+)
+def test_an_error_carries_the_request_id_where_it_was_readable(wrong, request_id):
     header = msgpack.unpackb(encode(Ping(client=b"i" * 16, sequence=9))[0])
     with pytest.raises(ProtocolError) as caught:
-        decode([msgpack.packb(header | {"type": "PUNG"})])
-    assert (caught.value.client, caught.value.sequence) == (b"i" * 16, 9)
+        decode([msgpack.packb(header | wrong)])
+    assert (caught.value.client, caught.value.sequence) == request_id
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        (lambda header: header.pop("type"), "type"),
+        (lambda header: header.update(zebra=1), "zebra"),
+        (lambda header: header.update(type=7), "type"),
+        (lambda header: header["fields"].pop("step"), "step"),
+        (lambda header: header["fields"].update(other=1), "other"),
+        (lambda header: header["arrays"].append(dict(header["arrays"][0])), "arrays"),
+        (lambda header: header["arrays"].clear(), "displacement"),
+        (lambda header: header["arrays"][0].update(name=["displacement"]), "arrays"),
+        (lambda header: header["arrays"][0].update(dtype=8), "displacement"),
+        (lambda header: header["arrays"][0].update(shape={}), "displacement"),
+    ],
+)
+def test_an_error_in_the_header_names_the_field(change, field):
+    first, *others = encode(Move(**AT, step=1, displacement=np.zeros((2, 2))))
+    header = msgpack.unpackb(first)
+    change(header)
     with pytest.raises(ProtocolError) as caught:
-        decode([msgpack.packb(header | {"client": b"short", "sequence": -1})])
-    assert (caught.value.client, caught.value.sequence) == (b"\0" * 16, 0)
+        decode([msgpack.packb(header), *others])
+    assert caught.value.code == "INVALID_ARGUMENT.HEADER"
+    assert caught.value.details == {"field": field}
+
+
+@pytest.mark.parametrize(
+    ("shape", "code"),
+    [
+        ([2**48, 2], "INVALID_ARGUMENT.SHAPE"),
+        ([2**48 - 1, 2], "RESOURCE_EXHAUSTED.BYTES"),
+        ([float("nan"), 2], "INVALID_ARGUMENT.NONFINITE"),
+        ([2, True], "INVALID_ARGUMENT.SHAPE"),
+        ([True, 2], "INVALID_ARGUMENT.SHAPE"),
+        ([2, 0], "INVALID_ARGUMENT.SHAPE"),
+        ([2, 4], "INVALID_ARGUMENT.SHAPE"),
+        ([2, 3], "INVALID_ARGUMENT.FRAMES"),
+        ([4, 1], None),
+    ],
+)
+def test_the_shapes_that_are_admitted(shape, code):
+    first, *others = encode(Move(**AT, step=1, displacement=np.zeros((2, 2))))
+    header = msgpack.unpackb(first)
+    header["arrays"][0]["shape"] = shape
+    if code is None:
+        assert list(decode([msgpack.packb(header), *others]).displacement.shape) == shape
+        return
+    with pytest.raises(ProtocolError) as caught:
+        decode([msgpack.packb(header), *others])
+    assert caught.value.code == code
 
 
 def test_no_frames():

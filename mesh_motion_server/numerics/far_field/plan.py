@@ -182,28 +182,51 @@ def _good_order(near, far, most, factors, bounds, tolerance):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
+def _entered(entries, n, box, order, run):  # type: ignore[no-untyped-def]
+    """Entries (e, 4) with one more, of a run (2,) of centres; and their number."""
+    entries = _room(entries, n)
+    entries[n] = box, order, run[0], run[1]
+    return entries, n + 1
+
+
+@njit(cache=True, error_model="numpy")
+def _pushed(boxes, n, first, last):  # type: ignore[no-untyped-def]
+    """Boxes (e,) with first … last - 1 behind n of them; and their number."""
+    for box in range(first, last):
+        boxes = _room(boxes, n)
+        boxes[n] = box
+        n += 1
+    return boxes, n
+
+
+@njit(cache=True, error_model="numpy")
+def _worthwhile_order(size, highest, d, share):  # type: ignore[no-untyped-def]
+    """The highest order whose polynomial of order^d points is worth its while for a box of ``size`` points."""
+    most = highest
+    while most >= _FIRST_ORDER and most**d > share * size:
+        most -= 1
+    return most
+
+
+@njit(cache=True, error_model="numpy")
 def _walk(points, centres, bounds, tolerance, d, highest, share):  # type: ignore[no-untyped-def]
     """Far and near entries (e, 4) of box, order, first and last centre; the bound (b,) of each box of points."""
     low, high, parent, points_of, children_of = points
     other_low, other_high, centres_of, parts_of, weight = centres
     reach, lebesgue = bounds[3], bounds[5]
-    n = len(parent)
     far, near = np.empty((1024, 4), dtype=np.int64), np.empty((1024, 4), dtype=np.int64)
     n_far, n_near = 0, 0
     left = np.empty(1024, dtype=np.int64)  # boxes of centres that a box of points leaves to its children
-    left_of = np.zeros((n, 2), dtype=np.int64)
+    left_of = np.zeros((len(parent), 2), dtype=np.int64)
     left[0], n_left = 0, 1
-    bound, factors = np.zeros(n), np.zeros(_LAST_ORDER + 1)
+    bound, factors = np.zeros(len(parent)), np.zeros(_LAST_ORDER + 1)
     stack = np.empty(1024, dtype=np.int64)
-    for box in range(n):
-        size = points_of[box, 1] - points_of[box, 0]
+    for box in range(len(parent)):
         leaf = children_of[box, 0] == children_of[box, 1]
         begin, end = (0, 1) if box == 0 else (left_of[parent[box], 0], left_of[parent[box], 1])
         bound[box] = 0.0 if box == 0 else bound[parent[box]]
         _box_factors(low[box], high[box], lebesgue, factors)
-        most = highest
-        while most >= _FIRST_ORDER and most**d > share * size:
-            most -= 1
+        most = _worthwhile_order(points_of[box, 1] - points_of[box, 0], highest, d, share)
         extent = np.max(high[box] - low[box])
         left_of[box, 0] = n_left
         for i in range(begin, end):
@@ -217,22 +240,13 @@ def _walk(points, centres, bounds, tolerance, d, highest, share):  # type: ignor
                 order, error = _good_order(nearest, furthest, most, factors, bounds, tolerance)
                 cut = parts_of[other, 0] < parts_of[other, 1]
                 if order > 0:
-                    far = _room(far, n_far)
-                    far[n_far] = box, order, centres_of[other, 0], centres_of[other, 1]
-                    n_far += 1
+                    far, n_far = _entered(far, n_far, box, order, centres_of[other])
                     bound[box] += error * weight[other]
                 elif cut and (leaf or np.max(other_high[other] - other_low[other]) > extent):
-                    for part in range(parts_of[other, 0], parts_of[other, 1]):
-                        stack = _room(stack, depth)
-                        stack[depth] = part
-                        depth += 1
+                    stack, depth = _pushed(stack, depth, parts_of[other, 0], parts_of[other, 1])
                 elif leaf:
-                    near = _room(near, n_near)
-                    near[n_near] = box, 0, centres_of[other, 0], centres_of[other, 1]
-                    n_near += 1
+                    near, n_near = _entered(near, n_near, box, 0, centres_of[other])
                 else:
-                    left = _room(left, n_left)
-                    left[n_left] = other
-                    n_left += 1
+                    left, n_left = _pushed(left, n_left, other, other + 1)
         left_of[box, 1] = n_left
     return far[:n_far].copy(), near[:n_near].copy(), bound

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mesh_motion_server.cases.slices import cut, flat
 from mesh_motion_server.cases.warm import tiny_meshes
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.pictures.slices import cut, flat
 
 SOLIDS = {name: mesh for name, mesh in tiny_meshes(3) if mesh[0].shape[1] == 3}
 

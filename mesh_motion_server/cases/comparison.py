@@ -1,0 +1,301 @@
+"""What was recorded against what a replay gave: one column each, and whether the states are the same bits."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from mesh_motion_server.cases.recorded import Recorded, StepFigures
+from mesh_motion_server.observation.series import PHASES
+from mesh_motion_server.session.replay import maker
+
+__all__ = ["Agreement", "Comparison", "Replayed", "Summary", "summary_of", "table_of", "write_comparison"]
+
+FloatArray = NDArray[np.float64]
+
+#: Columns of comparison.csv beside ``run`` and ``step``.
+_COLUMNS = ("min_quality", "mean_quality", "standard_min", "predicted_min", "moves", "refusals", "corrected")
+_MORE_COLUMNS = ("enrichment_points", "freed_nodes", *(f"seconds_{phase}" for phase in PHASES), "seconds_total")
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """One replay.
+
+    Attributes
+    ----------
+    name : str
+    changes : dict
+        The settings in which it differs from the recorded session.
+    figures : list of StepFigures
+        Of the steps that were made, from 1 on.
+    refusal : str
+        Why it ended before the last step; empty if it did not.
+    stored : (n, d) array or None
+        Its coordinates at the step whose coordinates the session has stored.
+    """
+
+    name: str
+    changes: dict[str, Any]
+    figures: list[StepFigures]
+    refusal: str
+    stored: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Whether a replay has come to the recorded states.
+
+    Attributes
+    ----------
+    steps : int
+        Steps that were to be made.
+    compared, equal : int
+        Steps with a known digest, and those of them that were the same.
+    first_difference : int
+        The first step that differs; 0: none.
+    recorded_min, replayed_min : float or None
+        Lowest size-skew of that step.
+    stored_step : int
+        A step whose coordinates could be compared; 0: none.
+    distance : float or None
+        Between nodes of the two states at that step, the largest, mesh length unit.
+    """
+
+    steps: int
+    compared: int
+    equal: int
+    first_difference: int
+    recorded_min: float | None
+    replayed_min: float | None
+    stored_step: int
+    distance: float | None
+
+    @property
+    def exact(self) -> bool:
+        """Whether all that could be compared was equal, the stored coordinates included."""
+        return self.equal == self.compared > 0 and self.distance in (None, 0.0)
+
+    def __str__(self) -> str:
+        if not self.compared:
+            return "no digest is recorded"
+        few = f" compared of {self.steps}" if self.compared < self.steps else ""
+        text = f"equal in all {self.compared}{few} steps"
+        if self.exact:
+            return text
+        if self.first_difference:
+            text = f"equal in {self.equal} of {self.compared} steps, first different in step {self.first_difference}"
+        if self.recorded_min is not None and self.replayed_min is not None:
+            text += f" (minimum {self.recorded_min:.6g} recorded, {self.replayed_min:.6g} replayed)"
+        if self.distance is not None:
+            text += f"; nodes up to {self.distance:.3g} apart at step {self.stored_step}"
+        return text
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A run in one column; qualities are size-skew of the committed coordinates, None where they are not known."""
+
+    name: str
+    steps: int
+    min_quality: float | None
+    worst_step: int
+    mean_quality: float | None
+    corrections: int
+    enrichment_points: int
+    refusals: int
+    moves: int
+    seconds: dict[str, float]
+    seconds_total: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A recorded session and its replays.
+
+    Attributes
+    ----------
+    recorded : Recorded
+    last : int
+        The last step that was to be made.
+    runs : list of Replayed
+    elsewhere : bool
+        Whether a server that was there made the replays, of whatever version on whatever machine.
+    """
+
+    recorded: Recorded
+    last: int
+    runs: Sequence[Replayed]
+    elsewhere: bool = False
+
+    @cached_property
+    def recorded_figures(self) -> list[StepFigures]:
+        """Of the compared steps, as far as they are recorded."""
+        figures = self.recorded.figures
+        return [figures[step] for step in range(1, self.last + 1) if step in figures]
+
+    @property
+    def makers(self) -> list[str]:
+        """What computed the compared steps, each once; empty text where it is not known."""
+        return list(dict.fromkeys(made for first, made in self.recorded.makers if first <= self.last))
+
+    @property
+    def unpromised(self) -> str:
+        """Why equal bits are not promised of a replay with nothing changed; empty if they are."""
+        if self.elsewhere:
+            return "equal bits are not promised: another server made the replay"
+        if not self.makers or "" in self.makers:
+            return "equal bits are not promised: what computed the session is not recorded"
+        if self.makers != [maker()]:
+            return f"equal bits are not promised: the session was computed by {'; '.join(self.makers)}"
+        return ""
+
+    @property
+    def notes(self) -> list[str]:
+        """What a reader has to know of the figures."""
+        notes, known = [*self.recorded.notes, self.unpromised], [found.step for found in self.recorded_figures]
+        if len(known) < self.last:
+            span = f"steps {known[0]} to {known[-1]}" if known else "no step"
+            notes.append(f"events are there of {len(known)} of {self.last} steps ({span}): only those are summed up")
+        return [note for note in notes if note]
+
+    def compared_figures(self, run: Replayed) -> list[StepFigures]:
+        """Of a replay's steps those that the recorded figures are there of; all where they are there of none."""
+        known = {found.step for found in self.recorded_figures}
+        return [found for found in run.figures if found.step in known or not known]
+
+    def agreement(self, run: Replayed) -> Agreement:
+        """Whether a replay has come to the recorded states; steps that it lacks differ."""
+        known = {step: digest for step in range(1, self.last + 1) if (digest := self.recorded.digest(step))}
+        made = {found.step: found for found in run.figures}
+        differing = [step for step, digest in known.items() if step not in made or made[step].digest != digest]
+        first = differing[0] if differing else 0
+        before, after = self.recorded.figures.get(first), made.get(first)
+        stored = self.recorded.stored
+        distance = None
+        if stored is not None and run.stored is not None:
+            distance = float(np.sqrt(((stored[1] - run.stored) ** 2).sum(axis=1)).max())
+        return Agreement(
+            steps=self.last,
+            compared=len(known),
+            equal=len(known) - len(differing),
+            first_difference=first,
+            recorded_min=_known(before.min_quality) if before else None,
+            replayed_min=_known(after.min_quality) if after else None,
+            stored_step=stored[0] if stored is not None and distance is not None else 0,
+            distance=distance,
+        )
+
+    def broken_promise(self) -> str:
+        """What is wrong if a replay with nothing changed did not come to the same bits; empty if nothing is."""
+        for run in self.runs:
+            agreement = self.agreement(run)
+            if not run.changes and not self.unpromised and agreement.compared and not agreement.exact:
+                return f"the replay with nothing changed differs: {run.refusal or agreement}"
+        return ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, as for JSON."""
+        runs = []
+        for run in self.runs:
+            agreement = self.agreement(run)
+            values = asdict(summary_of(run.name, self.compared_figures(run))) | {
+                "changes": run.changes,
+                "refusal": run.refusal,
+            }
+            runs.append(values | {"digests": asdict(agreement) | {"exact": agreement.exact, "says": str(agreement)}})
+        return {
+            "session": self.recorded.spec.session,
+            "label": self.recorded.spec.label,
+            "settings": self.recorded.spec.settings.model_dump(),
+            "last_step": self.last,
+            "recorded_by": "; ".join(self.makers),
+            "replayed_by": "" if self.elsewhere else maker(),
+            "notes": self.notes,
+            "recorded": asdict(summary_of("recorded", self.recorded_figures)),
+            "replayed": runs,
+        }
+
+
+def summary_of(name: str, figures: Sequence[StepFigures]) -> Summary:
+    """A run's figures together."""
+    known = [found for found in figures if math.isfinite(found.min_quality)]
+    worst = min(known, key=lambda found: found.min_quality, default=None)
+    means = [found.mean_quality for found in known if math.isfinite(found.mean_quality)]
+    return Summary(
+        name=name,
+        steps=len(figures),
+        min_quality=worst.min_quality if worst else None,
+        worst_step=worst.step if worst else 0,
+        mean_quality=sum(means) / len(means) if means else None,
+        corrections=sum(found.corrected for found in figures),
+        enrichment_points=sum(found.enrichment_points for found in figures),
+        refusals=sum(found.refusals for found in figures),
+        moves=sum(found.moves for found in figures),
+        seconds={phase: sum(found.seconds[phase] for found in figures) for phase in PHASES},
+        seconds_total=sum(found.seconds_total for found in figures),
+    )
+
+
+def table_of(comparison: Comparison) -> Table:
+    """For people: recorded first, then each replay."""
+    runs = [("recorded", comparison.recorded_figures)]
+    runs += [(run.name, comparison.compared_figures(run)) for run in comparison.runs]
+    columns = [summary_of(name, figures) for name, figures in runs]
+    refused = ["", *(run.refusal for run in comparison.runs)]
+    table = Table("", *(column.name for column in columns), box=None, pad_edge=False)
+    rows: list[tuple[str, list[str]]] = [
+        ("steps", [str(c.steps) for c in columns]),
+        ("lowest size-skew", [f"{_text(c.min_quality)} (step {c.worst_step})" for c in columns]),
+        ("mean size-skew", [_text(c.mean_quality) for c in columns]),
+        ("steps corrected", [str(c.corrections) for c in columns]),
+        ("enrichment points", [str(c.enrichment_points) for c in columns]),
+        ("moves", [str(c.moves) for c in columns]),
+        (
+            "refusals",
+            [str(c.refusals + bool(end)) for c, end in zip(columns, refused, strict=True)],
+        ),
+        *((f"seconds to {phase}", [f"{c.seconds[phase]:.3f}" for c in columns]) for phase in PHASES),
+        ("seconds in all", [f"{c.seconds_total:.3f}" for c in columns]),
+        ("state digests", ["", *(str(comparison.agreement(run)) for run in comparison.runs)]),
+    ]
+    if any(refused):
+        rows.append(("ended", refused))
+    for name, cells in rows:
+        table.add_row(name, *cells)
+    return table
+
+
+def write_comparison(folder: Path, comparison: Comparison) -> None:
+    """comparison.json, and comparison.csv with a line for each run and step."""
+    text = json.dumps(comparison.as_dict(), indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+    runs = [("recorded", comparison.recorded_figures), *((run.name, run.figures) for run in comparison.runs)]
+    with (folder / "comparison.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["run", "step", *_COLUMNS, *_MORE_COLUMNS, "digest"])
+        for name, figures in runs:
+            for found in figures:
+                seconds = {f"seconds_{phase}": value for phase, value in found.seconds.items()}
+                values = vars(found) | seconds
+                row = [values[column] for column in (*_COLUMNS, *_MORE_COLUMNS)]
+                digest = comparison.recorded.digest(found.step) if name == "recorded" else found.digest
+                writer.writerow([name, found.step, *row, digest.hex()])
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _text(value: float | None) -> str:
+    return "not known" if value is None else f"{value:.4f}"

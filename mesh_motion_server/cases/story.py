@@ -1,0 +1,277 @@
+"""What happened at a step and why, in words: from the events of a history to lines that an engineer reads."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.observation.fold import is_corrected
+from mesh_motion_server.observation.steps import events_of_step
+from mesh_motion_server.session.history.events import read_events
+from mesh_motion_server.session.listing import SPEC
+from mesh_motion_server.session.spec import StoredSpec
+
+__all__ = ["Story", "reason_of_move", "tell_step"]
+
+Event = dict[str, Any]
+
+#: Worst cells that are named for each motion; ``--json`` has all ten.
+_NAMED_CELLS = 3
+
+
+@dataclass(frozen=True)
+class Story:
+    """What happened at a step.
+
+    Attributes
+    ----------
+    step : int
+    outcome : {"committed", "lost", "open"}
+        Lost: a crash took the session back before it (durability ``relaxed``), and it was not begun again.
+    why : list of str
+        One sentence for each thing that was decided.
+    lines : list of str
+        All of it, in the order in which it happened.
+    events : list of dict
+        As recorded.
+    """
+
+    step: int
+    outcome: str
+    why: list[str]
+    lines: list[str]
+    events: list[Event]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, as for JSON."""
+        return {"step": self.step, "outcome": self.outcome, "why": self.why, "events": self.events}
+
+
+def tell_step(session_folder: Path, step: int) -> Story:
+    """The story of a recorded step.
+
+    Raises
+    ------
+    InvalidInput
+        If it is not recorded.
+    """
+    events = events_of_step(session_folder, step)
+    outcome = _outcome(events, step)
+    why = list(_reasons(events, step, _settings(session_folder)))
+    lines = [_headline(events, step, outcome), ""]
+    for number, event in enumerate(events):
+        first, *rest = _told(event, _outcome(events[:number], step) == "committed")
+        lines += [f"{_clock(event)}  {first}", *(f"{'':10}{line}" for line in rest)]
+    lines += ["", *(f"{'why: ' if not number else '     '}{line}" for number, line in enumerate(why))]
+    return Story(step, outcome, why, lines, events)
+
+
+def reason_of_move(event: Event, settings: dict[str, Any]) -> str:
+    """Why a motion was corrected or not, and what came of it."""
+    quality, correction = event["quality"], event["correction"]
+    metric, threshold = quality["metric"], quality["threshold"]
+    before, after = _lowest(quality["standard"]), _lowest(quality["corrected"])
+    predicted = f"the predicted minimum {metric} {_value(before)}"
+    if not is_corrected(correction):
+        if before is not None and before >= threshold:
+            return f"not corrected: {predicted} was not below the threshold {threshold:g}"
+        if settings.get("correction") == "none":
+            return f"not corrected, although {predicted} was below the threshold {threshold:g}: correction = none"
+        return f"not corrected: {predicted}, threshold {threshold:g}"
+    low = before is None or before < threshold
+    cause = f"was below the threshold {threshold:g}" if low else f"was to be raised above {threshold:g}"
+    came = (
+        f"reached {_value(after)}" if correction["reached"] else f"came to {_value(after)} only, below the threshold,"
+    )
+    return f"corrected because {predicted} {cause}; {came} with {_means(correction)}"
+
+
+def _settings(session_folder: Path) -> dict[str, Any]:
+    """The session's settings: as stored, for BUILT may be of the events that went; else as BUILT told them."""
+    try:
+        return StoredSpec.from_bytes((session_folder / SPEC).read_bytes()).settings.model_dump()
+    except (OSError, JournalError):
+        built = (event for event in read_events(session_folder) if event["event"] == "built")
+        settings: dict[str, Any] = next(built, {}).get("settings", {})
+        return settings
+
+
+# --- the parts --------------------------------------------------------------------------------------------------------
+
+
+def _outcome(events: Sequence[Event], step: int) -> str:
+    """What has become of the step in the end."""
+    outcome = "open"
+    for event in events:
+        if event["event"] == "committed" and event["step"] == step:
+            outcome = "committed"
+        elif event["event"] == "resumed" and event["step"] < step and outcome == "committed":
+            outcome = "lost"
+        elif event["event"] == "moved" and event["step"] == step and outcome == "lost":
+            outcome = "open"
+    return outcome
+
+
+def _headline(events: Sequence[Event], step: int, outcome: str) -> str:
+    moves = [event for event in events if event["event"] == "moved"]
+    counts = {"iteration": len(moves)}
+    for name, word in (("rolled_back", "roll-back"), ("refused", "refusal"), ("resumed", "resumption")):
+        counts[word] = sum(event["event"] == name for event in events)
+    counted = [f"{number} {word}{'s' if number > 1 else ''}" for word, number in counts.items() if number]
+    seconds = sum(event.get("seconds_total", 0.0) for event in events)
+    day = time.strftime("%Y-%m-%d", time.gmtime(events[0]["at"]))
+    said = {"open": "not committed", "lost": "committed, and lost in a crash"}.get(outcome, outcome)
+    return f"step {step}, {day} (UTC): {said}, {', '.join(counted)}; {_seconds(seconds)} in the server"
+
+
+def _told(event: Event, was_committed: bool) -> list[str]:
+    """What an event says, the first line without its time."""
+    tell: Callable[[Event], list[str]] | None = {
+        "moved": _told_move,
+        "committed": _told_commit,
+        "refused": _told_refusal,
+        "rolled_back": lambda e: [_told_roll_back(e["iteration"])],
+        "resumed": lambda e: _told_resumption(e, was_committed),
+        "suspended": lambda _: ["suspended: no client was connected for the lease"],
+        "joined": lambda _: ["a client joined again"],
+        "frozen": lambda e: [f"the session is FROZEN: {e['message']}"],
+        "closed": lambda _: ["closed, and kept"],
+        "failed": lambda e: [f"the session FAILED: {e['message']}"],
+    }.get(event["event"])
+    return tell(event) if tell else [str(event.get("message", event["event"]))]
+
+
+def _told_move(event: Event) -> list[str]:
+    quality, correction = event["quality"], event["correction"]
+    standard, corrected, metric = quality["standard"], quality["corrected"], quality["metric"]
+    changed = is_corrected(correction)
+    lines = [
+        f"iteration {event['iteration']}: predicted minimum {metric} {_value(_lowest(standard))}"
+        + (f", corrected {_value(_lowest(corrected))}" if changed else "")
+        + f", threshold {quality['threshold']:g}"
+    ]
+    for name, summary in (("without correction", standard), ("corrected", corrected))[: 1 + changed]:
+        lines += [f"{name}: {_distribution(summary)}{_inverted(summary)}"] if changed or _spread(summary) else []
+        lines += [f"worst cells {'then' if changed else 'predicted'}: {_cells(summary['worst'])}"]
+    if changed:
+        reached = "reached" if correction["reached"] else "not reached"
+        lines.append(f"correction: {_means(correction)}; {reached}")
+        lines += [f"enrichment points at {_places(event['enrichment_points'])}"] if event["enrichment_points"] else []
+    if correction["sub_steps"] > 1:
+        lines.append(f"led there in {correction['sub_steps']} sub-steps")
+    phases = ", ".join(f"{name} {_seconds(value)}" for name, value in event["seconds"].items() if name != "total")
+    made = event["caches"].get("factorization")
+    lines.append(f"time: {_seconds(event['seconds_total'])}: {phases}" + (f"; factorization {made}" if made else ""))
+    return lines + [f"warning: {warning}" for warning in event["warnings"]]
+
+
+def _told_commit(event: Event) -> list[str]:
+    summary = event["quality"]
+    again = "; told when the session was resumed" if event.get("recovered") else ""
+    lines = [f"committed: minimum {_value(_lowest(summary))}, {_distribution(summary)}{_inverted(summary)}{again}"]
+    lines += [f"worst cells: {_cells(summary['worst'])}"] if summary.get("worst") else []
+    return [*lines, f"state digest {event['digest'][:16]}…"]
+
+
+def _told_roll_back(iteration: int) -> str:
+    dropped = f"the trial of iteration {iteration} was dropped" if iteration else "there was no trial to drop"
+    return f"rolled back: {dropped}"
+
+
+def _told_refusal(event: Event) -> list[str]:
+    lines = [f"refused: {event['request']} of step {event['step']}: {event['code']}", event["message"]]
+    details = event.get("details", {})
+    if details.get("worst"):
+        lines.append(f"cells: {_cells(details['worst'])}")
+    return lines + ([f"way out: {event['hint']}"] if event.get("hint") else [])
+
+
+def _told_resumption(event: Event, was_committed: bool) -> list[str]:
+    lost = ": the crash took this step back" if was_committed else ""
+    return [f"resumed at step {event['step']}, epoch {event['epoch']}, by version {event['version']}{lost}"]
+
+
+def _reasons(events: Sequence[Event], step: int, settings: dict[str, Any]) -> Iterator[str]:
+    """What was decided: of motions the last one that counted, each refusal, what a crash cost, the outcome."""
+    for number, event in enumerate(events):
+        if event["event"] == "refused":
+            yield f"refused: {event['code']}: {event['message']}"
+        if event["event"] == "resumed" and _outcome(events[:number], step) == "committed":
+            yield f"lost: it was committed, and a crash took the session back to step {event['step']}"
+        elif event["event"] == "resumed":
+            yield f"resumed in between: a trial that was not committed by then was dropped (epoch {event['epoch']})"
+    made = [event for event in events if event["event"] in ("moved", "committed") and event["step"] == step]
+    moves = [event for event in made if event["event"] == "moved"]
+    if moves:
+        yield reason_of_move(moves[-1], settings)
+    predicted = _lowest(moves[-1]["quality"]["corrected"]) if moves else None
+    is_last = bool(made) and made[-1]["event"] == "committed"  # or it is being made again after a crash
+    if is_last and predicted is not None and (found := _lowest(made[-1]["quality"])) is not None:
+        gap = found - predicted
+        yield "committed as predicted" if abs(gap) < 1e-6 else f"committed {abs(gap):.2g} {_side(gap)} than predicted"
+
+
+def _side(gap: float) -> str:
+    return "better" if gap > 0 else "worse"
+
+
+def _means(correction: dict[str, Any]) -> str:
+    """'optimised': 3 enrichment points, 12 freed nodes, 4 iterations."""
+    counts = [(correction["enrichment_points"], "enrichment point"), (correction["freed_nodes"], "freed node")]
+    counts.append((correction["iterations"], "iteration"))
+    parts = [f"{number} {word}{'s' if number != 1 else ''}" for number, word in counts if number]
+    return f"'{correction['method']}': {', '.join(parts) or 'nothing to add'}"
+
+
+def _lowest(summary: dict[str, Any]) -> float | None:
+    lowest: float | None = summary.get("metric", {}).get("min")
+    return lowest
+
+
+def _spread(summary: dict[str, Any]) -> bool:
+    return "p5" in summary.get("metric", {})
+
+
+def _distribution(summary: dict[str, Any]) -> str:
+    metric = summary.get("metric", {})
+    names = [name for name in ("p1", "p5", "p50", "mean") if metric.get(name) is not None]
+    return ", ".join(f"{name} {metric[name]:.3f}" for name in names) or f"minimum {_value(_lowest(summary))}"
+
+
+def _inverted(summary: dict[str, Any]) -> str:
+    return f", {summary['inverted']} inverted cells" if summary["inverted"] else ""
+
+
+def _cells(worst: Sequence[dict[str, Any]]) -> str:
+    several = any(cell["partition"] for cell in worst)
+    named = []
+    for cell in worst[:_NAMED_CELLS]:
+        text = f"{cell['type']} {cell['cell']}" + (f" of partition {cell['partition']}" if several else "")
+        text += f" at {_place(cell['centre'])}" if "centre" in cell else ""
+        named.append(text + (f": {_value(cell['metric'])}" if "metric" in cell else ""))
+    return "; ".join(named)
+
+
+def _places(points: Sequence[Sequence[float]]) -> str:
+    more = f" and {len(points) - 5} more" if len(points) > 5 else ""
+    return ", ".join(map(_place, points[:5])) + more
+
+
+def _place(point: Sequence[float | None]) -> str:
+    return f"({', '.join('?' if x is None else f'{x:.4g}' for x in point)})"
+
+
+def _value(value: float | None) -> str:
+    return "that is no number" if value is None else f"{value:.4f}"
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.2f} s" if value >= 1 else f"{1000 * value:.1f} ms"
+
+
+def _clock(event: Event) -> str:
+    return time.strftime("%H:%M:%S", time.gmtime(event["at"]))

@@ -1,0 +1,47 @@
+"""What the shell offers for the values of options; commands and options themselves typer completes.
+
+Each function takes what has been typed and returns what may stand there; for nothing the shell offers files. They
+import nothing heavy: they run at each press of Tab.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+__all__ = ["beginning_with", "log_levels", "promises", "roles", "session_folders"]
+
+#: What ``serve`` keeps its sessions in, if no setting says otherwise.
+_STATE = Path("~/.local/state/mesh-motion")
+_SESSION = re.compile(r"[0-9a-f]{32}")
+_CHECK = re.compile(r"\bCHECK = Check\(\s*(?:name=)?\"([\w-]+)\"")
+
+
+def beginning_with(incomplete: str, *words: str) -> list[str]:
+    """Those that go on from what has been typed."""
+    return [word for word in words if word.startswith(incomplete)]
+
+
+def log_levels(incomplete: str) -> list[str]:
+    """Of ``serve --log-level``."""
+    return beginning_with(incomplete, "debug", "info", "warning", "error")
+
+
+def roles(incomplete: str) -> list[str]:
+    """Of ``keys allow --role``."""
+    return beginning_with(incomplete, "owner", "monitor", "admin")
+
+
+def promises(incomplete: str) -> list[str]:
+    """The checks of ``prove --only``, read from their sources: importing them takes seconds."""
+    texts = (path.read_text(encoding="utf-8") for path in Path(__file__).with_name("prove").glob("*.py"))
+    return beginning_with(incomplete, *sorted(name for text in texts for name in _CHECK.findall(text)))
+
+
+def session_folders(incomplete: str) -> list[str]:
+    """The stored sessions of the default state folder, and that folder."""
+    state = _STATE.expanduser()
+    if not state.is_dir():
+        return []
+    stored = sorted(str(path) for path in state.glob("sessions/*") if _SESSION.fullmatch(path.name))
+    return beginning_with(incomplete, str(state), *stored)

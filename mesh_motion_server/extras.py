@@ -1,0 +1,50 @@
+"""Which extra of the package brings a module that is not installed.
+
+The package's own metadata say what each extra requires, so that there is no second table of it.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib.metadata import PackageNotFoundError, requires
+
+__all__ = ["extra_of", "not_installed"]
+
+_PACKAGE = "mesh-motion-server"
+#: Modules that are not named as their distribution is.
+_DISTRIBUTIONS = {"distributed": "dask"}
+#: Extras that contain others' packages too; the smallest that brings a module is told.
+_COLLECTIONS = ("all", "dev")
+_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+).*;.*\bextra == ['\"]([\w-]+)['\"]")
+
+
+def extra_of(module: str) -> str | None:
+    """The extra that brings a module; None if none does.
+
+    Parameters
+    ----------
+    module : str
+        As imported, ``package.module``.
+    """
+    root = module.partition(".")[0]
+    wanted = _DISTRIBUTIONS.get(root, root).lower().replace("_", "-")
+    for line in _requirements():
+        found = _REQUIREMENT.match(line)
+        if found and found[2] not in _COLLECTIONS and found[1].lower().replace("_", "-") == wanted:
+            return found[2]
+    return None
+
+
+def not_installed(error: ModuleNotFoundError) -> str | None:
+    """One line that names the module and the command that installs it; None if no extra brings it."""
+    extra = extra_of(error.name or "")
+    if extra is None:
+        return None
+    return f"the package {error.name!r} is not installed (pip install '{_PACKAGE}[{extra}]')"
+
+
+def _requirements() -> list[str]:
+    try:
+        return requires(_PACKAGE) or []
+    except PackageNotFoundError:
+        return []

@@ -1,0 +1,111 @@
+"""All facets of all cells, which of them match, and what patches have of them; plain NumPy, for writing files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mesh_motion_server.files.mesh_file import IntArray, MeshFile
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.local_facets import LOCAL_FACETS
+
+__all__ = ["FACET_TYPES", "CellFacets", "PatchFacets", "facets_of_patches", "padded"]
+
+#: Types of facets by how many nodes they have.
+FACET_TYPES = {2: "line", 3: "triangle", 4: "quad"}
+
+
+@dataclass(frozen=True, eq=False)
+class CellFacets:
+    """The facets of cells, each once.
+
+    Attributes
+    ----------
+    nodes : (f, 4) array
+        As their first cell sees them from inside, anticlockwise from outside; filled up with -1. First those between
+        two cells, ordered by first and second cell, then those of the boundary, in the order of the cells.
+    owner : (f,) array
+        Their first cell.
+    neighbour : (i,) array
+        The second cell of those between two.
+    """
+
+    nodes: IntArray
+    owner: IntArray
+    neighbour: IntArray
+
+    @classmethod
+    def of(cls, cells: CellTable) -> CellFacets:
+        """Find them."""
+        nodes, owners = [], []
+        for block, first in zip(cells, cells.offsets, strict=False):
+            for local in LOCAL_FACETS[block.type.name]:
+                nodes.append(padded(block.nodes[:, local]))
+                owners.append(np.arange(first, first + len(block)))
+        facets, owner = np.concatenate(nodes), np.concatenate(owners)
+        keys = np.sort(facets, axis=1)
+        order = np.lexsort((owner, *keys.T))
+        equal = (keys[order[1:]] == keys[order[:-1]]).all(axis=1)
+        inner, other = order[:-1][equal], order[1:][equal]
+        alone = np.ones(len(order), dtype=bool)
+        alone[:-1][equal] = alone[1:][equal] = False
+        rank = np.lexsort((owner[other], owner[inner]))
+        outer = order[alone]
+        outer = outer[np.lexsort((outer, owner[outer]))]
+        chosen = np.concatenate([inner[rank], outer])
+        return cls(facets[chosen], owner[chosen], owner[other[rank]])
+
+    @property
+    def boundary(self) -> IntArray:
+        """(b, 4) the facets of one cell only."""
+        return self.nodes[len(self.neighbour) :]
+
+
+@dataclass(frozen=True, eq=False)
+class PatchFacets:
+    """A patch: {type: (f, k)} its facets, and (p,) its nodes that are on none of them."""
+
+    facets: dict[str, IntArray]
+    loose: IntArray
+
+
+def padded(nodes: IntArray) -> IntArray:
+    """(m, 4) facets (m, k) filled up with -1."""
+    return np.pad(nodes, ((0, 0), (0, 4 - nodes.shape[1])), constant_values=-1)
+
+
+def facets_of_patches(mesh: MeshFile) -> dict[str, PatchFacets]:
+    """The facets of each patch: those that the file says; otherwise the boundary's facets whose nodes it has.
+
+    A facet of the boundary whose nodes several patches have goes to the one with the fewest nodes: an edge across a
+    channel has its nodes on both walls too.
+    """
+    derived = [name for name in mesh.patches if name not in mesh.facets]
+    found = dict(mesh.facets)
+    if derived and mesh.dimension > 1:
+        found |= _derived(mesh, sorted(derived, key=lambda name: len(mesh.patches[name])))
+    return {name: _with_loose(found.get(name, {}), nodes) for name, nodes in mesh.patches.items()}
+
+
+def _derived(mesh: MeshFile, names: list[str]) -> dict[str, dict[str, IntArray]]:
+    """Facets of the patches, each facet in the first one that has its nodes."""
+    boundary = CellFacets.of(mesh.cell_table).boundary
+    free = np.ones(len(boundary), dtype=bool)
+    found = {}
+    for name in names:
+        on = np.zeros(len(mesh.points) + 1, dtype=bool)
+        on[mesh.patches[name]] = on[-1] = True  # -1 is no node: it is on every patch
+        mine = free & on[boundary].all(axis=1)
+        free &= ~mine
+        sizes = (boundary[mine] >= 0).sum(axis=1)
+        found[name] = {
+            kind: boundary[mine][sizes == size, :size] for size, kind in FACET_TYPES.items() if (sizes == size).any()
+        }
+    return found
+
+
+def _with_loose(facets: dict[str, IntArray], nodes: IntArray) -> PatchFacets:
+    """The facets, and what they leave of the nodes."""
+    covered = np.concatenate([np.empty(0, dtype=np.int64), *(of.ravel() for of in facets.values())])
+    return PatchFacets(facets, np.setdiff1d(nodes, covered))

@@ -1,0 +1,176 @@
+"""CGNS files in HDF5 with one unstructured zone, read by h5py (extra ``mesh``).
+
+Boundary conditions become patches by the names of their families; where Gmsh wrote the file, a family in turn names its
+physical group. A zone without boundary conditions has its sections of lower dimension as patches, by their names, of
+polyhedra those NGON_n sections that have no face between two cells.
+
+https://cgns.github.io/CGNS_docs_current/sids/index.html
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from mesh_motion_server.files.cgns_conditions import read_conditions
+from mesh_motion_server.files.cgns_elements import NFACE, NGON, VERTEX, Elements, ListedElements, read_elements
+from mesh_motion_server.files.cgns_faces import NumberedFaces, join_faces
+from mesh_motion_server.files.cgns_tree import Node, open_cgns
+from mesh_motion_server.files.face_cells import find_cells
+from mesh_motion_server.files.face_pieces import divide
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble
+from mesh_motion_server.numerics.cells import CELL_TYPES
+
+__all__ = ["coordinate_nodes", "read_cgns", "the_zone"]
+
+_AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
+_Facets = dict[str, dict[str, list[IntArray]]]
+
+
+def read_cgns(path: Path) -> MeshFile:
+    """Read a mesh from ``.cgns``.
+
+    Raises
+    ------
+    InvalidInput
+        Without h5py, for ADF files, several bases or zones, structured zones, other elements, and damaged files.
+    """
+    with open_cgns(path) as root:
+        base, zone = the_zone(root)
+        points = _points(zone)
+        parts = [part for section in zone.children("Elements_t") for part in read_elements(section)]
+        listed = [part for part in parts if isinstance(part, ListedElements)]
+        fixed = [part for part in parts if isinstance(part, Elements)]
+        for part in fixed:
+            _check_nodes(zone, part, len(points))
+        if listed:
+            return _polyhedral(path, base, zone, points, listed, fixed)
+        return _simple(path, base, zone, points, fixed)
+
+
+def the_zone(root: Node) -> tuple[Node, Node]:
+    """The only base and its only zone, which must be unstructured."""
+    base = root.only("CGNSBase_t", "bases")
+    zone = base.only("Zone_t", "zones", "join them, or write one file for each zone")
+    kind = zone.child("ZoneType")
+    name = kind.text() if kind is not None else "Structured"
+    if name != "Unstructured":
+        raise zone.refused(f"a zone of type {name}", "convert it to unstructured cells; these are moved")
+    return base, zone
+
+
+def coordinate_nodes(zone: Node) -> list[Node]:
+    """The arrays of x, y and, if there is one, z."""
+    grid = zone.child("GridCoordinates") or zone.only("GridCoordinates_t", "grids of coordinates")
+    found = [node for axis in _AXES if (node := grid.child(axis)) is not None]
+    if [node.name for node in found] not in (list(_AXES[:2]), list(_AXES)):
+        names = ", ".join(node.name for node in grid.children("DataArray_t")) or "none"
+        raise grid.refused(f"coordinates {names}; expected {', '.join(_AXES)}")
+    return found
+
+
+def _points(zone: Node) -> FloatArray:
+    """(n, 2 | 3) the coordinates."""
+    counts = zone.integers()
+    columns = [node.reals() for node in coordinate_nodes(zone)]
+    for axis, column in zip(_AXES, columns, strict=False):
+        if not len(counts) or len(column) != counts[0]:
+            expected = int(counts[0]) if len(counts) else "no"
+            raise zone.refused(f"{expected} nodes, but {len(column)} values of {axis}")
+    return np.column_stack(columns)
+
+
+def _check_nodes(zone: Node, part: Elements, n_points: int) -> None:
+    wrong = (part.nodes < 0) | (part.nodes >= n_points)
+    if wrong.any():
+        row, column = (int(v) for v in np.argwhere(wrong)[0])
+        node = int(part.nodes[row, column]) + 1
+        raise zone.refused(
+            f"element {int(part.numbers[row])} of section {part.section!r} names node {node}, "
+            f"but there are the nodes 1 to {n_points}"
+        )
+
+
+def _simple(path: Path, base: Node, zone: Node, points: FloatArray, fixed: list[Elements]) -> MeshFile:
+    """A zone of cells of known types."""
+    cells: dict[str, list[IntArray]] = defaultdict(list)
+    for part in fixed:
+        if part.name != VERTEX:
+            cells[part.name].append(part.nodes)
+    dimension = max((CELL_TYPES[name].dimension for name in cells), default=0)
+    flat = [part for part in fixed if part.name == VERTEX or CELL_TYPES[part.name].dimension < dimension]
+    numbers = _numbers(flat), _numbers([part for part in fixed if part not in flat])
+    facets: _Facets = defaultdict(lambda: defaultdict(list))
+    loose: dict[str, list[IntArray]] = defaultdict(list)
+    conditions = read_conditions(base, zone, len(points))
+    for condition in conditions:
+        condition.check(*numbers, "element of lower dimension than the cells")
+        loose[condition.patch].append(condition.nodes)
+        for part in flat:
+            _add(facets, loose, condition.patch, part, part.nodes[condition.elements(part.numbers)])
+    if not conditions:
+        for part in flat:
+            _add(facets, loose, part.section, part, part.nodes)
+    nodes_of = {name: np.concatenate(parts) for name, parts in loose.items()}
+    patches = {name: nodes for name, nodes in nodes_of.items() if len(nodes)}
+    joined = {name: np.concatenate(parts) for name, parts in cells.items()}
+    return assemble(path, points, joined, patches, _joined(facets))
+
+
+def _numbers(parts: list[Elements]) -> IntArray:
+    """The numbers of all their elements."""
+    return np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
+
+
+def _add(facets: _Facets, loose: dict[str, list[IntArray]], patch: str, part: Elements, nodes: IntArray) -> None:
+    """Give a patch elements (m, k) of a part."""
+    if part.name != VERTEX:
+        facets[patch][part.name].append(nodes)
+    loose[patch].append(nodes.ravel())
+
+
+def _joined(facets: _Facets) -> dict[str, dict[str, IntArray]]:
+    return {name: {kind: np.concatenate(parts) for kind, parts in of.items()} for name, of in facets.items()}
+
+
+def _polyhedral(
+    path: Path, base: Node, zone: Node, points: FloatArray, listed: list[ListedElements], fixed: list[Elements]
+) -> MeshFile:
+    """A zone of polyhedra, in pieces where they are no simple cells."""
+    single = [part for part in fixed if part.name == VERTEX]
+    if len(single) < len(fixed) or points.shape[1] != 3:
+        raise zone.refused("NGON_n faces beside other elements, or in a plane; they are read as polyhedra of a 3D zone")
+    faces = join_faces(zone, points, listed)
+    pieces = divide(faces.mesh, find_cells(faces.mesh))
+    boundary = np.arange(faces.mesh.n_inner, faces.mesh.n_faces)
+    numbers = np.concatenate([faces.numbers[boundary], _numbers(single)])
+    volumes = np.concatenate([numbers[:0], *(part.numbers for part in listed if part.kind == NFACE)])
+    chosen: dict[str, list[IntArray]] = defaultdict(list)
+    loose: dict[str, list[IntArray]] = defaultdict(list)
+    conditions = read_conditions(base, zone, len(points))
+    for condition in conditions:
+        condition.check(numbers, volumes, "face of the boundary")
+        chosen[condition.patch].append(boundary[condition.elements(faces.numbers[boundary])])
+        loose[condition.patch].append(condition.nodes)
+        loose[condition.patch] += [part.nodes[condition.elements(part.numbers)].ravel() for part in single]
+    if not conditions:
+        chosen |= _boundary_sections(listed, faces)
+    facets, patches = {}, {}
+    for name, parts in chosen.items():
+        facets[name] = pieces.facets(faces.mesh, np.unique(np.concatenate(parts)))
+        nodes = np.concatenate([*loose[name], *(of.ravel() for of in facets[name].values())])
+        if len(nodes):
+            patches[name] = nodes
+    return assemble(path, pieces.points, pieces.cells, patches, facets)
+
+
+def _boundary_sections(listed: list[ListedElements], faces: NumberedFaces) -> dict[str, list[IntArray]]:
+    """{section: [(k,) faces]} of the NGON_n sections without a face between two cells."""
+    found = {}
+    for part in listed:
+        rows = np.flatnonzero(np.isin(faces.numbers, part.numbers))
+        if part.kind == NGON and len(rows) and rows.min() >= faces.mesh.n_inner:
+            found[part.section] = [rows]
+    return found

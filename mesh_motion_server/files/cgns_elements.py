@@ -1,0 +1,180 @@
+"""The element sections of a CGNS zone: fixed types, MIXED, and polyhedra by NGON_n and NFACE_n.
+
+Elements are numbered through all sections. Before version 4 (in fact 3.4) MIXED and NGON_n sections had no
+``ElementStartOffset``: a type or a count then stands before each element's nodes and says where the next begins.
+
+https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mesh_motion_server.files.cgns_tree import Node
+from mesh_motion_server.files.mesh_file import IntArray
+from mesh_motion_server.numerics.cells import CELL_TYPES
+
+__all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elements"]
+
+NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
+#: CGNS' number of each type that is read; its name for others.
+TYPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
+#: Single nodes are elements too, which boundary conditions may list.
+VERTEX = "vertex"
+_NAMES = TYPES | {NODE: VERTEX}
+_WIDTHS = {kind: CELL_TYPES[name].n_nodes for kind, name in TYPES.items()} | {NODE: 1}
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """Elements of one type: nodes (m, k) from 0 on, and their numbers (m,) in the zone."""
+
+    name: str
+    nodes: IntArray
+    numbers: IntArray
+    section: str
+
+
+@dataclass(frozen=True, eq=False)
+class ListedElements:
+    """Elements of changing length, NGON_n or NFACE_n: (m + 1,) where each begins, its entries, as the file has them.
+
+    ``parents`` (m, 2): the cells on both sides, if the section says so.
+    """
+
+    kind: int
+    section: str
+    starts: IntArray
+    entries: IntArray
+    first: int
+    parents: IntArray | None
+
+    @property
+    def numbers(self) -> IntArray:
+        """(m,) their numbers in the zone."""
+        return self.first + np.arange(len(self.starts) - 1)
+
+
+def read_elements(section: Node) -> list[Elements | ListedElements]:
+    """What one section holds.
+
+    Raises
+    ------
+    InvalidInput
+        On types of higher order, and counts that do not fit.
+    """
+    kind = int(_first(section, section.integers(), 2)[0])
+    low, high = (int(v) for v in _first(section, _array(section, "ElementRange"), 2))
+    connectivity = _array(section, "ElementConnectivity")
+    count = high - low + 1
+    if low < 1 or not 0 < count <= len(connectivity):
+        raise section.refused(f"elements {low} to {high}, but a connectivity of {len(connectivity)} entries")
+    if kind in (NGON, NFACE):
+        starts, entries = _listed(section, connectivity, count)
+        return [ListedElements(kind, section.name, starts, entries, low, _parents(section, count))]
+    if kind == MIXED:
+        return _mixed(section, connectivity, low, count)
+    if kind not in _NAMES:
+        raise section.refused(
+            f"elements of CGNS' type {kind}; known are {', '.join(TYPES.values())}, MIXED, NGON_n and NFACE_n",
+            "save the mesh with first-order elements",
+        )
+    width = _WIDTHS[kind]
+    if len(connectivity) != count * width:
+        raise section.refused(f"{count} elements of {width} nodes, but a connectivity of {len(connectivity)} entries")
+    return [Elements(_NAMES[kind], connectivity.reshape(count, width) - 1, np.arange(low, high + 1), section.name)]
+
+
+def _array(section: Node, name: str) -> IntArray:
+    """An array that the section must have."""
+    found = section.child(name)
+    if found is None:
+        raise section.refused(f"it has no {name}")
+    return found.integers()
+
+
+def _first(section: Node, values: IntArray, count: int) -> IntArray:
+    """The first values of an array that must have so many."""
+    if len(values) < count:
+        raise section.refused(f"an array of {len(values)} values, expected {count}")
+    return values[:count]
+
+
+def _offsets(section: Node, size: int, count: int) -> IntArray | None:
+    """(count + 1,) ``ElementStartOffset``, if the section has it."""
+    if section.child("ElementStartOffset") is None:
+        return None
+    starts = _array(section, "ElementStartOffset")
+    if len(starts) != count + 1 or starts[0] != 0 or starts[-1] != size or (np.diff(starts) < 1).any():
+        raise section.refused(f"its ElementStartOffset does not run upwards from 0 to {size} for {count} elements")
+    return starts
+
+
+def _listed(section: Node, connectivity: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Starts and entries of elements of changing length."""
+    starts = _offsets(section, len(connectivity), count)
+    if starts is not None:
+        return starts, connectivity
+    starts = np.empty(count + 1, dtype=np.int64)
+    place, values = 0, connectivity.tolist()
+    for element in range(count):
+        starts[element] = place - element
+        if place >= len(values) or not 0 < values[place] < len(values) - place:
+            raise section.refused(f"element {element} of the section has no count, or fewer entries than it says")
+        place += 1 + values[place]
+    starts[count] = place - count
+    if place != len(values):
+        raise section.refused(f"{len(values) - place} entries follow the last element")
+    return starts, np.delete(connectivity, starts[:-1] + np.arange(count))
+
+
+def _mixed(section: Node, connectivity: IntArray, low: int, count: int) -> list[Elements | ListedElements]:
+    """Elements whose type stands before their nodes."""
+    starts = _offsets(section, len(connectivity), count)
+    if starts is None:
+        starts = _walked(section, connectivity, count)
+    kinds = connectivity[starts[:-1]]
+    found: list[Elements | ListedElements] = []
+    for kind in np.unique(kinds):
+        rows = np.flatnonzero(kinds == kind)
+        if int(kind) not in _NAMES:
+            raise section.refused(
+                f"element {low + int(rows[0])} of CGNS' type {int(kind)}; only first-order cells are read"
+            )
+        width = _WIDTHS[int(kind)]
+        if (np.diff(starts)[rows] != width + 1).any():
+            raise section.refused(f"a {_NAMES[int(kind)]} with a number of nodes other than {width}")
+        nodes = connectivity[starts[rows, None] + 1 + np.arange(width)] - 1
+        found.append(Elements(_NAMES[int(kind)], nodes, low + rows, section.name))
+    return found
+
+
+def _walked(section: Node, connectivity: IntArray, count: int) -> IntArray:
+    """(count + 1,) where the elements of a MIXED section begin, from the types that stand before them."""
+    starts = np.empty(count + 1, dtype=np.int64)
+    place, values = 0, connectivity.tolist()
+    for element in range(count):
+        starts[element] = place
+        kind = values[place] if place < len(values) else 0
+        if kind not in _WIDTHS:
+            raise section.refused(
+                f"element {element} of the section is of CGNS' type {kind}; only first-order cells are read"
+            )
+        place += 1 + _WIDTHS[kind]
+    starts[count] = place
+    if place != len(values):
+        raise section.refused(f"{count} elements have {place} entries, but the connectivity {len(values)}")
+    return starts
+
+
+def _parents(section: Node, count: int) -> IntArray | None:
+    """(count, 2) the cells on both sides of each face; HDF5 has CGNS' arrays transposed."""
+    node = section.child("ParentElements")
+    if node is None:
+        return None
+    values = node.integers()
+    if len(values) != 2 * count:
+        raise section.refused(f"{count} faces, but {len(values)} parents")
+    return values.reshape(2, count).T

@@ -1,0 +1,101 @@
+"""Polyhedral zones of CGNS as meshes by faces: NGON_n sections are the faces, NFACE_n or their parents the cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mesh_motion_server.files.cgns_elements import NFACE, NGON, ListedElements
+from mesh_motion_server.files.cgns_tree import Node
+from mesh_motion_server.files.face_mesh import FaceMesh
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+
+__all__ = ["NumberedFaces", "join_faces"]
+
+
+@dataclass(frozen=True, eq=False)
+class NumberedFaces:
+    """A mesh by faces, and which element of the zone each face is.
+
+    ``numbers`` (f,): the element that each face is.
+    """
+
+    mesh: FaceMesh
+    numbers: IntArray
+
+
+def join_faces(zone: Node, points: FloatArray, sections: list[ListedElements]) -> NumberedFaces:
+    """Make the mesh of a zone.
+
+    Raises
+    ------
+    InvalidInput
+        If faces and cells do not fit together, and as :class:`~mesh_motion_server.files.face_mesh.FaceMesh` does.
+    """
+    polygons = [section for section in sections if section.kind == NGON]
+    if not polygons:
+        raise zone.refused("NFACE_n cells without NGON_n faces")
+    numbers = np.concatenate([part.numbers for part in polygons])
+    nodes = np.concatenate([part.entries for part in polygons]) - 1
+    sizes = np.concatenate([np.diff(part.starts) for part in polygons])
+    order = np.argsort(numbers, kind="stable")
+    twice = np.flatnonzero(np.diff(numbers[order]) == 0)
+    if len(twice):
+        raise zone.refused(f"two of its NGON_n faces are element {int(numbers[order[twice[0]]])}")
+    sides = _sides(zone, [s for s in sections if s.kind == NFACE], polygons, numbers[order], order)
+    return _ordered(zone, points, nodes, sizes, sides, numbers)
+
+
+def _sides(
+    zone: Node, cells: list[ListedElements], polygons: list[ListedElements], numbers: IntArray, rows: IntArray
+) -> IntArray:
+    """(f, 2) the cell that each face's normal points out of, and the one it points into; -1 for none.
+
+    ``numbers`` (f,) are the faces' in ascending order, ``rows`` (f,) the faces that have them.
+    """
+    if not cells:
+        if any(part.parents is None for part in polygons):
+            raise zone.refused("NGON_n faces without NFACE_n cells, and without ParentElements")
+        parents = np.concatenate([part.parents for part in polygons if part.parents is not None])
+        known = parents[parents > 0]
+        if not len(known):
+            raise zone.refused("no face has a parent: the zone has no cells")
+        return np.where(parents > 0, parents - int(known.min()), -1)
+    entries = np.concatenate([part.entries for part in cells])
+    owners = np.repeat(np.arange(sum(len(part.starts) - 1 for part in cells)),
+                       np.concatenate([np.diff(part.starts) for part in cells]))  # fmt: skip
+    places = np.minimum(np.searchsorted(numbers, np.abs(entries)), len(numbers) - 1)
+    wrong = np.flatnonzero(numbers[places] != np.abs(entries))
+    if len(wrong):
+        raise zone.refused(
+            f"cell {int(owners[wrong[0]])} names face {int(entries[wrong[0]])}, which is no NGON_n element"
+        )
+    faces, side = rows[places], (entries < 0).astype(np.int64)
+    taken = np.bincount(2 * faces + side, minlength=2 * len(rows))
+    if (taken > 1).any():
+        face = int(np.argmax(taken > 1)) // 2
+        raise zone.refused(f"face {face} of its NGON_n faces has two cells on the same side")
+    sides = np.full((len(rows), 2), -1, dtype=np.int64)
+    sides[faces, side] = owners
+    return sides
+
+
+def _ordered(
+    zone: Node, points: FloatArray, nodes: IntArray, sizes: IntArray, sides: IntArray, numbers: IntArray
+) -> NumberedFaces:
+    """The mesh with its inner faces first; faces that point into their only cell are turned."""
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    turned = sides[:, 0] < 0
+    order = np.argsort((sides < 0).any(axis=1), kind="stable")
+    cellless = np.flatnonzero((sides < 0).all(axis=1))
+    if len(cellless):
+        raise zone.refused(f"face {int(cellless[0])} of its NGON_n faces belongs to no cell")
+    new_starts = np.concatenate([[0], np.cumsum(sizes[order])])
+    within = np.arange(len(nodes)) - np.repeat(new_starts[:-1], sizes[order])
+    back = np.repeat(sizes[order], sizes[order]) - 1 - within
+    take = np.repeat(starts[:-1][order], sizes[order]) + np.where(np.repeat(turned[order], sizes[order]), back, within)
+    inner = int((sides >= 0).all(axis=1).sum())
+    owner = np.where(turned, sides[:, 1], sides[:, 0])[order]
+    mesh = FaceMesh(zone.path, points, new_starts, nodes[take], owner, sides[order[:inner], 1], ())
+    return NumberedFaces(mesh, numbers[order])

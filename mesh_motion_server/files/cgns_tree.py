@@ -1,0 +1,139 @@
+"""The nodes of a CGNS file in HDF5: each is a group with a label, and perhaps an array, or a link to such a group.
+
+No more is read than a file of its size can hold: an array that HDF5 would fill up from nothing is refused.
+
+https://cgns.github.io/CGNS_docs_current/hdf5/index.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.hdf5 import load_h5py
+from mesh_motion_server.files.memory import most_memory
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+
+__all__ = ["Node", "open_cgns"]
+
+_ADF = b"@(#)ADF"
+_DATA = " data"
+#: CGNS' own links are nodes of this type, with HDF5's link under this name.
+_LINK, _LINK_DATA = b"LK", " link"
+#: No filter of HDF5 makes arrays smaller than this.
+_BEST_COMPRESSION = 1100
+_SMALL = 1 << 16
+
+
+@contextmanager
+def open_cgns(path: Path) -> Iterator[Node]:
+    """The root node of a file.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no HDF5 file, and for whatever h5py raises on a damaged one.
+    """
+    h5py = load_h5py(path)
+    with path.open("rb") as file:
+        beginning = file.read(32)
+    if _ADF in beginning:
+        raise InvalidInput(f"{path}: a CGNS file in the old ADF format", hint=f"adf2hdf {path.name} turns it into HDF5")
+    try:
+        with h5py.File(path, "r", locking=False) as root:
+            yield Node(path, "/", root)
+    except (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InvalidInput(f"{path}: malformed or damaged CGNS file: {reason}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """One node; ``group`` is h5py's."""
+
+    path: Path
+    name: str
+    group: Any
+
+    def refused(self, reason: str, hint: str = "") -> InvalidInput:
+        """An error that names the file and the node."""
+        return InvalidInput(f"{self.path}: {self.name}: {reason}", hint=hint)
+
+    @property
+    def label(self) -> str:
+        """What the node is: ``Zone_t`` or the like."""
+        value = self.group.attrs.get("label", b"")
+        text = value.decode("ascii", errors="replace") if isinstance(value, bytes) else str(value)
+        return text.rstrip("\0 ")
+
+    def children(self, label: str) -> list[Node]:
+        """The nodes under this one with a label, in the order of their names."""
+        nodes = [self._child(name) for name in self.group if name != _DATA]
+        return [node for node in nodes if node is not None and node.label == label]
+
+    def child(self, name: str) -> Node | None:
+        """The node under this one with a name."""
+        return self._child(name) if name in self.group else None
+
+    def _child(self, name: str) -> Node | None:
+        found = self._followed(self.group, name)
+        if hasattr(found, "keys") and found.attrs.get("type") == _LINK:
+            found = self._followed(found, _LINK_DATA)
+        return Node(self.path, name, found) if hasattr(found, "keys") else None
+
+    def _followed(self, group: Any, name: str) -> Any:
+        """What a name in a group of HDF5 stands for, which may be in another file."""
+        found, link = group.get(name), group.get(name, getlink=True)
+        if found is None and hasattr(link, "path"):
+            place = f" in {link.filename}" if hasattr(link, "filename") else ""
+            raise self.refused(f"a link to {link.path}{place}, which is not there")
+        return found
+
+    def only(self, label: str, what: str, hint: str = "") -> Node:
+        """The only node under this one with a label.
+
+        Raises
+        ------
+        InvalidInput
+            If there are none or several.
+        """
+        found = self.children(label)
+        if len(found) != 1:
+            names = f": {', '.join(node.name for node in found[:8])}" if found else ""
+            raise self.refused(f"{len(found)} {what}{names}; one is expected", hint)
+        return found[0]
+
+    def text(self) -> str:
+        """The array as characters."""
+        return self._array("iuS").tobytes().decode("utf-8", errors="replace").rstrip("\0 ") if self._has_data else ""
+
+    def integers(self) -> IntArray:
+        """(k,) the array, in the order in which it lies in the file."""
+        return self._array("iu").astype(np.int64).ravel()
+
+    def reals(self) -> FloatArray:
+        """(k,) the array as real numbers."""
+        return self._array("f").astype(np.float64).ravel()
+
+    @property
+    def _has_data(self) -> bool:
+        return _DATA in self.group
+
+    def _array(self, kinds: str) -> NDArray[Any]:
+        """The array, if its numbers are of one of these kinds and it lies in the file."""
+        data = self.group.get(_DATA)
+        if data is None or not hasattr(data, "dtype"):
+            raise self.refused("it has no data")
+        if data.dtype.kind not in kinds:
+            raise self.refused(f"data of type {data.dtype}, expected {'real numbers' if kinds == 'f' else 'integers'}")
+        stored = data.id.get_storage_size()
+        if data.size * data.dtype.itemsize > min(_SMALL + _BEST_COMPRESSION * stored, most_memory(stored)):
+            raise self.refused(f"{data.size} values, of which only {stored} bytes lie in the file")
+        return np.asarray(data[()])

@@ -1,0 +1,111 @@
+"""The cells of a mesh that is given by its faces: hexahedra, wedges, pyramids and tetrahedra are found again.
+
+How many triangles and quadrilaterals a cell has says what it may be. One face is its base; the nodes above are the
+other ends of the edges that leave the base's nodes. It is taken for what it may be if its faces then are those of
+:data:`~mesh_motion_server.numerics.local_facets.LOCAL_FACETS`; if not, it is a polyhedron, as any other cell is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.files.face_mesh import FaceMesh
+from mesh_motion_server.files.mesh_file import IntArray
+from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.local_facets import LOCAL_FACETS
+
+__all__ = ["FoundCells", "find_cells"]
+
+#: Triangles, quadrilaterals, and how many points the base has.
+_SHAPES = {"hexahedron": (0, 6, 4), "wedge": (2, 3, 3), "pyramid": (4, 1, 4), "tetra": (4, 0, 3)}
+#: Cells at a time: what is compared takes a few hundred bytes for each.
+_CHUNK = 50_000
+
+
+@dataclass(frozen=True, eq=False)
+class FoundCells:
+    """What the cells of a mesh are.
+
+    Attributes
+    ----------
+    nodes : dict of str to (m, k) arrays
+        Nodes of the cells of each type.
+    numbers : dict of str to (m,) arrays
+        Which of the mesh's cells these are, ascending.
+    others : (p,) array
+        The polyhedra.
+    """
+
+    nodes: dict[str, IntArray]
+    numbers: dict[str, IntArray]
+    others: IntArray
+
+
+def find_cells(mesh: FaceMesh) -> FoundCells:
+    """Find the cells of each type."""
+    faces_of = np.diff(mesh.cell_starts)
+    cells = np.repeat(np.arange(mesh.n_cells), faces_of)
+    sizes = mesh.sizes[mesh.cell_faces]
+    triangles = np.bincount(cells[sizes == 3], minlength=mesh.n_cells)
+    quads = np.bincount(cells[sizes == 4], minlength=mesh.n_cells)
+    simple = np.zeros(mesh.n_cells, dtype=bool)
+    nodes, numbers = {}, {}
+    for name, (n_triangles, n_quads, base) in _SHAPES.items():
+        fits = (triangles == n_triangles) & (quads == n_quads) & (faces_of == n_triangles + n_quads)
+        candidates = np.flatnonzero(fits)
+        parts = [
+            _shaped(mesh, name, base, candidates[first : first + _CHUNK]) for first in range(0, len(candidates), _CHUNK)
+        ]
+        if not parts:
+            continue
+        whole = np.concatenate([good for _, good in parts])
+        nodes[name] = np.concatenate([found for found, _ in parts])[whole]
+        numbers[name] = candidates[whole]
+        simple[numbers[name]] = True
+    return FoundCells(nodes, numbers, np.flatnonzero(~simple))
+
+
+def _shaped(mesh: FaceMesh, name: str, base: int, cells: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+    """(m, k) nodes of the cells as cells of one type, and (m,) which of them are."""
+    n_faces = len(LOCAL_FACETS[name])
+    faces = mesh.cell_faces[mesh.cell_starts[cells, None] + np.arange(n_faces)]
+    first = np.argmax(mesh.sizes[faces] == base, axis=1)
+    rows = np.arange(len(cells))
+    faces[rows, first], faces[:, 0] = faces[:, 0].copy(), faces[rows, first]
+    bottom = mesh.short[faces[:, 0], :base]
+    inwards = mesh.owner[faces[:, 0]] != cells
+    bottom = np.where(inwards[:, None], bottom, bottom[:, ::-1])  # its normal points to the top
+    starts, ends = _edges(mesh.short[faces[:, 1:]])
+    leaves = (ends[:, :, None] != bottom[:, None]).all(axis=2) & (ends >= 0)
+    n_top = CELL_TYPES[name].n_nodes - base
+    top = np.empty((len(cells), n_top), dtype=np.int64)
+    for corner in range(n_top):
+        up = leaves & (starts == bottom[:, corner, None])
+        top[:, corner] = np.where(up.any(axis=1), ends[rows, np.argmax(up, axis=1)], -1)
+    nodes = np.concatenate([bottom, top], axis=1)
+    return nodes, _has_facets(nodes, mesh.short[faces], name)
+
+
+def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """(m, e) the ends of the edges of faces (m, f, 4), each edge in both directions; -1 for none."""
+    after = np.roll(faces, -1, axis=2)
+    triangle = faces[:, :, 3] < 0
+    after[triangle, 2], after[triangle, 3] = faces[triangle, 0], -1
+    a, b = faces.reshape(len(faces), -1), after.reshape(len(faces), -1)
+    return np.concatenate([a, b], axis=1), np.concatenate([b, a], axis=1)
+
+
+def _has_facets(nodes: IntArray, faces: IntArray, name: str) -> NDArray[np.bool_]:
+    """(m,) whether the faces (m, f, 4) are those of cells with these nodes; each is a set of bits."""
+    bits = np.zeros(faces.shape, dtype=np.int64)
+    for local in range(nodes.shape[1]):
+        bits |= np.where(faces == nodes[:, local, None, None], 1 << local, 0)
+    foreign = ((bits == 0) & (faces >= 0)).any(axis=(1, 2))
+    masks = np.bitwise_or.reduce(bits, axis=2)
+    expected = sorted(sum(1 << node for node in facet) for facet in LOCAL_FACETS[name])
+    same = (np.sort(masks, axis=1) == expected).all(axis=1)
+    found: NDArray[np.bool_] = same & ~foreign & (nodes >= 0).all(axis=1)
+    return found

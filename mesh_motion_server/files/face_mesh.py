@@ -1,0 +1,217 @@
+"""A mesh that is given by its faces: what OpenFOAM's polyMesh and CGNS' NGON_n sections say.
+
+Each face has an owner cell, which its normal points out of, and the inner ones, which come first, a neighbour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+
+__all__ = ["FaceMesh", "FacePatch"]
+
+
+@dataclass(frozen=True)
+class FacePatch:
+    """Boundary faces ``start`` … ``start + count - 1``, of a type as OpenFOAM names them."""
+
+    name: str
+    kind: str
+    start: int
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class FaceMesh:
+    """A mesh by its faces, checked to be one.
+
+    Attributes
+    ----------
+    path : Path
+        Where it was read from.
+    points : (n, 3) array
+    starts : (f + 1,) array
+        Where the points of each face begin in ``nodes``.
+    nodes : (k,) array
+    owner : (f,) array
+    neighbour : (i,) array
+        Of the inner faces.
+    patches : tuple of FacePatch
+
+    Raises
+    ------
+    InvalidInput
+        Naming the first face, cell or patch that does not fit.
+    """
+
+    path: Path
+    points: FloatArray
+    starts: IntArray
+    nodes: IntArray
+    owner: IntArray
+    neighbour: IntArray
+    patches: tuple[FacePatch, ...]
+
+    def __post_init__(self) -> None:
+        wrong = np.flatnonzero((self.nodes < 0) | (self.nodes >= len(self.points)))
+        if len(wrong):
+            face = int(np.searchsorted(self.starts, wrong[0], side="right")) - 1
+            point, last = int(self.nodes[wrong[0]]), len(self.points) - 1
+            raise self._refused(f"face {face} names point {point}, but there are the points 0 to {last}")
+        if len(self.owner) != self.n_faces:
+            raise self._refused(f"{self.n_faces} faces, but {len(self.owner)} owners")
+        if len(self.neighbour) > self.n_faces:
+            raise self._refused(f"{self.n_faces} faces, but {len(self.neighbour)} neighbours")
+        self._check_cells()
+        self._check_patches()
+
+    def _check_cells(self) -> None:
+        """Cells are numbered from 0 without gaps, each with four faces at least."""
+        most = (self.n_faces + self.n_inner) // 4
+        for what, cells in (("owner", self.owner), ("neighbour", self.neighbour)):
+            wrong = np.flatnonzero((cells < 0) | (cells >= max(most, 1)))
+            if len(wrong):
+                cell = int(cells[wrong[0]])
+                reason = "is negative" if cell < 0 else f"cannot be: so many faces make no more than {most} cells"
+                raise self._refused(f"the {what} of face {int(wrong[0])} is cell {cell}, which {reason}")
+        same = np.flatnonzero(self.owner[: self.n_inner] == self.neighbour)
+        if len(same):
+            raise self._refused(f"face {int(same[0])} has the cell {int(self.neighbour[same[0]])} on both sides")
+        few = np.flatnonzero(np.diff(self.cell_starts) < 4)
+        if len(few):
+            count = int(np.diff(self.cell_starts)[few[0]])
+            raise self._refused(f"cell {int(few[0])} has {count} faces; at least 4 enclose a volume")
+
+    def _check_patches(self) -> None:
+        """Each patch consists of boundary faces; if there are any, each of these is in one of them."""
+        for patch in self.patches:
+            if not (self.n_inner <= patch.start and patch.count >= 0 and patch.start + patch.count <= self.n_faces):
+                raise self._refused(
+                    f"patch {patch.name!r} has {patch.count} faces from face {patch.start} on, but the boundary has "
+                    f"the faces {self.n_inner} to {self.n_faces - 1}"
+                )
+        filled = sorted((patch for patch in self.patches if patch.count), key=lambda patch: patch.start)
+        begin = self.n_inner
+        for patch in filled:
+            if patch.start < begin:
+                raise self._refused(f"face {patch.start} is in patch {patch.name!r} and in another one, too")
+            if patch.start > begin:
+                break
+            begin += patch.count
+        if self.patches and begin < self.n_faces:
+            raise self._refused(f"face {begin} of the boundary is in no patch")
+
+    def _refused(self, reason: str) -> InvalidInput:
+        return InvalidInput(f"{self.path}: {reason}")
+
+    @property
+    def n_faces(self) -> int:
+        """All faces."""
+        return len(self.starts) - 1
+
+    @property
+    def n_inner(self) -> int:
+        """Those between two cells."""
+        return len(self.neighbour)
+
+    @property
+    def n_cells(self) -> int:
+        """Cells."""
+        return len(self.cell_starts) - 1
+
+    @cached_property
+    def sizes(self) -> IntArray:
+        """(f,) points of each face."""
+        return np.diff(self.starts)
+
+    @cached_property
+    def _by_cell(self) -> tuple[IntArray, IntArray]:
+        cells = np.concatenate([self.owner, self.neighbour])
+        order = np.argsort(cells, kind="stable")
+        counts = np.bincount(cells)
+        faces = np.concatenate([np.arange(self.n_faces), np.arange(self.n_inner)])[order]
+        return np.concatenate([[0], np.cumsum(counts)]), faces
+
+    @property
+    def cell_starts(self) -> IntArray:
+        """(c + 1,) where the faces of each cell begin in ``cell_faces``."""
+        return self._by_cell[0]
+
+    @property
+    def cell_faces(self) -> IntArray:
+        """(f + i,) faces of all cells."""
+        return self._by_cell[1]
+
+    def face(self, number: int) -> IntArray:
+        """The points of a face."""
+        return self.nodes[self.starts[number] : self.starts[number + 1]]
+
+    @cached_property
+    def short(self) -> IntArray:
+        """(f, 4) points of the triangles and quadrilaterals; a triangle ends with -1, longer faces are -1 only."""
+        table = np.full((self.n_faces, 4), -1, dtype=np.int64)
+        for size in (3, 4):
+            faces = np.flatnonzero(self.sizes == size)
+            table[faces, :size] = self.nodes[self.starts[faces, None] + np.arange(size)]
+        return table
+
+    def boundary_faces(self, patch: FacePatch) -> IntArray:
+        """(p,) numbers of the faces of a patch."""
+        return np.arange(patch.start, patch.start + patch.count)
+
+    @np.errstate(all="ignore")
+    def means(self, faces: IntArray, values: FloatArray | None = None) -> FloatArray:
+        """(k, 3) mean of the points of each of the faces, or of other values (n, 3) at points."""
+        values = self.points if values is None else values
+        out = np.empty((len(faces), 3))
+        for size in np.unique(self.sizes[faces]):
+            rows = np.flatnonzero(self.sizes[faces] == size)
+            nodes = self.nodes[self.starts[faces[rows], None] + np.arange(size)]
+            out[rows] = values[nodes].mean(axis=1)
+        return out
+
+    @cached_property
+    @np.errstate(all="ignore")  # absurd coordinates are the mesh check's matter
+    def areas_and_centres(self) -> tuple[FloatArray, FloatArray]:
+        """(f, 3) area vectors and (f, 3) centroids, from triangles about the mean of each face's points."""
+        areas, centres = np.empty((self.n_faces, 3)), np.empty((self.n_faces, 3))
+        for size in np.unique(self.sizes):
+            faces = np.flatnonzero(self.sizes == size)
+            corners = self.points[self.nodes[self.starts[faces, None] + np.arange(size)]]
+            middle = corners.mean(axis=1)
+            after = np.roll(corners, -1, axis=1)
+            triangles = 0.5 * np.cross(after - corners, middle[:, None] - corners)
+            weights = np.linalg.norm(triangles, axis=2)
+            thirds = (corners + after + middle[:, None]) / 3
+            total = weights.sum(axis=1)
+            areas[faces] = triangles.sum(axis=1)
+            centroid = (weights[..., None] * thirds).sum(axis=1) / total[:, None]
+            centres[faces] = np.where(total[:, None] > 0, centroid, middle)
+        return areas, centres
+
+    @np.errstate(all="ignore")
+    def volumes_and_centres(self) -> tuple[FloatArray, FloatArray]:
+        """(c,) volumes and (c, 3) centroids, from pyramids about the mean of each cell's face centroids."""
+        areas, centres = self.areas_and_centres
+        counts = np.diff(self.cell_starts)
+        cells = np.repeat(np.arange(self.n_cells), counts)
+        sign = np.where(self.owner[self.cell_faces] == cells, 1.0, -1.0)
+        estimate = _sums(cells, centres[self.cell_faces], self.n_cells) / counts[:, None]
+        heights = centres[self.cell_faces] - estimate[cells]
+        pyramids = sign * np.einsum("ij,ij->i", areas[self.cell_faces], heights) / 3
+        tips = 0.75 * centres[self.cell_faces] + 0.25 * estimate[cells]
+        volumes = np.bincount(cells, pyramids, self.n_cells)
+        centroid = _sums(cells, pyramids[:, None] * tips, self.n_cells) / volumes[:, None]
+        return volumes.astype(np.float64), np.where(np.isfinite(centroid), centroid, estimate)
+
+
+def _sums(rows: NDArray[np.integer], values: FloatArray, count: int) -> FloatArray:
+    """(count, 3) sums of values (k, 3) that belong to the same row."""
+    return np.column_stack([np.bincount(rows, values[:, axis], count) for axis in range(3)])

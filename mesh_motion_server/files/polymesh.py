@@ -1,0 +1,104 @@
+"""OpenFOAM's polyMesh: a case, its ``constant/polyMesh``, or any folder with points, faces, owner, neighbour, boundary.
+
+Cells are found again from their faces (:mod:`.face_cells`), polyhedra are divided (:mod:`.face_pieces`), and one layer
+of cells between empty patches is a mesh in the plane (:mod:`.polymesh_plane`), all as the motion solver for OpenFOAM
+does it. Patches keep their names; empty ones and those without faces are no patches here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.face_cells import find_cells
+from mesh_motion_server.files.face_mesh import FaceMesh, FacePatch
+from mesh_motion_server.files.face_pieces import divide
+from mesh_motion_server.files.foam_file import FoamFile, dictionaries
+from mesh_motion_server.files.mesh_file import IntArray, MeshFile
+from mesh_motion_server.files.polymesh_plane import plane_axes, project
+
+__all__ = ["polymesh_folder", "read_face_mesh", "read_polymesh"]
+
+
+def read_polymesh(path: Path) -> MeshFile:
+    """Read a mesh from a case or a polyMesh folder.
+
+    Raises
+    ------
+    InvalidInput
+        Without such a mesh, for damaged files, decomposed cases, axisymmetric meshes, and cells that cannot be divided.
+    """
+    mesh = read_face_mesh(polymesh_folder(path))
+    axes = plane_axes(mesh)
+    patches = [patch for patch in mesh.patches if patch.count and patch.kind != "empty"]
+    cyclic = tuple(patch.name for patch in patches if patch.kind.startswith("cyclic"))
+    if len(axes) == 2:
+        plane = project(mesh, axes)
+        facets = {patch.name: {"line": plane.edges(mesh, patch)} for patch in patches}
+        return _mesh(path, plane.points, plane.cells, facets, cyclic)
+    pieces = divide(mesh, find_cells(mesh))
+    facets = {patch.name: pieces.facets(mesh, mesh.boundary_faces(patch)) for patch in patches}
+    return _mesh(path, pieces.points, pieces.cells, facets, cyclic)
+
+
+def _mesh(
+    path: Path,
+    points: np.ndarray,
+    cells: dict[str, IntArray],
+    facets: dict[str, dict[str, IntArray]],
+    cyclic: tuple[str, ...],
+) -> MeshFile:
+    """The mesh; the nodes of a patch are those of its facets."""
+    patches = {
+        name: np.unique(np.concatenate([nodes.ravel() for nodes in parts.values()])) for name, parts in facets.items()
+    }
+    return MeshFile(points, cells, patches, path, facets, cyclic)
+
+
+def polymesh_folder(path: Path) -> Path:
+    """The folder with points and faces of a case, or of a folder that may be it.
+
+    Raises
+    ------
+    InvalidInput
+        If there is none.
+    """
+    folder = path if path.is_dir() else path.parent
+    for candidate in (folder, folder / "polyMesh", folder / "constant" / "polyMesh"):
+        if any((candidate / name).is_file() for name in ("faces", "faces.gz")):
+            return candidate
+    hint = "a case has its mesh in constant/polyMesh (blockMesh makes it)"
+    if (folder / "processor0").is_dir():
+        hint = "the case is decomposed: reconstructParMesh -constant puts it together"
+    raise InvalidInput(f"{path}: neither an OpenFOAM case nor a polyMesh folder: no file 'faces'", hint=hint)
+
+
+def read_face_mesh(folder: Path) -> FaceMesh:
+    """Read points, faces, owner, neighbour and boundary."""
+    points = FoamFile.find(folder, "points").vectors()
+    starts, nodes = FoamFile.find(folder, "faces").faces()
+    n_faces = len(starts) - 1
+    owner = FoamFile.find(folder, "owner").labels(at_most=n_faces)
+    neighbour = FoamFile.find(folder, "neighbour").labels(at_most=n_faces)
+    patches = _read_boundary(FoamFile.find(folder, "boundary"))
+    decomposed = [patch.name for patch in patches if patch.kind.startswith("processor")]
+    if decomposed:
+        raise InvalidInput(
+            f"{folder}: patch {decomposed[0]!r} is of type processor: this is a part of a decomposed mesh",
+            hint="reconstructParMesh -constant puts it together; at run time adapters/openfoam moves it in parts",
+        )
+    return FaceMesh(folder, points, starts, nodes, owner, neighbour, patches)
+
+
+def _read_boundary(file: FoamFile) -> tuple[FacePatch, ...]:
+    """The patches."""
+    found = []
+    for name, entries in dictionaries(file):
+        numbers = [entries.get(key, "") for key in ("startFace", "nFaces")]
+        for key, number in zip(("startFace", "nFaces"), numbers, strict=True):
+            if not (number.isdigit() and len(number) < 19):
+                raise file.refused(f"patch {name!r}: {key} is {number!r}, expected a number of faces")
+        found.append(FacePatch(name, entries.get("type", "patch"), int(numbers[0]), int(numbers[1])))
+    return tuple(found)

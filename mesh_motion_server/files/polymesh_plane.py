@@ -1,0 +1,135 @@
+"""Two-dimensional meshes of OpenFOAM: one layer of cells between empty patches becomes a mesh in the plane.
+
+As in the motion solver for OpenFOAM (adapters/openfoam): the points of the plane with the larger coordinate are the
+nodes, its faces are the cells, and each point of the other plane has the node that it shares an edge with. Faces of
+more than four points are triangles about a node in the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.face_mesh import FaceMesh, FacePatch
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+
+__all__ = ["Plane", "plane_axes", "project"]
+
+#: A component of the empty patches' normals up to this is none, as OpenFOAM has it.
+_NO_COMPONENT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A mesh in the plane.
+
+    Attributes
+    ----------
+    points : (n, 2) array
+        Nodes that are points of the mesh, then middles of its faces.
+    cells : dict of str to (m, k) arrays
+    node_of : (p,) array
+        The node of each point of the mesh.
+    """
+
+    points: FloatArray
+    cells: dict[str, IntArray]
+    node_of: IntArray
+
+    def edges(self, mesh: FaceMesh, patch: FacePatch) -> IntArray:
+        """(m, 2) the edges that the faces of a patch are seen as."""
+        short = mesh.short[mesh.boundary_faces(patch)]
+        nodes = np.sort(np.where(short >= 0, self.node_of[short], -1), axis=1)
+        return np.unique(nodes[:, [0, 3]][nodes[:, 0] >= 0], axis=0) if len(nodes) else np.empty((0, 2), dtype=np.int64)
+
+
+@np.errstate(all="ignore")
+def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
+    """The coordinates that points may move in: (0, 1, 2), or the two of a plane.
+
+    Raises
+    ------
+    InvalidInput
+        For wedges (axial symmetry) and meshes of one dimension.
+    """
+    wedges = [patch.name for patch in mesh.patches if patch.kind == "wedge"]
+    if wedges:
+        raise InvalidInput(
+            f"{mesh.path}: patch {wedges[0]!r} is of type wedge: axisymmetric meshes are not moved",
+            hint="take one layer between empty patches, or a three-dimensional mesh",
+        )
+    areas = np.zeros(3)
+    for patch in mesh.patches:
+        if patch.kind == "empty":
+            areas += np.abs(mesh.areas_and_centres[0][mesh.boundary_faces(patch)]).sum(axis=0)
+    total = float(np.linalg.norm(areas))
+    axes = tuple(int(a) for a in range(3) if total == 0.0 or areas[a] / total <= _NO_COMPONENT)
+    if len(axes) < 2:
+        raise InvalidInput(
+            f"{mesh.path}: the empty patches leave {len(axes)} dimension(s); meshes of two or three are moved",
+            hint="empty patches must lie in planes normal to one coordinate",
+        )
+    return axes
+
+
+def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
+    """See the one layer of cells as a mesh in the plane of two axes.
+
+    Raises
+    ------
+    InvalidInput
+        If it is not one layer with every point on either side.
+    """
+    (thin,) = {0, 1, 2} - set(axes)
+    kinds = [mesh.boundary_faces(patch) for patch in mesh.patches if patch.kind == "empty"]
+    faces = np.concatenate(kinds)
+    faces = faces[mesh.areas_and_centres[0][faces, thin] > 0]
+    in_front = np.zeros(len(mesh.points), dtype=bool)
+    for face in faces:
+        in_front[mesh.face(int(face))] = True
+    node_of = np.full(len(mesh.points), -1, dtype=np.int64)
+    front = np.flatnonzero(in_front)
+    node_of[front] = np.arange(len(front))
+    pairs = _edges_across(mesh, in_front)
+    node_of[pairs[:, 1]] = node_of[pairs[:, 0]]
+    if len(faces) != mesh.n_cells or len(pairs) != len(front) or (node_of < 0).any():
+        raise InvalidInput(
+            f"{mesh.path}: a 2D mesh must have one layer of cells between its empty patches, with every point on "
+            f"either; got {len(faces)} empty faces on one side of {mesh.n_cells} cells, and {len(pairs)} edges across "
+            f"it for {len(mesh.points)} points"
+        )
+    long = faces[mesh.sizes[faces] > 4]
+    points = np.concatenate([mesh.points[front], mesh.means(long)])[:, list(axes)]
+    flip = axes[1] - axes[0] == 2  # anticlockwise about y is clockwise in (x, z)
+    return Plane(np.ascontiguousarray(points), _polygons(mesh, faces, long, node_of, len(front), flip), node_of)
+
+
+def _edges_across(mesh: FaceMesh, in_front: NDArray[np.bool_]) -> IntArray:
+    """(k, 2) the point in front and the point behind of each edge between the planes."""
+    ends = np.arange(1, len(mesh.nodes) + 1)
+    ends[mesh.starts[1:] - 1] = mesh.starts[:-1]
+    a, b = mesh.nodes, mesh.nodes[ends]
+    across = in_front[a] != in_front[b]
+    a, b = a[across], b[across]
+    found = np.where(in_front[a][:, None], np.column_stack([a, b]), np.column_stack([b, a]))
+    return np.unique(found, axis=0)
+
+
+def _polygons(
+    mesh: FaceMesh, faces: IntArray, long: IntArray, node_of: IntArray, first: int, flip: bool
+) -> dict[str, IntArray]:
+    """{type: (m, k)} the faces of the plane as cells."""
+    cells = {}
+    for name, size in (("triangle", 3), ("quad", 4)):
+        nodes = node_of[mesh.short[faces[mesh.sizes[faces] == size], :size]]
+        cells[name] = nodes[:, ::-1] if flip else nodes
+    fans = [cells["triangle"]]
+    for number, face in enumerate(long):
+        nodes = node_of[mesh.face(int(face))]
+        nodes = nodes[::-1] if flip else nodes
+        fans.append(np.column_stack([nodes, np.roll(nodes, -1), np.full(len(nodes), first + number)]))
+    cells["triangle"] = np.concatenate(fans)
+    return {name: np.ascontiguousarray(nodes) for name, nodes in cells.items() if len(nodes)}

@@ -1,0 +1,237 @@
+// One chart over steps: uPlot inside, around it a legend of buttons, keys, and a description for those who do not see it.
+
+import { css, drawing, element } from "./format.js";
+
+const FONT = '11.5px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
+const KEY_SHARE = 0.02;
+/** So few steps are points too: a line through one step cannot be seen. */
+const FEW = 40;
+
+/**
+ * series: [{name, label, colour (a custom property), width, dash, shown, row}]; stacked: areas upon each other;
+ * threshold: () => number; range: of y; value: number → text; zoomed(min, max): somebody has asked for these steps.
+ */
+export class Chart {
+  constructor(host, options) {
+    this.host = host;
+    this.options = options;
+    this.shown = new Map(options.series.map((one) => [one.name, one.shown ?? true]));
+    this.columns = { step: [] };
+    this.legend = element("div", { class: "chart-legend" });
+    this.frame = element("div", { class: "plot", tabindex: "0", role: "img", "aria-label": options.title });
+    host.replaceChildren(this.legend, this.frame);
+    this.frame.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.resize()).observe(host);
+    this.build();
+  }
+
+  get series() {
+    return this.options.series;
+  }
+
+  /** Other names to be drawn: phases come to be known as they happen. */
+  setSeries(series) {
+    if (series.map((one) => one.name).join() === this.series.map((one) => one.name).join()) return;
+    for (const one of series) if (!this.shown.has(one.name)) this.shown.set(one.name, one.shown ?? true);
+    this.options.series = series;
+    this.build();
+  }
+
+  build() {
+    const kept = this.plot ? [this.plot.scales.x.min, this.plot.scales.x.max] : null;
+    this.plot?.destroy();
+    this.plot = new uPlot(this.plotOptions(), this.data(), this.frame);
+    this.drawLegend();
+    if (kept && kept[0] !== null && this.columns.step.length) this.plot.setScale("x", { min: kept[0], max: kept[1] });
+  }
+
+  plotOptions() {
+    const quiet = css("--quiet");
+    const axis = { stroke: quiet, font: FONT, grid: { stroke: css("--line"), width: 1 }, ticks: { show: false } };
+    return {
+      width: Math.max(120, this.host.clientWidth),
+      height: this.options.height,
+      padding: [8, 10, 0, 0],
+      legend: { show: false },
+      cursor: { sync: { key: "steps" }, drag: { x: true, y: false }, points: { size: 6 }, y: false },
+      scales: { x: { time: false }, y: { range: this.options.range } },
+      axes: [
+        { ...axis, size: 26, gap: 4, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5] },
+        { ...axis, size: 46, gap: 4, space: 34, values: (_, ticks) => ticks.map(this.options.tick ?? String), incrs: this.options.increments },
+      ],
+      series: [{ label: "step" }, ...this.drawnOrder().map((one) => this.line(one))],
+      hooks: {
+        drawClear: [(plot) => this.drawThreshold(plot)],
+        setCursor: [() => this.say()],
+        setScale: [(plot, key) => key === "x" && this.scaled(plot)],
+      },
+    };
+  }
+
+  /** Of stacked areas the tallest sum is drawn first and covered by the next. */
+  drawnOrder() {
+    return this.options.stacked ? [...this.series].reverse() : this.series;
+  }
+
+  line(one) {
+    const stroke = css(one.colour);
+    const common = { label: one.name, show: this.shown.get(one.name), points: { show: false }, spanGaps: false };
+    if (this.options.stacked) return { ...common, stroke, fill: stroke, width: 0.5 };
+    if (this.options.stepped) return { ...common, stroke, fill: `${stroke}40`, width: 1.4, paths: uPlot.paths.stepped({ align: -1 }) };
+    return { ...common, stroke, width: one.width ?? 1.2, dash: one.dash, points: { show: () => this.columns.step.length <= FEW, size: 4 } };
+  }
+
+  show(columns) {
+    this.columns = columns;
+    this.plot.setData(this.data(), false);
+    this.plot.setScale("x", this.window ?? this.whole());
+    this.frame.setAttribute("aria-label", this.options.describe(columns));
+    this.say();
+  }
+
+  /** All steps there are, or the asked ones: [first, last]. */
+  zoom(window) {
+    this.window = window ? { min: window[0], max: window[1] } : null;
+    this.plot.setScale("x", this.window ?? this.whole());
+  }
+
+  whole() {
+    const steps = this.columns.step;
+    if (!steps.length) return { min: 0, max: 1 };
+    const first = steps[0];
+    const last = steps[steps.length - 1];
+    return { min: first, max: Math.max(last, first + 1) };
+  }
+
+  data() {
+    const columns = this.columns;
+    const get = (one) => columns[one.name] ?? new Array(columns.step.length).fill(null);
+    if (!this.options.stacked) return [columns.step, ...this.series.map(get)];
+    let sum = columns.step.map(() => 0);
+    const sums = this.series.map((one) => {
+      if (this.shown.get(one.name)) sum = get(one).map((value, k) => sum[k] + (value ?? 0));
+      return sum;
+    });
+    return [columns.step, ...sums.reverse()];
+  }
+
+  scaled(plot) {
+    const { min, max } = plot.scales.x;
+    if (min === null || max === null) return;
+    const asked = this.window ?? this.whole();
+    if (Math.abs(min - asked.min) + Math.abs(max - asked.max) > 1e-9) queueMicrotask(() => this.options.zoomed([min, max]));
+  }
+
+  drawThreshold(plot) {
+    const threshold = this.options.threshold?.();
+    if (threshold === undefined || threshold === null) return;
+    const pen = plot.ctx;
+    const y = plot.valToPos(threshold, "y", true);
+    const { left, width, top, height } = plot.bbox;
+    if (y < top || y > top + height) return;
+    pen.save();
+    pen.strokeStyle = css("--threshold");
+    pen.lineWidth = devicePixelRatio;
+    pen.setLineDash([6 * devicePixelRatio, 4 * devicePixelRatio]);
+    pen.beginPath();
+    pen.moveTo(left, y);
+    pen.lineTo(left + width, y);
+    pen.stroke();
+    pen.fillStyle = css("--threshold");
+    pen.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    pen.textAlign = "left";
+    const [x, baseline] = [left + 6 * devicePixelRatio, y + 13 * devicePixelRatio];
+    pen.fillText(`threshold ${threshold}`, x, baseline);
+    pen.restore();
+  }
+
+  drawLegend() {
+    const swatch = (one) => {
+      const image = drawing("svg", { width: 14, height: 10, "aria-hidden": "true" });
+      const solid = this.options.stacked || this.options.stepped;
+      const shape = solid
+        ? drawing("rect", { width: 10, height: 10, x: 2, rx: 2, fill: css(one.colour) })
+        : drawing("line", { x1: 0, x2: 14, y1: 5, y2: 5, stroke: css(one.colour), "stroke-width": Math.max(2, one.width ?? 1.5), "stroke-dasharray": one.dash ? "3 2" : "" });
+      image.append(shape);
+      return image;
+    };
+    this.values = new Map();
+    this.at = element("span", { class: "at" });
+    const rows = new Map();
+    for (const one of this.series) {
+      const value = element("span", { class: "value" });
+      this.values.set(one.name, value);
+      const button = element("button", { type: "button", "aria-pressed": this.shown.get(one.name) }, swatch(one), one.label, value);
+      button.addEventListener("click", () => this.toggle(one, button));
+      const row = one.row ?? "";
+      if (!rows.has(row)) rows.set(row, row ? [element("span", { class: "quiet row-name", text: row })] : []);
+      rows.get(row).push(button);
+    }
+    const lines = [...rows.values()].map((buttons) => element("div", { class: "chart-legend" }, ...buttons));
+    lines[0]?.append(this.at);
+    this.legend.replaceWith((this.legend = element("div", {}, ...lines)));
+    this.say();
+  }
+
+  toggle(one, button) {
+    const shown = !this.shown.get(one.name);
+    this.shown.set(one.name, shown);
+    button.setAttribute("aria-pressed", shown);
+    this.plot.setSeries(1 + this.drawnOrder().indexOf(one), { show: shown });
+    if (this.options.stacked) this.plot.setData(this.data(), false);
+    this.plot.redraw();
+    this.say();
+  }
+
+  /** The values under the cursor, or the last ones. */
+  say() {
+    const steps = this.columns.step;
+    const under = this.plot?.cursor.idx;
+    const k = under ?? steps.length - 1;
+    if (!this.at || k < 0 || k >= steps.length) return;
+    this.at.textContent = under === null || under === undefined ? "" : `step ${steps[k]}`;
+    for (const [name, cell] of this.values) cell.textContent = this.shown.get(name) ? this.options.value(this.columns[name]?.[k]) : "";
+  }
+
+  resize() {
+    const width = Math.max(120, this.host.clientWidth);
+    if (this.plot && width !== this.plot.width) this.plot.setSize({ width, height: this.options.height });
+  }
+
+  key(event) {
+    const steps = this.columns.step;
+    if (!steps.length || event.ctrlKey || event.metaKey || event.altKey) return;
+    const { min, max } = this.plot.scales.x;
+    const place = this.plot.cursor.idx ?? steps.length - 1;
+    const leap = Math.max(1, Math.round((event.shiftKey ? 5 : 1) * KEY_SHARE * steps.length * ((max - min) / (steps.at(-1) - steps[0] || 1))));
+    const moves = { ArrowLeft: place - leap, ArrowRight: place + leap, Home: 0, End: steps.length - 1 };
+    if (event.key in moves) this.point(Math.min(steps.length - 1, Math.max(0, moves[event.key])));
+    else if (event.key === "+" || event.key === "=") this.closer(0.5, steps[place]);
+    else if (event.key === "-") this.closer(2, steps[place]);
+    else if (event.key === "0" || event.key === "Escape") this.options.zoomed(null);
+    else return;
+    event.preventDefault();
+  }
+
+  point(k) {
+    const { min, max } = this.plot.scales.x;
+    const step = this.columns.step[k];
+    if (step < min || step > max) this.options.zoomed([Math.min(step, min), Math.max(step, max)]);
+    this.plot.setCursor({ left: this.plot.valToPos(step, "x"), top: 10 });
+    this.frame.setAttribute("aria-label", `${this.options.title}, step ${step}: ${this.spoken(k)}`);
+  }
+
+  spoken(k) {
+    const shown = this.series.filter((one) => this.shown.get(one.name));
+    return shown.map((one) => `${one.row ? `${one.row} ` : ""}${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
+  }
+
+  closer(factor, centre) {
+    const whole = this.whole();
+    const { min, max } = this.plot.scales.x;
+    const half = Math.max(2, (factor * (max - min)) / 2);
+    const low = Math.max(whole.min, centre - half);
+    const high = Math.min(whole.max, centre + half);
+    this.options.zoomed(low <= whole.min && high >= whole.max ? null : [low, high]);
+  }
+}

@@ -1,0 +1,57 @@
+// Numbers and times as people read them, and elements made without markup: what a client calls itself stays text.
+
+export const quality = (value) => (value === null || value === undefined || Number.isNaN(value) ? "–" : value.toFixed(3));
+
+export const whole = (value) => (value === null || value === undefined ? "–" : Math.round(value).toLocaleString("en").replaceAll(",", "\u202f"));
+
+export function seconds(value) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (value >= 100) return `${value.toFixed(0)} s`;
+  if (value >= 1) return `${value.toFixed(value >= 10 ? 1 : 2)} s`;
+  if (value >= 1e-3) return `${(1e3 * value).toFixed(value >= 0.1 ? 0 : 1)} ms`;
+  return value === 0 ? "0" : `${(1e6 * value).toFixed(0)} µs`;
+}
+
+export const coordinates = (place) => place.map((x) => (x === null ? "–" : Number(x.toPrecision(4)).toString())).join(", ");
+
+/** The time, and the date where it is not today's. */
+export function clock(at) {
+  const when = new Date(1000 * at);
+  const time = when.toLocaleTimeString("en-GB");
+  return when.toDateString() === new Date().toDateString() ? time : `${when.toLocaleDateString("sv")} ${time}`;
+}
+
+export function ago(at, now) {
+  const passed = Math.max(0, now - at);
+  if (passed < 2) return "now";
+  if (passed < 60) return `${passed.toFixed(0)} s ago`;
+  if (passed < 3600) return `${(passed / 60).toFixed(0)} min ago`;
+  return passed < 172800 ? `${(passed / 3600).toFixed(0)} h ago` : `${(passed / 86400).toFixed(0)} days ago`;
+}
+
+export const short = (session) => session.slice(0, 8);
+
+export const plural = (count, word) => `${whole(count)} ${word}${count === 1 ? "" : "s"}`;
+
+/** An element with attributes ("text" is its content) and children. */
+export function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (value === undefined || value === null) continue;
+    if (key === "text") made.textContent = value;
+    else made.setAttribute(key, value);
+  }
+  made.append(...children);
+  return made;
+}
+
+export function drawing(name, attributes, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+export const byId = (id) => document.getElementById(id);
+
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

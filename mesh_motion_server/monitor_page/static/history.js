@@ -1,0 +1,203 @@
+// The charts of a session and the table of their figures; thinned to what a screen shows, closer where somebody zooms.
+
+import { ask } from "./live.js";
+import { Chart } from "./charts.js";
+import { byId, element, quality, seconds } from "./format.js";
+
+/** Points asked for: about two a pixel of a wide screen, of which one is the minimum of its neighbours. */
+const POINTS = 1500;
+const TABLE_ROWS = 60;
+const PHASES = ["--phase-0", "--phase-1", "--phase-2", "--phase-3", "--phase-4"];
+
+const line = (row, prefix) => (key, label, colour, more = {}) => ({ name: `${prefix}_${key}`, label, colour, row, ...more });
+const actual = line("committed", "actual");
+const predicted = line("predicted", "predicted");
+const dashed = { dash: [5, 3], shown: false };
+
+const QUALITY = [
+  actual("min", "minimum", "--minimum", { width: 1.9 }),
+  actual("p1", "p1", "--p1"),
+  actual("p5", "p5", "--p5"),
+  actual("p50", "median", "--p50"),
+  actual("mean", "mean", "--mean"),
+  predicted("min", "minimum", "--predicted", { dash: [5, 3], width: 1.6 }),
+  predicted("p1", "p1", "--p1", dashed),
+  predicted("p5", "p5", "--p5", dashed),
+  predicted("p50", "median", "--p50", dashed),
+  predicted("mean", "mean", "--mean", dashed),
+];
+
+const versioned = (session) => `${session.session} ${session.version} ${session.whole}`;
+
+const last = (values) => values?.[values.length - 1] ?? null;
+
+function least(columns, name) {
+  const values = columns[name] ?? [];
+  let place = -1;
+  for (let k = 0; k < values.length; k++) if (values[k] !== null && (place < 0 || values[k] < values[place])) place = k;
+  return place;
+}
+
+export class History {
+  /** failed(error) when what somebody zoomed to does not come. */
+  constructor(failed) {
+    this.failed = failed;
+    this.loaded = "";
+    this.session = null;
+    this.window = null;
+    this.columns = { step: [] };
+    const zoomed = (window) => this.zoom(window);
+    this.quality = new Chart(byId("quality"), {
+      title: "Quality over steps",
+      height: 236,
+      series: QUALITY,
+      range: (_, low, high) => this.qualityRange(low, high),
+      value: quality,
+      tick: (value) => value.toFixed(value === Math.round(10 * value) / 10 ? 1 : 2),
+      threshold: () => this.session?.threshold,
+      describe: (columns) => this.describeQuality(columns),
+      zoomed,
+    });
+    this.iterations = new Chart(byId("iterations"), {
+      title: "Coupling iterations a step",
+      height: 104,
+      stepped: true,
+      series: [
+        { name: "iterations", label: "iterations", colour: "--p1" },
+        { name: "refusals", label: "refusals", colour: "--threshold" },
+      ],
+      range: (_, low, high) => [0, Math.max(4, Math.ceil(1.1 * (high ?? 1)))],
+      increments: [1, 2, 5, 10, 20, 50, 100],
+      value: (value) => (value === null || value === undefined ? "–" : String(value)),
+      describe: (columns) => `Coupling iterations a step, last ${last(columns.iterations) ?? "none"}. Arrow keys read single steps.`,
+      zoomed,
+    });
+    this.phases = new Chart(byId("phases"), {
+      title: "Time of a move by phase",
+      height: 124,
+      stacked: true,
+      series: [],
+      range: (_, low, high) => [0, high > 0 ? 1.05 * high : 1],
+      value: seconds,
+      tick: (value) => Number(value.toPrecision(3)).toString(),
+      describe: (columns) => `Time of a move by phase, last ${seconds(last(columns.seconds_total))} in all. Arrow keys read single steps.`,
+      zoomed,
+    });
+    this.charts = [this.quality, this.iterations, this.phases];
+    byId("all-steps").addEventListener("click", () => this.zoom(null));
+    byId("latest-steps").addEventListener("click", () => this.zoom("latest"));
+    byId("as-table").addEventListener("toggle", () => this.table());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.charts.forEach((chart) => chart.build()));
+  }
+
+  qualityRange(low, high) {
+    const least = Math.min(0, low ?? 0, this.session?.threshold ?? 0);
+    return [least < 0 ? Math.floor(10 * least) / 10 : 0, Math.max(1, high ?? 1)];
+  }
+
+  describeQuality(columns) {
+    const place = least(columns, "actual_min");
+    if (place < 0) return "Quality over steps: nothing committed yet";
+    return (
+      `Quality over steps 0 to ${last(columns.step)}: minimum now ${quality(last(columns.actual_min))}, lowest ` +
+      `${quality(columns.actual_min[place])} at step ${columns.step[place]}, threshold ${this.session?.threshold}. Arrow keys read single steps.`
+    );
+  }
+
+  /** Another session, or news of this one; series are fetched where they have changed. */
+  async follow(session) {
+    const anew = session.session !== this.session?.session || session.whole !== this.session.whole;
+    if (session.session !== this.session?.session) this.window = null;
+    this.session = session;
+    // steps that are over do not change
+    if (!anew && this.loaded && Array.isArray(this.window) && this.window[1] < (last(this.columns.step) ?? 0)) return;
+    if (versioned(session) !== this.loaded) await this.load();
+  }
+
+  bounds() {
+    if (this.window === "latest") {
+      const step = this.session.step;
+      return [Math.max(0, step - 100), Math.max(step, 1)];
+    }
+    return this.window;
+  }
+
+  /** At most one question at a time; what has changed meanwhile is asked for behind it. */
+  async load() {
+    if (this.loading) {
+      this.again = true;
+      return;
+    }
+    this.loading = true;
+    try {
+      do {
+        this.again = false;
+        await this.fetch();
+      } while (this.again);
+    } catch (error) {
+      this.loaded = "";
+      throw error;
+    } finally {
+      this.loading = false;
+    }
+  }
+
+  async fetch() {
+    const { session } = this.session;
+    const asking = versioned(this.session);
+    const bounds = this.bounds();
+    const asked = new URLSearchParams({ points: POINTS });
+    if (bounds) {
+      asked.set("first", Math.floor(bounds[0]));
+      asked.set("last", Math.ceil(bounds[1]));
+    }
+    const reply = await ask(`api/sessions/${session}/series?${asked}`);
+    const { columns, phases } = await reply.json();
+    if (session !== this.session.session) return;
+    columns.seconds_rest = columns.seconds_total.map((total, k) => Math.max(0, total - phases.reduce((sum, name) => sum + (columns[`seconds_${name}`][k] ?? 0), 0)));
+    this.columns = columns;
+    this.loaded = asking;
+    this.phases.setSeries([...phases, "rest"].map((name, k) => ({ name: `seconds_${name}`, label: name, colour: PHASES[k % PHASES.length] })));
+    for (const chart of this.charts) {
+      chart.window = bounds ? { min: bounds[0], max: bounds[1] } : null;
+      chart.show(columns);
+    }
+    byId("history-table").closest("details").open && this.table();
+    this.mark();
+  }
+
+  async zoom(window) {
+    const whole = this.quality.whole();
+    if (Array.isArray(window)) window = [Math.max(0, window[0]), Math.min(Math.max(window[1], window[0] + 1), Math.max(this.session?.step ?? 1, whole.max))];
+    this.window = window;
+    if (!this.session) return;
+    const bounds = this.bounds();
+    for (const chart of this.charts) chart.zoom(bounds);
+    this.mark();
+    await this.load().catch((error) => this.failed(error));
+  }
+
+  mark() {
+    byId("all-steps").setAttribute("aria-pressed", this.window === null);
+    byId("latest-steps").setAttribute("aria-pressed", this.window === "latest");
+  }
+
+  table() {
+    if (!byId("as-table").open) return;
+    const { columns } = this;
+    const count = columns.step.length;
+    const chosen = Array.from({ length: Math.min(count, TABLE_ROWS) }, (_, k) => count - 1 - k);
+    const heads = ["step", "minimum", "p1", "p5", "median", "mean", "predicted", "iterations", "seconds", "enrichment"];
+    const cells = (k) => [
+      columns.step[k],
+      ...["actual_min", "actual_p1", "actual_p5", "actual_p50", "actual_mean", "predicted_min"].map((name) => quality(columns[name][k])),
+      columns.iterations[k] ?? "–",
+      seconds(columns.seconds_total[k]),
+      columns.enrichment_points[k] ?? "–",
+    ];
+    byId("history-table").replaceChildren(
+      element("thead", {}, element("tr", {}, ...heads.map((text) => element("th", { scope: "col", text })))),
+      element("tbody", {}, ...chosen.map((k) => element("tr", {}, ...cells(k).map((text) => element("td", { text }))))),
+    );
+  }
+}

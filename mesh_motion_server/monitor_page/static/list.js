@@ -1,0 +1,78 @@
+// The list of sessions: a listbox that arrow keys walk through.
+
+import { byId, drawing, element, quality, short } from "./format.js";
+
+const TONES = { READY: "good", TRIAL: "good", COMMITTING: "good", SUSPENDED: "warn", FROZEN: "bad", FAILED: "bad" };
+const SPARK = { width: 64, height: 18 };
+
+export const tone = (session) => (session.worker === "dead" ? "bad" : session.worker === "none" ? "" : (TONES[session.state] ?? ""));
+
+export const standing = (session) => (session.worker === "dead" ? "worker fell" : session.worker === "none" && session.state === "READY" ? "at rest" : session.state.toLowerCase());
+
+/** The minimum of the latest steps as a line in 0 … 1, with the threshold. */
+function spark(values, threshold) {
+  const { width, height } = SPARK;
+  const all = [...values, threshold].filter((value) => value !== null);
+  const [low, high] = [Math.min(...all) - 0.03, Math.max(...all) + 0.03];
+  const y = (value) => (1 + ((height - 2) * (high - value)) / (high - low)).toFixed(1);
+  const image = drawing("svg", { width, height, viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true" });
+  if (threshold !== null) image.append(drawing("line", { class: "spark-threshold", x1: 0, x2: width, y1: y(threshold), y2: y(threshold) }));
+  const known = values.map((value, k) => [k, value]).filter(([, value]) => value !== null);
+  const x = (k) => (values.length > 1 ? (k * width) / (values.length - 1) : width).toFixed(1);
+  if (known.length) image.append(drawing("polyline", { class: "spark", points: known.map(([k, value]) => `${x(k)},${y(value)}`).join(" ") }));
+  return image;
+}
+
+export class List {
+  /** choose(id) when one is taken. */
+  constructor(choose) {
+    this.box = byId("sessions");
+    this.choose = choose;
+    this.sessions = [];
+    this.chosen = "";
+    this.drawn = new Map();
+    this.box.addEventListener("keydown", (event) => this.key(event));
+    this.box.addEventListener("click", (event) => {
+      const row = event.target.closest("li");
+      if (row) this.choose(row.dataset.session);
+    });
+  }
+
+  key(event) {
+    const place = this.sessions.findIndex((session) => session.session === this.chosen);
+    const last = this.sessions.length - 1;
+    const to = { ArrowDown: Math.min(last, place + 1), ArrowUp: Math.max(0, place - 1), Home: 0, End: last }[event.key];
+    if (to === undefined || last < 0) return;
+    event.preventDefault();
+    this.choose(this.sessions[to].session);
+    this.box.children[to]?.scrollIntoView({ block: "nearest" });
+  }
+
+  show(sessions, chosen) {
+    this.sessions = sessions;
+    this.chosen = chosen;
+    byId("sessions-count").textContent = sessions.length || "";
+    byId("no-sessions").hidden = sessions.length > 0;
+    this.box.hidden = sessions.length === 0;
+    this.box.replaceChildren(...sessions.map((session) => this.row(session)));
+    this.box.setAttribute("aria-activedescendant", chosen ? `s-${chosen}` : "");
+    for (const known of this.drawn.keys()) if (!sessions.some((session) => session.session === known)) this.drawn.delete(known);
+  }
+
+  row(session) {
+    const key = JSON.stringify([session, session.session === this.chosen]);
+    const known = this.drawn.get(session.session);
+    if (known?.key === key) return known.row;
+    const selected = session.session === this.chosen;
+    const state = element("span", { class: "badge", "data-tone": tone(session), text: standing(session) });
+    const at = session.built ? `step ${session.step}${session.iteration > 1 ? ` · trial ${session.iteration}` : ""} · min ${quality(session.minimum)}` : "no mesh yet";
+    const row = element(
+      "li",
+      { id: `s-${session.session}`, role: "option", "aria-selected": selected, "data-session": session.session, class: selected ? "active" : "" },
+      element("div", { class: "row" }, element("span", { class: "name", text: session.label || short(session.session), title: session.label }), state),
+      element("div", { class: "row second" }, element("span", { text: at }), spark(session.spark, session.threshold)),
+    );
+    this.drawn.set(session.session, { key, row });
+    return row;
+  }
+}

@@ -1,0 +1,191 @@
+// What is shown when: the list as it comes, and of the chosen session what has changed since the last look.
+
+import { Live, ask } from "./live.js";
+import { List, standing, tone } from "./list.js";
+import { History } from "./history.js";
+import { MeshPanel } from "./mesh_panel.js";
+import { showEvents, showWorst } from "./tables.js";
+import { ago, byId, clock, element, plural, quality, seconds, short, whole } from "./format.js";
+
+const PAUSE_SECONDS = 2;
+/** How often a history that is being read is looked at. */
+const READING_SECONDS = 0.5;
+/** What failed is asked again after so long. */
+const RETRY_SECONDS = 5;
+
+class Page {
+  constructor() {
+    this.sessions = [];
+    this.chosen = location.hash.slice(1);
+    this.list = new List((session) => this.choose(session));
+    this.history = new History((error) => this.failed(error));
+    this.mesh = new MeshPanel();
+    this.live = new Live((told) => this.hear(told), (...said) => this.standing(...said));
+    addEventListener("hashchange", () => location.hash.slice(1) !== this.chosen && this.choose(location.hash.slice(1)));
+    document.addEventListener("visibilitychange", () => !document.hidden && this.update());
+    setInterval(() => this.tick(), 1000);
+  }
+
+  hear({ at, build, missing, sessions }) {
+    this.offset = at - Date.now() / 1000;
+    this.sessions = sessions;
+    byId("build").textContent = `server ${build.version}, protocol ${build.protocol}`;
+    const said = byId("connection");
+    said.dataset.state = "live";
+    said.textContent = missing ? `live; ${missing}` : "live";
+    byId("nothing").hidden = sessions.length > 0;
+    byId("nothing").textContent = "Waiting for the first session …";
+    if (!sessions.some((session) => session.session === this.chosen)) this.chosen = sessions[0]?.session ?? "";
+    this.list.show(sessions, this.chosen);
+    this.update();
+  }
+
+  choose(session) {
+    if (!this.sessions.some((one) => one.session === session)) return;
+    this.chosen = session;
+    history.replaceState(null, "", `#${session}`);
+    this.list.show(this.sessions, session);
+    this.update();
+  }
+
+  standing(gone, since, why) {
+    const said = byId("connection");
+    const bar = byId("gone");
+    said.dataset.state = gone ? "gone" : "live";
+    said.textContent = gone ? "gone" : "live";
+    bar.hidden = !gone;
+    const what = why ? `The server refuses this page: ${why}` : `The server is gone since ${clock(since / 1000)}`;
+    bar.textContent = gone ? `${what}. What is shown is as it was then; the page goes on when it is back.` : "";
+    if (!gone) this.update(true);
+  }
+
+  get session() {
+    return this.sessions.find((session) => session.session === this.chosen);
+  }
+
+  /** One look at a time; what changed meanwhile is looked at behind it. Nothing is asked for a page in the background. */
+  async update(anew = false) {
+    if (this.updating || document.hidden) {
+      this.behind = true;
+      return;
+    }
+    this.updating = true;
+    try {
+      do {
+        this.behind = false;
+        await this.look(anew);
+        anew = false;
+      } while (this.behind);
+    } catch (error) {
+      this.failed(error);
+    } finally {
+      this.updating = false;
+    }
+  }
+
+  /** Told in a line of its own, and all is asked again. */
+  failed(error) {
+    this.key = "";
+    byId("trouble").textContent = error.message;
+    byId("trouble").hidden = false;
+    this.again(1000 * RETRY_SECONDS);
+  }
+
+  again(pause) {
+    this.later ??= setTimeout(() => {
+      this.later = null;
+      this.update();
+    }, pause);
+  }
+
+  async look(anew) {
+    const { session } = this;
+    byId("chosen").hidden = !session;
+    if (!session) return;
+    this.head(session);
+    const key = `${session.session} ${session.version}`;
+    if (key === this.key && !anew) return;
+    if (!anew && this.key?.startsWith(session.session) && this.tooSoon()) return;
+    const detail = await (await ask(`api/sessions/${session.session}`)).json();
+    if (session.session !== this.chosen) return (this.behind = true);
+    this.detail = detail;
+    this.detailed = session.session;
+    this.figures(session, detail);
+    byId("quality-metric").textContent = detail.built.settings?.quality_metric ?? "";
+    const threshold = session.threshold ?? detail.built.settings?.quality_threshold ?? null;
+    showWorst(detail.worst, threshold, (cell) => {
+      this.mesh.goTo(cell);
+      byId("mesh").scrollIntoView({ block: "nearest" });
+    });
+    showEvents(detail.notable, detail.told);
+    this.mesh.follow(session, detail);
+    const { read } = detail;
+    byId("reading").hidden = read === 1;
+    byId("reading").textContent = read === 1 ? "" : `Reading a long history: ${Math.round(100 * read)} %. Until then its latest steps are shown.`;
+    await this.history.follow({ ...session, threshold, whole: read === 1 });
+    this.key = read === 1 ? key : "";
+    if (read < 1) this.again(1000 * READING_SECONDS);
+    byId("trouble").textContent = "";
+    byId("trouble").hidden = true;
+  }
+
+  /** A session that steps many times a second is looked at every other second. */
+  tooSoon() {
+    const left = 1000 * PAUSE_SECONDS - (Date.now() - (this.looked ?? 0));
+    if (left <= 0) {
+      this.looked = Date.now();
+      return false;
+    }
+    this.again(left);
+    return true;
+  }
+
+  head(session) {
+    const name = session.label || `session ${short(session.session)}`;
+    if (byId("label").textContent !== name) byId("label").textContent = name;
+    document.title = `${name} · step ${session.step} · mesh-motion`;
+    const state = byId("state");
+    state.textContent = standing(session);
+    state.dataset.tone = tone(session);
+    this.about(session);
+  }
+
+  about(session) {
+    const built = this.detailed === session.session ? this.detail.built : null;
+    const cells = built?.cells ? Object.entries(built.cells).map(([type, count]) => plural(count, type)) : [];
+    const when = session.changed_at ? ago(session.changed_at, Date.now() / 1000 + (this.offset ?? 0)) : "";
+    const parts = [
+      short(session.session),
+      session.dimension ? `${session.dimension}D` : "",
+      built?.nodes ? `${whole(built.nodes)} nodes` : "",
+      ...cells,
+      session.partitions > 1 ? `${session.partitions} partitions` : "",
+      session.durability ? `durability ${session.durability}` : "",
+      when ? `last event ${when}` : "",
+    ];
+    byId("about").textContent = parts.filter(Boolean).join(" · ") + (session.built && !session.recorded ? " · no history is kept (history_bytes = 0)" : "");
+  }
+
+  figures(session, detail) {
+    const threshold = session.threshold ?? detail.built.settings?.quality_threshold;
+    const low = (value) => (value !== undefined && value !== null && value < threshold ? "bad" : "");
+    const { actual, corrected, standard, moved } = detail;
+    const correction = moved.correction ?? {};
+    const tiles = [
+      ["step", whole(session.step), session.iteration ? `trial ${session.iteration}` : ""],
+      ["minimum", quality(actual.min), "committed", low(actual.min)],
+      ["1 %", quality(actual.p1), "committed", low(actual.p1)],
+      ["predicted", quality(corrected.min), standard.min !== undefined && standard.min !== corrected.min ? `${quality(standard.min)} uncorrected` : "", low(corrected.min)],
+      ["correction", correction.method ?? "–", correction.enrichment_points ? plural(correction.enrichment_points, "point") : correction.freed_nodes ? plural(correction.freed_nodes, "node") : ""],
+      ["last move", seconds(moved.seconds_total), moved.iteration ? `iteration ${moved.iteration}` : ""],
+    ];
+    const made = ([name, value, note, mark]) => element("div", { "data-tone": mark ?? "" }, element("dt", { text: name }), element("dd", { text: value }, note ? element("small", { text: ` ${note}` }) : ""));
+    byId("figures").replaceChildren(...tiles.map(made));
+  }
+
+  tick() {
+    if (this.session) this.about(this.session);
+  }
+}
+
+globalThis.monitor = new Page();

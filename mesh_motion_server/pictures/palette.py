@@ -1,0 +1,68 @@
+"""The colours of all pictures.
+
+Quality is coloured by viridis (van der Walt and Smith, SciPy 2015), which is perceptually uniform: its lightness grows
+evenly, so that a print without colour and people of every colour vision still order the cells. An inverted cell has a
+colour that viridis has not. Lines take the colours of Okabe and Ito (2008), which people of every
+kind of colour vision tell apart, and differ in their dashes too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["DARK", "INK", "INVERTED_COLOUR", "LIGHT", "QUALITY_MAP", "Theme"]
+
+#: matplotlib's name of the map from quality 0 … 1 to colour.
+QUALITY_MAP = "viridis"
+INVERTED_COLOUR = "#e5007d"
+#: Text and outlines on white.
+INK = "#202020"
+
+
+@dataclass(frozen=True)
+class Theme:
+    """The colours of a picture on light or dark paper.
+
+    Attributes
+    ----------
+    paper, ink, faint : str
+        Background; text and outlines; grids, and what stands behind.
+    edge : str
+        Edges of cells, with an opacity.
+    runs : tuple of str
+        Lines of runs, in order: Okabe and Ito's blue, vermilion, green, purple, orange and light blue, lighter on dark
+        paper where their contrast would be below 3 : 1.
+    dashes : tuple
+        matplotlib's line styles of the same runs.
+    refused, enriched : str
+        Marks of refused motions; of enrichment points.
+    """
+
+    paper: str
+    ink: str
+    faint: str
+    edge: str
+    runs: tuple[str, ...]
+    refused: str
+    enriched: str
+    dashes: tuple[object, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (7, 2)), (0, (1, 1)))
+
+
+LIGHT = Theme(
+    paper="#ffffff",
+    ink=INK,
+    faint="#8c8c8c",
+    edge="#10101060",
+    runs=("#0072b2", "#d55e00", "#008a63", "#b4568c", "#a66f00", "#2e8bc0"),
+    refused=INVERTED_COLOUR,
+    enriched="#d55e00",
+)
+DARK = Theme(
+    paper="#14171c",
+    ink="#e8e8e8",
+    faint="#8f959e",
+    edge="#00000070",
+    runs=("#56b4e9", "#f0803c", "#2bc48e", "#e39cc6", "#e9b84b", "#9ad0f5"),
+    refused="#ff5cab",
+    enriched="#f0803c",
+)

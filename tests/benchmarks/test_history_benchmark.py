@@ -1,0 +1,19 @@
+"""The benchmark of the history measures what it says, with few steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.history import measure
+from mesh_motion_server.observation.follow import EventTail
+from mesh_motion_server.service.telling import Teller
+
+
+def test_one_session_has_a_history_and_the_other_none(tmp_path: Path) -> None:
+    before = Teller.executed
+    found = measure(tmp_path, 5, 4)
+    assert Teller.executed is before
+    assert 0 < found["within"] < found["step"] * 1000
+    told, nothing = (EventTail(tmp_path / "sessions" / (name * 32)).read() for name in "12")
+    assert sum(event["event"] == "committed" for event in told) == 4
+    assert nothing == []

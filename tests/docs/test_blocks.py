@@ -1,0 +1,186 @@
+"""Every code block of the documentation is run: here, by a test of its own, or the page says why not."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from page_story import ROOT, Block, blocks_of, play, told
+
+from docs.site.index import PAGES
+
+#: Pages whose blocks a test of its own runs or checks, where its name does not tell (docs/X.md: test_X_page.py).
+ELSEWHERE = {
+    "README.md": "tests/test_readme.py",
+    "adapters/README.md": "tests/docs/test_adapters_page.py",
+    "protocol/conformance/README.md": "tests/conformance",
+}
+#: … and of the cases in examples/: they are played.
+EXAMPLES = "tests/examples/test_examples.py"
+
+
+def runner_of(page: str) -> str:
+    """The test that runs a page's blocks; this one's own story for most."""
+    own = f"tests/docs/test_{Path(page).stem}_page.py"
+    if page.startswith("docs/") and (ROOT / own).exists():
+        return own
+    if (ROOT / page).with_name("case.toml").exists():
+        return EXAMPLES
+    return ELSEWHERE.get(page, "")
+
+
+BLOCKS = {
+    path.relative_to(ROOT).as_posix(): blocks_of(path.read_text(encoding="utf-8"))
+    for pattern in PAGES
+    for path in sorted(ROOT.glob(pattern))
+}
+HERE = [page for page, blocks in BLOCKS.items() if told(blocks) and not runner_of(page)]
+
+
+@pytest.mark.parametrize("page", HERE)
+def test_a_page_is_as_it_says(page: str, tmp_path: Path) -> None:
+    wrong = play(BLOCKS[page], tmp_path)
+    assert not wrong, "\n".join(wrong)
+
+
+def test_what_runs_a_block_elsewhere_exists() -> None:
+    named = {block.value.split()[0] for blocks in BLOCKS.values() for block in blocks if block.mark == "run by"}
+    named |= {runner_of(page) for page in BLOCKS} - {""}
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+#: What prepares a machine, which no test does.
+_PREPARES = re.compile(r"(apt-get|pip|\S+ -m pip) install|cd |make |[A-Z_]+=\S*$|#|$")
+#: What a line of a shell runs: a subcommand of mesh-motion, a script, a program.
+_RUNS = re.compile(r"mesh-motion (?P<subcommand>[a-z]+)|python (?P<script>\S+)|(\./)?(?P<program>[\w.-]+)")
+
+
+def ran(block: Block) -> set[str]:
+    """What a block of a shell runs, as a test that runs it has it in its text."""
+    found = set()
+    for line in re.split(r"&&|\n", block.text):
+        if not _PREPARES.match(line.strip()) and (match := _RUNS.match(line.strip())):
+            found.add(f'"{match["subcommand"]}"' if match["subcommand"] else match["script"] or match["program"])
+    return found
+
+
+def knows(test: str, page: str, block: Block) -> bool:
+    """Whether a test names the page whose block it is said to run, or all that the block runs."""
+    commands = ran(block) if block.language in ("sh", "bash") else set()
+    return page in test or (bool(commands) and all(command in test for command in commands))
+
+
+def test_who_runs_a_block_elsewhere_knows_of_it() -> None:
+    said = [(page, block) for page, blocks in BLOCKS.items() for block in blocks if block.mark == "run by"]
+    strangers = [
+        f"{page}:{block.line}: {block.value}"
+        for page, block in said
+        if not knows((ROOT / block.value.split()[0]).read_text(encoding="utf-8"), page, block)
+    ]
+    assert strangers == []
+
+
+def test_a_page_with_a_test_of_its_own_is_named_there() -> None:
+    strangers = []
+    for page, blocks in BLOCKS.items():
+        test = ROOT / (runner_of(page) or "tests/docs/test_blocks.py")
+        files = sorted(test.rglob("test_*.py")) if test.is_dir() else [test]
+        names = {page, Path(page).name}
+        if told(blocks) and test.name not in ("test_blocks.py", Path(EXAMPLES).name):
+            strangers += [page] * (not any(name in file.read_text("utf-8") for file in files for name in names))
+    assert strangers == []
+
+
+def test_a_test_that_knows_nothing_of_a_block_is_found() -> None:
+    block = Block(1, "sh", "run by", "tests/x.py", "cd x && mesh-motion inspect a\npip install a\npython b.py -c\n")
+    assert ran(block) == {'"inspect"', "b.py"}
+    assert knows('run("inspect", folder, "b.py")', "docs/a.md", block)
+    assert knows("the blocks of docs/a.md", "docs/a.md", block)
+    assert not knows('inspect_folder("b.py")', "docs/a.md", block)
+    assert not knows('"inspect" "b.py"', "docs/a.md", Block(1, "python", "run by", "tests/x.py", block.text))
+    assert not knows("", "docs/a.md", Block(1, "sh", "run by", "tests/x.py", "pip install a\n"))
+
+
+def test_what_is_not_run_says_why() -> None:
+    idle = [(page, block) for page, blocks in BLOCKS.items() for block in blocks if block.mark == "not run"]
+    assert [f"{page}:{block.line}" for page, block in idle if len(block.value) < 10] == []
+    total = sum(map(len, BLOCKS.values()))
+    lines = [f"{len(idle)} of {total} blocks are not run:", *(f"  {p}:{b.line}: {b.value}" for p, b in idle)]
+    sys.stdout.write("\n".join(lines) + "\n")  # pytest -rP shows them
+
+
+STORY = """
+<!-- file: number.py -->
+```python
+print("one", 1)
+```
+<!-- more of: number.py -->
+```python
+print("two 2")
+```
+```sh
+python number.py
+echo three > kept
+```
+<!-- output -->
+```text
+one …
+two 2
+```
+<!-- fails: 3 -->
+```sh
+cat kept; exit 3
+```
+<!-- output -->
+```text
+three
+```
+```python
+print(open("kept").read())
+```
+```toml
+[method]
+support_radius = 0.5
+```
+<!-- not run: it needs another planet -->
+```sh
+false
+```
+"""
+
+
+def test_a_story_is_played(tmp_path: Path) -> None:
+    assert len(blocks_of(STORY)) == 9
+    assert play(blocks_of(STORY), tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "found"),
+    [
+        ('print("two 2")', 'print("two 3")', "not printed: two 2"),
+        ("python number.py\n", "python numbers.py\n", "status 2"),
+        ("exit 3", "exit 4", "status 1"),
+        ("support_radius", "support_radios", "unknown setting"),
+        ("support_radius = 0.5", "support_radius =", "Invalid value"),
+        ("<!-- not run: it needs another planet -->\n", "", "status 1"),
+        ("```python\nprint(open", "```c\nprint(open", "say which"),
+        ("two 2\n```\n<!--", "two 2\none 1\n```\n<!--", "not printed: one 1"),
+    ],
+)
+def test_what_a_page_says_wrongly_is_found(right: str, wrong: str, found: str, tmp_path: Path) -> None:
+    assert right in STORY
+    assert any(found in fault for fault in play(blocks_of(STORY.replace(right, wrong)), tmp_path))
+
+
+def test_what_a_story_leaves_running_is_ended(tmp_path: Path) -> None:
+    story = [Block(1, "sh", "", "", "sleep 1000 > /dev/null 2>&1 & echo $! > pid\n")]
+    assert play(story, tmp_path) == []
+    pid = int((tmp_path / "pid").read_text())
+    until = time.monotonic() + 60.0
+    while psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+        assert time.monotonic() < until
+        time.sleep(0.05)

@@ -1,0 +1,102 @@
+"""What the documentation's site adds to the pages: navigation, parts written from the code, a check of every link."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mesh_motion_client
+import pytest
+from mesh_motion_protocol.errors import ERROR_CODES
+
+from docs.site.index import INDEX, PAGES, toctrees
+from docs.site.links import faults
+from docs.site.reference import PARTS, filled
+from mesh_motion_server import cli
+from mesh_motion_server.cli import ExitStatus
+from mesh_motion_server.settings import MethodSettings, ServerSettings
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_navigation_has_every_page_once() -> None:
+    trees = toctrees((ROOT / f"{INDEX}.md").read_text(encoding="utf-8"))
+    named = [line.rpartition("</")[2][:-1] for tree in trees.values() for line in tree.splitlines() if "</" in line]
+    pages = {path.relative_to(ROOT).with_suffix("").as_posix() for p in PAGES for path in ROOT.glob(p)} - {INDEX}
+    assert len(named) == len(set(named))
+    assert set(named) == pages
+
+
+def test_every_setting_and_name_is_in_the_reference() -> None:
+    assert [key for key in ServerSettings.model_fields if f"| `{key}` |" not in PARTS["server-settings"]()] == []
+    assert [key for key in MethodSettings.model_fields if f"| `{key}` |" not in PARTS["method-settings"]()] == []
+    assert [
+        name for name in mesh_motion_client.__all__ if f"mesh_motion_client.{name}" not in PARTS["python-client"]()
+    ] == []
+    for line in PARTS["server-settings"]().splitlines()[2:]:
+        assert line.split(" | ")[-1].strip(" |"), f"a comment behind the setting says what it is: {line}"
+
+
+def test_every_command_and_call_is_in_the_reference() -> None:
+    commands, calls = PARTS["commands"](), PARTS["c-header"]()
+    for name in ("serve", "play", "check", "inspect", "prove", "keys server", "version"):
+        assert f"## mesh-motion {name}\n" in commands
+    header = (ROOT / "adapters" / "c" / "include" / "mesh_motion.h").read_text(encoding="utf-8")
+    assert header.count("MM_API ") - 3 <= calls.count("mm_") <= 10 * header.count("MM_API ")
+    assert "mm_report_json" in calls
+    assert "call move(displacement, answer, frame)" in PARTS["fortran-module"]()
+
+
+def test_every_code_and_status_is_in_the_reference() -> None:
+    codes, statuses = PARTS["error-codes"](), PARTS["exit-statuses"]()
+    for code in ERROR_CODES:
+        assert f"| `{code}` |" in codes
+    assert "| `QualityRefused` |" in codes
+    said = (cli.__doc__ or "").split("======\n")[2].splitlines()[:-1]  # a row is one line: the reference takes it so
+    assert [line.split()[0] for line in said] == [str(status.value) for status in ExitStatus]
+    assert len(statuses.splitlines()) == 2 + len(ExitStatus)
+
+
+def test_a_mark_is_filled_and_an_unknown_one_refused() -> None:
+    assert filled("a\n<!-- generated: metrics -->\nb").startswith("a\n| metric |")
+    with pytest.raises(KeyError):
+        filled("<!-- generated: nothing -->")
+
+
+SITE = {
+    "index.html": '<a href="b/c.html#there">x</a><a id="here" href="#here">y</a><img src="p.png"><a href="https://a.org/">',
+    "b/c.html": '<p id="there"><a href="../index.html">up</a></p><link href="../s.css">',
+    "p.png": "",
+    "s.css": "p { background: url(p.png); }",
+}
+
+
+def built(folder: Path, **changed: str) -> list[str]:
+    for name, text in (SITE | {key.replace("_", "."): value for key, value in changed.items()}).items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    return faults(folder)
+
+
+def test_a_site_without_faults_has_none(tmp_path: Path) -> None:
+    assert built(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("page", "found"),
+    [
+        ('<a href="b/d.html">', "leads nowhere"),
+        ('<a href="b/c.html#where">', "no such place"),
+        ('<a href="#nowhere">', "no such place"),
+        ('<a href="http:/broken">', "no address"),
+        ('<img src="q.png">', "loads q.png"),
+        ('<script src="https://cdn.example.org/x.js"></script>', "loads https"),
+    ],
+)
+def test_a_fault_is_found(page: str, found: str, tmp_path: Path) -> None:
+    (fault,) = built(tmp_path, index_html=page)
+    assert found in fault
+
+
+def test_a_font_from_elsewhere_is_found(tmp_path: Path) -> None:
+    (fault,) = built(tmp_path, s_css="@import 'https://fonts.example.org/a.css';")
+    assert "fonts.example.org" in fault

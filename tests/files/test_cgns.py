@@ -1,0 +1,435 @@
+"""CGNS: what Gmsh writes and VTK reads; every kind of section, in old and new form; damaged files in one clear line."""
+
+from __future__ import annotations
+
+import multiprocessing
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import foam_cases as foam
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mesh_motion_server.cases.check import check
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import MeshFile, memory, read_mesh, write_mesh
+from mesh_motion_server.files.cgns_write import add_node, new_cgns
+from mesh_motion_server.files.polymesh import read_face_mesh
+from mesh_motion_server.numerics.cells import CELL_TYPES
+
+h5py = pytest.importorskip("h5py")
+
+Ints = NDArray[np.int64]
+
+
+def volumes(mesh: MeshFile) -> float:
+    total = 0.0
+    for name, nodes in mesh.cells.items():
+        corners = mesh.points[nodes[:, CELL_TYPES[name].corner_array]]
+        sizes = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1]).sum(axis=1) * CELL_TYPES[name].size_factor
+        assert (sizes > 0).all()
+        total += float(sizes.sum())
+    return total
+
+
+def test_gmsh_writes_the_same_mesh_as_msh_and_as_cgns(tmp_path: Path) -> None:
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    gmsh.initialize(interruptible=False)
+    try:
+        if "Cgns" not in gmsh.option.getString("General.BuildOptions"):
+            pytest.skip("this Gmsh writes no CGNS")
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.setTransfiniteSurface(1)
+        gmsh.model.occ.extrude([(2, 1)], 0, 0, 0.5, [2], recombine=True)
+        gmsh.model.occ.fragment([(3, 1)], [(3, gmsh.model.occ.addBox(0, 0, 0.5, 1, 1, 1))])
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.4)
+        faces = [tag for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(3), oriented=False)]
+        gmsh.model.addPhysicalGroup(2, faces[:3], name="wet wall")
+        gmsh.model.addPhysicalGroup(2, faces[3:], name="rest")
+        gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="fluid")
+        gmsh.model.mesh.generate(3)
+        for suffix in ("msh", "cgns"):
+            gmsh.write(str(tmp_path / f"m.{suffix}"))
+    finally:
+        gmsh.finalize()
+    ours, other = read_mesh(tmp_path / "m.cgns"), read_mesh(tmp_path / "m.msh")
+    assert {name: len(nodes) for name, nodes in ours.cells.items()} == {
+        name: len(nodes) for name, nodes in other.cells.items()
+    }
+    assert set(ours.patches) == {"wet wall", "rest"}
+    for name in ours.patches:  # Gmsh numbers the nodes of the two files in different orders
+        positions = [
+            set(map(tuple, (mesh.points[mesh.patches[name]].round(9) + 0.0).tolist())) for mesh in (ours, other)
+        ]
+        assert positions[0] == positions[1]
+    assert volumes(ours) == pytest.approx(1.5)
+    assert check(tmp_path / "m.cgns").mesh.n_cells == ours.n_cells
+
+
+VTK_COUNTS = """
+import sys
+from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+reader = vtkCGNSReader()
+reader.SetFileName(sys.argv[1])
+reader.Update()
+grid = reader.GetOutput().GetBlock(0).GetBlock(0)
+types = [grid.GetCellType(i) for i in range(grid.GetNumberOfCells())]
+print(grid.GetNumberOfPoints(), sorted((t, types.count(t)) for t in set(types)))
+"""
+
+
+def vtk_counts(path: Path) -> str:
+    """Nodes and cells by VTK's types, as VTK's own reader finds them, in a process of its own."""
+    pytest.importorskip("vtkmodules.vtkIOCGNSReader")
+    done = subprocess.run(
+        [sys.executable, "-c", VTK_COUNTS, str(path)], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_vtk_accepts_what_we_write(tmp_path: Path, all_solids: tuple[Any, Any]) -> None:
+    points, cells = all_solids
+    mesh = MeshFile(points, cells, {"tip": np.array([8]), "low": np.array([0, 1, 2, 3])}, Path("made"))
+    write_mesh(tmp_path / "m.cgns", mesh)
+    assert vtk_counts(tmp_path / "m.cgns") == "12 [(10, 1), (12, 1), (13, 1), (14, 1)]"
+
+
+# --- files made node by node -----------------------------------------------------------------------------------------
+
+
+def make(path: Path, points: NDArray[np.float64], fill: Callable[[Any, Any], None], dimension: int = 3) -> Path:
+    """A file with one zone; ``fill`` adds sections to the zone and families to the base."""
+    with new_cgns(path, path) as root:
+        base = add_node(root, "Base", "CGNSBase_t", np.array([dimension, 3]))
+        zone = add_node(base, "Zone", "Zone_t", np.array([[len(points)], [1], [0]]))
+        add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        grid = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis, values in zip("XYZ", points.T, strict=False):
+            add_node(grid, f"Coordinate{axis}", "DataArray_t", np.ascontiguousarray(values))
+        fill(base, zone)
+    return path
+
+
+def section(zone: Any, name: str, kind: int, first: int, last: int, connectivity: Any, offsets: Any = None) -> Any:
+    node = add_node(zone, name, "Elements_t", np.array([kind, 0]))
+    add_node(node, "ElementRange", "IndexRange_t", np.array([first, last]))
+    add_node(node, "ElementConnectivity", "DataArray_t", np.array(connectivity, dtype=np.int64))
+    if offsets is not None:
+        add_node(node, "ElementStartOffset", "DataArray_t", np.array(offsets, dtype=np.int64))
+    return node
+
+
+def condition(zone: Any, name: str, listed: str, values: Any, location: str = "", family: str = "") -> None:
+    conditions = zone["ZoneBC"] if "ZoneBC" in zone else add_node(zone, "ZoneBC", "ZoneBC_t")
+    node = add_node(conditions, name, "BC_t", "BCWall")
+    add_node(node, listed, "IndexArray_t", np.array([values], dtype=np.int64))
+    if location:
+        add_node(node, "GridLocation", "GridLocation_t", location)
+    if family:
+        add_node(node, "FamilyName", "FamilyName_t", family)
+
+
+TWO = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1], [0.5, 0.5, -1], [2, 0.5, 0.0]])
+#: a pyramid, a tetrahedron beside it, one face of each
+MIXED = [12, 1, 2, 3, 4, 5, 10, 2, 7, 3, 5, 7, 1, 4, 3, 2, 5, 2, 7, 5]
+
+
+@pytest.mark.parametrize("offsets", [None, [0, 6, 11, 16, 20]])
+def test_mixed_sections_of_both_versions(tmp_path: Path, offsets: list[int] | None) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        section(zone, "all", 20, 1, 4, MIXED, offsets)
+        condition(zone, "BC 1", "PointList", [3], "FaceCenter", "floor")
+        condition(zone, "BC 2", "ElementRange", [4, 4], family="floor")
+        condition(zone, "corner", "PointList", [7])
+
+    mesh = read_mesh(make(tmp_path / "m.cgns", TWO, fill))
+    np.testing.assert_array_equal(mesh.cells["pyramid"], [[0, 1, 2, 3, 4]])
+    np.testing.assert_array_equal(mesh.cells["tetra"], [[1, 6, 2, 4]])
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {
+        "floor": [0, 1, 2, 3, 4, 6],
+        "corner": [6],
+    }
+    assert set(mesh.facets["floor"]) == {"quad", "triangle"}
+
+
+def test_sections_are_patches_where_there_are_no_conditions(tmp_path: Path) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        section(zone, "cells", 7, 1, 1, [1, 2, 3, 4])
+        section(zone, "south", 3, 2, 2, [1, 2])
+
+    mesh = read_mesh(make(tmp_path / "m.cgns", TWO[:4], fill, dimension=2))
+    assert (mesh.dimension, mesh.patches["south"].tolist()) == (2, [0, 1])
+
+
+def test_sections_are_patches_where_a_list_of_conditions_is_empty(tmp_path: Path) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        section(zone, "cells", 7, 1, 1, [1, 2, 3, 4])
+        section(zone, "south", 3, 2, 2, [1, 2])
+        add_node(zone, "ZoneBC", "ZoneBC_t")
+
+    assert read_mesh(make(tmp_path / "m.cgns", TWO[:4], fill, dimension=2)).patches["south"].tolist() == [0, 1]
+
+
+def test_conditions_may_list_single_nodes_as_elements_and_volumes_are_no_patches(tmp_path: Path) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        section(zone, "cells", 7, 1, 1, [1, 2, 3, 4])
+        section(zone, "points", 2, 2, 3, [4, 2])
+        section(zone, "mixed", 20, 4, 5, [2, 3, 3, 1, 2])
+        condition(zone, "pin", "PointList", [3, 4], "CellCenter")
+        condition(zone, "south", "PointRange", [5, 5], "EdgeCenter")
+        condition(zone, "fluid", "PointRange", [1, 1], "CellCenter")
+
+    mesh = read_mesh(make(tmp_path / "m.cgns", TWO[:4], fill, dimension=2))
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"pin": [1, 2], "south": [0, 1]}
+
+
+@pytest.mark.parametrize(
+    ("listed", "values", "location", "wrong"),
+    [
+        ("PointList", [2, 77], "EdgeCenter", 77),
+        ("PointRange", [2, 10**12], "EdgeCenter", 4),
+        ("PointRange", [1, 3], "CellCenter", 1),
+        ("PointList", [1], "EdgeCenter", 1),
+        ("ElementRange", [1, 3], "", 1),
+        ("ElementList", [-1, 2], "", -1),
+    ],
+)
+def test_conditions_name_elements_of_the_boundary(
+    tmp_path: Path, listed: str, values: list[int], location: str, wrong: int
+) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        section(zone, "cells", 7, 1, 1, [1, 2, 3, 4])
+        section(zone, "edges", 3, 2, 3, [1, 2, 2, 3])
+        condition(zone, "rim", listed, values, location)
+
+    with pytest.raises(InvalidInput, match=f"rim: it names element {wrong}, which is no element of lower dimension"):
+        read_mesh(make(tmp_path / "m.cgns", TWO[:4], fill, dimension=2))
+
+
+#: two tetrahedra with a face in common: which nodes each face has, and which cells it points out of and into
+PAIR = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
+FACES = [[2, 3, 4], [1, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 5], [3, 4, 5], [4, 2, 5]]
+
+
+def pair(zone: Any, numbers: list[list[int]], cells: int) -> None:
+    """NGON_n sections of the faces in turn with these numbers, and NFACE_n cells from another on."""
+    rows = iter(FACES)
+    for k, of in enumerate(numbers):
+        mine = [next(rows) for _ in of]
+        section(zone, f"faces {k}", 22, of[0], of[-1], np.concatenate(mine), 3 * np.arange(len(mine) + 1))
+    number = [n for of in numbers for n in of]
+    listed = [number[0], *number[1:4], -number[0], *number[4:]]
+    section(zone, "cells", 23, cells, cells + 1, listed, [0, 4, 8])
+
+
+@pytest.mark.parametrize(("numbers", "cells"), [([[1], [2, 3, 4, 5, 6, 7]], 8), ([[1], [4, 5, 6, 7, 8, 9]], 2),
+                                                ([[9], [3, 4, 5], [6, 7, 8]], 1)])  # fmt: skip
+def test_faces_may_be_numbered_before_and_after_the_cells(tmp_path: Path, numbers: list[list[int]], cells: int) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        pair(zone, numbers, cells)
+        condition(zone, "one", "PointList", [numbers[-1][-1]], "FaceCenter")
+        condition(zone, "fluid", "PointRange", [cells, cells + 1], "CellCenter")
+
+    mesh = read_mesh(make(tmp_path / "m.cgns", PAIR, fill))
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"tetra": 2}
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"one": [1, 3, 4]}
+    assert volumes(mesh) == pytest.approx(0.5)
+
+
+def test_sections_of_boundary_faces_are_patches_where_there_are_no_conditions(tmp_path: Path) -> None:
+    mesh = read_mesh(make(tmp_path / "m.cgns", PAIR, lambda b, z: pair(z, [[1], [2, 3, 4], [5, 6, 7]], 8)))
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {
+        "faces 1": [0, 1, 2, 3],
+        "faces 2": [1, 2, 3, 4],
+    }
+    mesh = read_mesh(make(tmp_path / "n.cgns", PAIR, lambda b, z: pair(z, [[1, 2, 3, 4], [5, 6, 7]], 8)))
+    assert list(mesh.patches) == ["faces 1"]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "patch", "message"),
+    [
+        ([[1], [2, 3, 4], [4, 5, 6]], [], "two of its NGON_n faces are element 4"),
+        ([[1, 2], [2, 3], [5, 6, 7]], [], "two of its NGON_n faces are element 2"),  # seven, from 1 to 7
+        ([[1], [2, 3, 4, 5, 6, 7]], [7, 1], "patch: it names element 1, which is no face of the boundary"),
+        ([[1], [2, 3, 4, 5, 6, 7]], [2, 10], "patch: it names element 10, which is no face of the boundary"),
+    ],
+)
+def test_faces_that_are_not_there_are_refused(
+    tmp_path: Path, numbers: list[list[int]], patch: list[int], message: str
+) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        pair(zone, numbers, 8)
+        if patch:
+            condition(zone, "patch", "PointList", patch, "FaceCenter")
+
+    with pytest.raises(InvalidInput, match=message):
+        read_mesh(make(tmp_path / "m.cgns", PAIR, fill))
+
+
+def polyhedral(path: Path, source: Path, form: str) -> Path:
+    """The faces and cells of a polyMesh as NGON_n and NFACE_n, or with parents only."""
+    mesh = read_face_mesh(source)
+    faces = [mesh.face(f) + 1 for f in range(mesh.n_faces)]
+    cells = []
+    for cell in range(mesh.n_cells):
+        of = mesh.cell_faces[mesh.cell_starts[cell] : mesh.cell_starts[cell + 1]]
+        cells.append(np.where(mesh.owner[of] == cell, of + 1, -(of + 1)))
+
+    def listed(zone: Any, name: str, kind: int, first: int, rows: list[Ints]) -> Any:
+        last = first + len(rows) - 1
+        if form == "old":
+            return section(zone, name, kind, first, last, np.concatenate([[len(row), *row] for row in rows]))
+        starts = np.concatenate([[0], np.cumsum([len(row) for row in rows])])
+        return section(zone, name, kind, first, last, np.concatenate(rows), starts)
+
+    def fill(base: Any, zone: Any) -> None:
+        ngon = listed(zone, "faces", 22, 1, faces)
+        if form == "parents":
+            second = np.zeros(mesh.n_faces, dtype=np.int64)
+            second[: mesh.n_inner] = mesh.neighbour + 1 + mesh.n_faces
+            parents = np.array([mesh.owner + 1 + mesh.n_faces, second])
+            add_node(ngon, "ParentElements", "DataArray_t", parents)
+        else:
+            listed(zone, "cells", 23, mesh.n_faces + 1, cells)
+        for patch in mesh.patches:
+            if patch.count:
+                span = [patch.start + 1, patch.start + patch.count]
+                condition(zone, f"BC {patch.name}", "PointRange", span, "FaceCenter", patch.name)
+
+    return make(path, mesh.points, fill)
+
+
+@pytest.mark.parametrize("form", ["old", "new", "parents"])
+def test_polyhedra_are_those_of_the_polymesh(tmp_path: Path, form: str) -> None:
+    case = foam.FoamCase.new(tmp_path / "case", foam.BOX)
+    case.run("blockMesh")
+    case.run("polyDualMesh", "75", "-overwrite")
+    expected = read_mesh(case.folder)
+    mesh = read_mesh(polyhedral(tmp_path / "m.cgns", case.folder / "constant" / "polyMesh", form))
+    np.testing.assert_array_equal(mesh.points, expected.points)
+    assert volumes(mesh) == pytest.approx(3.0)
+    for name, nodes in expected.cells.items():
+        np.testing.assert_array_equal(np.sort(mesh.cells[name]), np.sort(nodes))
+    for name, nodes in expected.patches.items():
+        np.testing.assert_array_equal(mesh.patches[name], nodes)
+    if form == "new":
+        theirs = vtk_counts(tmp_path / "m.cgns")
+        assert theirs == f"{len(read_face_mesh(case.folder / 'constant' / 'polyMesh').points)} [(42, 210)]"
+
+
+# --- damaged files ---------------------------------------------------------------------------------------------------
+
+
+def tetra(base: Any, zone: Any) -> None:
+    section(zone, "cells", 10, 1, 1, [1, 2, 3, 4])
+
+
+def broken(change: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
+    def fill(base: Any, zone: Any) -> None:
+        tetra(base, zone)
+        change(base, zone)
+
+    return fill
+
+
+def sparse(base: Any, zone: Any) -> None:
+    """An array of eight petabytes of which nothing is in the file."""
+    node = section(zone, "huge", 10, 2, 10**15, [1, 2, 3, 4])["ElementConnectivity"]
+    del node[" data"]
+    node.create_dataset(" data", shape=(10**15,), dtype="i8", chunks=(1000,))
+
+
+@pytest.mark.parametrize(
+    ("fill", "message"),
+    [
+        (lambda b, z: None, "the mesh has no cells"),
+        (broken(lambda b, z: add_node(b, "Zone 2", "Zone_t", np.array([[1], [1], [0]]))), "2 zones: Zone, Zone 2"),
+        (broken(lambda b, z: add_node(b.parent, "Base 2", "CGNSBase_t", np.array([3, 3]))), "2 bases: Base, Base 2"),
+        (lambda b, z: section(z, "s", 10, 1, 1, [1, 2, 3, 5]), "section 's' names node 5, .* nodes 1 to 4"),
+        (lambda b, z: section(z, "s", 10, 1, 1, [0, 2, 3, 4]), "element 1 of section 's' names node 0"),
+        (lambda b, z: section(z, "s", 10, 1, 2, [1, 2, 3, 4]), "2 elements of 4 nodes, but a connectivity of 4"),
+        (lambda b, z: section(z, "s", 10, 5, 1, [1, 2, 3, 4]), "elements 5 to 1"),
+        (lambda b, z: section(z, "s", 10, 1, 10**12, [1, 2, 3, 4]), "elements 1 to 1000000000000"),
+        (lambda b, z: section(z, "s", 11, 1, 1, range(1, 11)), "CGNS' type 11; known are .* first-order"),
+        (lambda b, z: section(z, "s", 20, 1, 2, [10, 1, 2, 3, 4, 18]), "element 1 of the section is of CGNS' type 18"),
+        (lambda b, z: section(z, "s", 20, 1, 1, [10, 1, 2, 3, 4], [0, 4]), "ElementStartOffset does not run"),
+        (lambda b, z: section(z, "s", 22, 1, 1, [3, 1, 2, 3]), "NGON_n faces without NFACE_n cells"),
+        (lambda b, z: section(z, "s", 23, 1, 1, [3, 1, 2, 3]), "NFACE_n cells without NGON_n faces"),
+        (broken(lambda b, z: condition(z, "c", "PointList", [9])), "c: it names node 9, .* nodes 1 to 4"),
+        (broken(lambda b, z: condition(z, "c", "PointRange", [4, 2])), "a PointRange of 4, 2; expected"),
+        (broken(lambda b, z: condition(z, "c", "Nothing", [4, 2])), "c: neither PointList nor PointRange"),
+        (broken(lambda b, z: z["ZoneType"].pop(" data")), "it has no data|Structured|a zone of type"),
+        (broken(lambda b, z: z["GridCoordinates"].pop("CoordinateX")), "coordinates CoordinateY, Coo"),
+        (broken(sparse), "values, of which only 0 bytes lie in the file"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_in_one_line(tmp_path: Path, fill: Any, message: str) -> None:
+    path = make(tmp_path / "m.cgns", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), fill)
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_mesh(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_arrays_of_nothing_but_zeros_are_bounded_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """HDF5 packs them by a factor of a thousand: a plane's z is such an array, a bomb of many gigabytes another."""
+    path = make(tmp_path / "m.cgns", np.zeros((1_000_000, 3)), tetra)
+    with h5py.File(path, "r+") as file:
+        for axis in "XYZ":
+            group = file[f"Base/Zone/GridCoordinates/Coordinate{axis}"]
+            del group[" data"]
+            group.create_dataset(" data", data=np.zeros(1_000_000), compression="gzip", chunks=(100_000,))
+    assert len(read_mesh(path).points) == 1_000_000
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
+    with pytest.raises(InvalidInput, match=r"CoordinateX: 1000000 values, of which only \d+ bytes lie in the file"):
+        read_mesh(path)
+
+
+def test_other_files_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "m.cgns"
+    path.write_bytes(b"....@(#)ADF Database Version A02011>" + b" " * 100)
+    with pytest.raises(InvalidInput, match=r"old ADF format \(adf2hdf m\.cgns"):
+        read_mesh(path)
+    for content in (b"", b"hello", b"\x89HDF\r\n\x1a\n" + b"\0" * 50):
+        path.write_bytes(content)
+        with pytest.raises(InvalidInput, match="malformed or damaged CGNS file"):
+            read_mesh(path)
+
+
+def _read_all_damaged(path: Path, content: bytes, seed: int, count: int) -> None:
+    """Ends with status 0 if only InvalidInput came out; a crash of HDF5 is a signal."""
+    random = np.random.default_rng(seed)
+    refused = 0
+    for _ in range(count):
+        damaged = bytearray(content)
+        for place in random.integers(0, len(content), random.integers(1, 4)):
+            damaged[place] = random.integers(0, 256)
+        path.write_bytes(bytes(damaged[: random.integers(1, len(damaged))] if random.random() < 0.2 else damaged))
+        try:
+            read_mesh(path)
+        except InvalidInput:
+            refused += 1
+    sys.exit(0 if refused > count // 10 else 3)
+
+
+@pytest.mark.slow
+def test_damaged_bytes_give_invalid_input_only(tmp_path: Path, all_solids: tuple[Any, Any]) -> None:
+    points, cells = all_solids
+    write_mesh(tmp_path / "m.cgns", MeshFile(points, cells, {"low": np.array([0, 1, 2, 3])}, Path("made")))
+    content = (tmp_path / "m.cgns").read_bytes()
+    process = multiprocessing.get_context("spawn").Process(
+        target=_read_all_damaged, args=(tmp_path / "d.cgns", content, 11, 150)
+    )
+    process.start()
+    process.join(200)
+    assert process.exitcode == 0

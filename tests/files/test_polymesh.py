@@ -1,0 +1,415 @@
+"""What OpenFOAM's programs make, we read: the cells that checkMesh counts, the volumes it measures, the patches."""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import foam_cases as foam
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mesh_motion_server.cases.check import check
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import MeshFile, memory, read_mesh
+from mesh_motion_server.files.face_cells import find_cells
+from mesh_motion_server.files.polymesh import read_face_mesh
+from mesh_motion_server.numerics.cells import CELL_TYPES
+
+FILES = ("points", "faces", "owner", "neighbour", "boundary")
+
+
+FINE = foam.BOX.replace("(6 4 5)", "(12 8 10)").replace("(2 1 3)", "(1 1 1)")
+
+
+@pytest.fixture(scope="session")
+def foam_case(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """A case of each kind, meshed once."""
+    made: dict[str, Path] = {}
+
+    def make(name: str) -> Path:
+        if name not in made:
+            made[name] = MAKERS[name](tmp_path_factory.mktemp("foam") / name)
+        return made[name]
+
+    return make
+
+
+def block_mesh(blocks: str, **options: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        foam.FoamCase.new(folder, blocks, **options).run("blockMesh")
+        return folder
+
+    return make
+
+
+def castellated(folder: Path) -> Path:
+    """Hexahedra refined around a ball: their neighbours are polyhedra."""
+    case = foam.FoamCase.new(folder, FINE, form="binary")
+    dictionary = folder / "system" / "snappyHexMeshDict"
+    dictionary.write_text(dictionary.read_text().replace("snap true", "snap false"))
+    case.run("blockMesh")
+    case.run("snappyHexMesh", "-overwrite")
+    return folder
+
+
+def snapped(folder: Path) -> Path:
+    case = foam.FoamCase.new(folder, FINE, form="binary")
+    case.run("blockMesh")
+    case.run("snappyHexMesh", "-overwrite")
+    return folder
+
+
+def dual(folder: Path) -> Path:
+    case = foam.FoamCase.new(folder, foam.BOX)
+    case.run("blockMesh")
+    case.run("polyDualMesh", "75", "-overwrite")
+    return folder
+
+
+def mixed(folder: Path) -> Path:
+    """Hexahedra, a layer of pyramids and tetrahedra, from Gmsh by gmshToFoam."""
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    case = foam.FoamCase.new(folder)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.setTransfiniteSurface(1)
+        gmsh.model.mesh.setRecombine(2, 1)
+        gmsh.model.occ.extrude([(2, 1)], 0, 0, 0.5, [2], recombine=True)
+        top = gmsh.model.occ.addBox(0, 0, 0.5, 1, 1, 1)
+        gmsh.model.occ.fragment([(3, 1)], [(3, top)])
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.4)
+        faces = [tag for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(3), oriented=False)]
+        gmsh.model.addPhysicalGroup(2, faces, name="skin")
+        gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="fluid")
+        gmsh.model.mesh.generate(3)
+        gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
+        gmsh.write(str(folder / "mixed.msh"))
+    finally:
+        gmsh.finalize()
+    case.run("gmshToFoam", "mixed.msh")
+    return folder
+
+
+MAKERS: dict[str, Callable[[Path], Path]] = {
+    "box": block_mesh(foam.BOX),
+    "box-binary": block_mesh(foam.BOX, form="binary"),
+    "box-gzip": block_mesh(foam.BOX, compression="on"),
+    "prisms": block_mesh(foam.PRISMS, form="binary"),
+    "strip": block_mesh(foam.STRIP),
+    "wedge": block_mesh(foam.WEDGE),
+    "castellated": castellated,
+    "snapped": snapped,
+    "dual": dual,
+    "mixed": mixed,
+}
+
+
+def sizes(mesh: MeshFile) -> dict[str, NDArray[np.float64]]:
+    """Areas or volumes by corners: exact for simplices and parallelepipeds."""
+    found = {}
+    for name, nodes in mesh.cells.items():
+        corners = mesh.points[nodes[:, CELL_TYPES[name].corner_array]]
+        found[name] = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1]).sum(axis=1) * CELL_TYPES[name].size_factor
+    return found
+
+
+@pytest.mark.parametrize("name", ["box", "box-binary", "box-gzip", "prisms", "castellated", "dual", "mixed", "snapped"])
+def test_checkmesh_counts_and_measures_the_same(foam_case: Callable[..., Path], name: str) -> None:
+    folder = foam_case(name)
+    theirs = foam.FoamCase(folder).checked()
+    mesh = read_face_mesh(folder / "constant" / "polyMesh")
+    found = find_cells(mesh)
+    counts = {kind: len(nodes) for kind, nodes in found.nodes.items()}
+    assert counts.get("hexahedron", 0) == theirs["hexahedra"]
+    assert counts.get("wedge", 0) == theirs["prisms"]
+    assert counts.get("pyramid", 0) == theirs["pyramids"]
+    assert counts.get("tetra", 0) == theirs["tetrahedra"]
+    assert len(found.others) == theirs["polyhedra"] + theirs["wedges"] + theirs["tet wedges"]
+    assert (mesh.n_cells, mesh.n_faces, mesh.n_inner) == (theirs["cells"], theirs["faces"], theirs["internal faces"])
+    volumes = mesh.volumes_and_centres()[0]
+    areas = np.linalg.norm(mesh.areas_and_centres[0], axis=1)
+    assert volumes.sum() == pytest.approx(theirs["volume"], rel=1e-12)
+    assert volumes.min() == pytest.approx(theirs["least volume"], rel=1e-12)
+    assert areas.min() == pytest.approx(theirs["least area"], rel=1e-12)
+    assert areas.max() == pytest.approx(theirs["greatest area"], rel=1e-12)
+
+
+def test_all_forms_of_a_file_give_the_same_mesh(foam_case: Callable[..., Path]) -> None:
+    first = read_mesh(foam_case("box"))
+    assert first.points.shape == (210, 3)
+    assert {name: len(nodes) for name, nodes in first.patches.items()} == {"low": 35, "high": 35, "sides": 120}
+    np.testing.assert_array_equal(first.patches["low"], np.flatnonzero(first.points[:, 2] == 0))
+    assert (sizes(first)["hexahedron"] > 0).all()
+    assert {file.suffix for file in (foam_case("box-gzip") / "constant" / "polyMesh").iterdir()} == {"", ".gz"}
+    for name in ("box-binary", "box-gzip"):
+        other = read_mesh(foam_case(name))
+        np.testing.assert_array_equal(other.points, first.points)
+        np.testing.assert_array_equal(other.cells["hexahedron"], first.cells["hexahedron"])
+        assert other.patches.keys() == first.patches.keys()
+
+
+def test_a_mesh_is_named_by_its_case_its_folder_or_a_foam_file(foam_case: Callable[..., Path]) -> None:
+    folder = foam_case("box")
+    (folder / "box.foam").touch()
+    for path in (folder, folder / "constant", folder / "constant" / "polyMesh", folder / "box.foam"):
+        assert len(read_mesh(path).points) == 210
+        assert check(path).mesh.n_cells == 120
+
+
+@pytest.mark.parametrize("name", ["castellated", "dual"])
+def test_polyhedra_are_divided_about_their_centres(foam_case: Callable[..., Path], name: str) -> None:
+    mesh, whole = read_mesh(foam_case(name)), read_face_mesh(foam_case(name) / "constant" / "polyMesh")
+    found = find_cells(whole)
+    np.testing.assert_array_equal(mesh.points[: len(whole.points)], whole.points)
+    pieces = sizes(mesh)
+    assert all((values > 0).all() for values in pieces.values())
+    assert sum(values.sum() for values in pieces.values()) == pytest.approx(
+        float(whole.volumes_and_centres()[0].sum()), rel=1e-9
+    )
+    middles = len(mesh.points) - len(whole.points) - len(found.others)
+    assert middles == np.count_nonzero(whole.sizes > 4)
+    assert not check(foam_case(name)).warnings  # no gaps: every facet has a neighbour or a patch
+
+
+def test_a_face_that_the_centre_does_not_see_is_named(foam_case: Callable[..., Path]) -> None:
+    with pytest.raises(InvalidInput, match=r"polyhedral cell \d+ at \(.*\) cannot be judged: its face \d+") as caught:
+        read_mesh(foam_case("snapped"))
+    assert set(caught.value.details) == {"cell", "face"}
+
+
+def test_one_layer_between_empty_patches_is_a_plane(foam_case: Callable[..., Path]) -> None:
+    mesh = read_mesh(foam_case("strip"))
+    assert mesh.dimension == 2
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"quad": 24}
+    assert {name: len(nodes) for name, nodes in mesh.patches.items()} == {"inlet": 5, "outlet": 5, "walls": 14}
+    assert sizes(mesh)["quad"].sum() == pytest.approx(5.0)
+    assert (sizes(mesh)["quad"] > 0).all()
+    assert {name: len(of["line"]) for name, of in mesh.facets.items()} == {"inlet": 4, "outlet": 4, "walls": 12}
+
+
+def test_a_plane_across_y_keeps_its_cells_upright(foam_case: Callable[..., Path], tmp_path: Path) -> None:
+    """The strip's axes in another order: x and z are the plane, and anticlockwise changes."""
+    folder = shutil.copytree(foam_case("strip") / "constant" / "polyMesh", tmp_path / "turned")
+    points = read_face_mesh(folder).points[:, [0, 2, 1]] * [1, 1, -1]
+    rows = "\n".join("(" + " ".join(map(repr, row)) + ")" for row in points.tolist())
+    head = (folder / "points").read_text().partition("}")[0]
+    (folder / "points").write_text(f"{head}}}\n{len(points)}\n(\n{rows}\n)\n")
+    mesh = read_mesh(folder)
+    assert sizes(mesh)["quad"].sum() == pytest.approx(5.0)
+    assert mesh.points[:, 1].min() == -2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("wedge", "patch 'back' is of type wedge"), ("prisms-without-patches", r"leave 0 dimension\(s\)")],
+)
+def test_other_planes_are_refused(foam_case: Callable[..., Path], tmp_path: Path, name: str, message: str) -> None:
+    if name == "wedge":
+        folder = foam_case(name)
+    else:  # blockMesh puts faces without a patch into one of type empty
+        folder = block_mesh(foam.PRISMS.partition("boundary")[0] + "boundary ();")(tmp_path / "case")
+    with pytest.raises(InvalidInput, match=message):
+        read_mesh(folder)
+
+
+# --- damaged files ---------------------------------------------------------------------------------------------------
+
+HEAD = "FoamFile {{ version 2.0; format ascii; class {kind}; object x; }}\n"
+TETRA = {
+    "points": ("vectorField", "4 ((0 0 0) (1 0 0) (0 1 0) (0 0 1))"),
+    "faces": ("faceList", "4 (3(0 2 1) 3(0 1 3) 3(1 2 3) 3(0 3 2))"),
+    "owner": ("labelList", "4{0}"),
+    "neighbour": ("labelList", "0()"),
+    "boundary": ("polyBoundaryMesh", "1 ( wall { type wall; inGroups 1(wall); nFaces 4; startFace 0; } )"),
+}
+
+
+def tetra(folder: Path, **changes: str) -> Path:
+    """A polyMesh of one tetrahedron, with the content of some files replaced."""
+    folder.mkdir(exist_ok=True)
+    for name, (kind, text) in TETRA.items():
+        (folder / name).write_text(HEAD.format(kind=kind) + "// * * //\n" + changes.get(name, text) + "\n// end\n")
+    return folder
+
+
+def test_one_tetrahedron_written_by_hand(tmp_path: Path) -> None:
+    mesh = read_mesh(tetra(tmp_path))
+    assert sizes(mesh)["tetra"] == pytest.approx([1 / 6])
+    np.testing.assert_array_equal(mesh.patches["wall"], [0, 1, 2, 3])
+    compact = "5 (0 3 6 9 12) 12 (0 2 1 0 1 3 1 2 3 0 3 2)"
+    path = tetra(tmp_path) / "faces"
+    path.write_text(HEAD.format(kind="faceCompactList") + compact)
+    np.testing.assert_array_equal(read_mesh(tmp_path).cells["tetra"], mesh.cells["tetra"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"points": "4 ((0 0 0) (1 0 0) (0 1 0) (0 0"}, "points: the list does not end"),
+        ({"points": "4 ((0 0 0) (1 0 0) (0 1 0) (0 0 one))"}, "points: not a list of numbers: .*'one'"),
+        ({"points": "5 ((0 0 0) (1 0 0) (0 1 0) (0 0 1))"}, "points: 15 numbers were announced, 12 follow"),
+        ({"points": "4 ((0 0 0) (1 0 0) (0 1 0) (0 nan 1))"}, "node 3 has y = nan"),
+        ({"points": "99999999999999{0}"}, "numbers were announced"),
+        ({"points": ""}, "expected the number of entries"),
+        ({"faces": "4 (3(0 2 1) 3(0 1 3) 3(1 2 3) 3(0 3))"}, "face 3 has no count"),
+        ({"faces": "4 (3(0 2 1) 3(0 1 3) 3(1 2 3) 3(0 3 9))"}, "face 3 names point 9, but there are the points 0 to 3"),
+        ({"faces": "4 ((0 2 1) (0 1 3) (1 2 3) (0 3 2))"}, "face 0 has no count"),
+        ({"faces": "9 (3(0 2 1) 3(0 1 3) 3(1 2 3) 3(0 3 2))"}, "a list of 9 faces, but 4 are written"),
+        ({"owner": "4(0 0 -1 0)"}, "the owner of face 2 is cell -1, which is negative"),
+        ({"owner": "4(0 0 999999999999 0)"}, "owner of face 2 is cell 999999999999, which cannot be"),
+        ({"owner": "4(0 0 99999999999999999999 0)"}, "owner: not a list of numbers"),
+        ({"owner": "3(0 0 0)"}, "4 faces, but 3 owners"),
+        ({"owner": "900000000000{0}"}, "owner: a list of 900000000000 entries, but at most 4"),
+        ({"neighbour": "1(0)"}, "face 0 has the cell 0 on both sides"),
+        ({"boundary": "1 ( wall { type wall; nFaces 5; startFace 0; } )"}, "patch 'wall' has 5 faces from face 0 on"),
+        ({"boundary": "1 ( wall { type wall; nFaces -5; startFace 0; } )"}, "nFaces is '-5'"),
+        ({"boundary": "1 ( wall { type wall; nFaces 4;"}, "the list of patches does not end"),
+        ({"boundary": "wall"}, "expected the number of patches"),
+        ({"boundary": "1 ( a { nFaces 3; startFace 0; } )"}, "face 3 of the boundary is in no patch"),
+        ({"boundary": "1 ( a { nFaces 3; startFace 1; } )"}, "face 0 of the boundary is in no patch"),
+        (
+            {"boundary": "2 ( a { nFaces 1; startFace 0; } b { nFaces 2; startFace 2; } )"},
+            "face 1 of the boundary is in no patch",
+        ),
+        (
+            {"boundary": "2 ( a { nFaces 3; startFace 0; } b { nFaces 2; startFace 2; } )"},
+            "face 2 is in patch 'b' and in another",
+        ),
+        (
+            {"boundary": "2 ( a { nFaces 4; startFace 0; } b { nFaces 4; startFace 0; } )"},
+            "face 0 is in patch 'b' and in another",
+        ),
+        ({"boundary": "1 ( p { type processor; nFaces 4; startFace 0; } )"}, "type processor.*reconstructParMesh"),
+    ],
+)
+def test_damaged_files_give_one_clear_line(tmp_path: Path, changes: dict[str, str], message: str) -> None:
+    folder = tetra(tmp_path / "mesh", **changes)
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_mesh(folder)
+    assert "\n" not in str(caught.value)
+    assert str(folder) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_missing_file_and_one_without_a_header(tmp_path: Path, name: str) -> None:
+    folder = tetra(tmp_path)
+    (folder / name).write_text("hello")
+    with pytest.raises(InvalidInput, match=f"{name}: no OpenFOAM file"):
+        read_mesh(folder)
+    (folder / name).unlink()
+    with pytest.raises(InvalidInput, match=f"no file '{name}'"):
+        read_mesh(folder)
+    (folder / f"{name}.gz").write_bytes(gzip.compress(b"x" * 1000)[:-9])
+    with pytest.raises(InvalidInput, match=rf"{name}(\.gz: damaged gzip|')"):
+        read_mesh(folder)
+
+
+def test_no_case_at_all(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="neither an OpenFOAM case"):
+        read_mesh(tmp_path)
+    (tmp_path / "processor0").mkdir()
+    with pytest.raises(InvalidInput, match="reconstructParMesh"):
+        read_mesh(tmp_path)
+
+
+def test_a_damaged_byte_never_gives_more_than_one_line(tmp_path: Path, foam_case: Callable[..., Path]) -> None:
+    random = np.random.default_rng(7)
+    refusals = []
+    for name in ("box-binary", "prisms", "box"):
+        folder = Path(shutil.copytree(foam_case(name) / "constant" / "polyMesh", tmp_path / name))
+        contents = {file: (folder / file).read_bytes() for file in FILES}
+        for _ in range(80):
+            file = FILES[random.integers(len(FILES))]
+            damaged = bytearray(contents[file])
+            for place in random.integers(0, len(damaged), random.integers(1, 4)):
+                digit = ord(random.choice(list("0129-. (){};\n")))
+                damaged[place] = random.integers(0, 256) if random.random() < 0.5 else digit
+            end = random.integers(1, len(damaged)) if random.random() < 0.2 else len(damaged)
+            (folder / file).write_bytes(bytes(damaged[:end]))
+            try:
+                read_mesh(folder)
+            except InvalidInput as error:
+                refusals.append(str(error))
+            (folder / file).write_bytes(contents[file])
+    assert len(refusals) > 50
+    assert not any("\n" in refusal for refusal in refusals)
+
+
+def test_check_tells_of_cyclic_patches_without_their_role(tmp_path: Path) -> None:
+    mesh = tetra(tmp_path / "mesh", boundary="1 ( side { type cyclic; nFaces 4; startFace 0; } )")
+    warning = "patch 'side' is one side of a period in the mesh file: give it the role periodic"
+    assert warning in check(mesh).warnings
+    assert read_mesh(mesh).periodic == ("side",)
+    assert warning not in check(tetra(tmp_path / "other")).warnings
+
+
+def test_empty_patches_lie_anywhere(tmp_path: Path) -> None:
+    patches = "3 ( a { nFaces 0; startFace 0; } b { nFaces 4; startFace 0; } c { nFaces 0; startFace 2; } )"
+    assert list(read_mesh(tetra(tmp_path, boundary=patches)).patches) == ["b"]
+
+
+def test_an_error_shows_no_more_of_a_file_than_can_be_read(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="points: not a list of numbers") as caught:
+        read_mesh(tetra(tmp_path, points=f"4 ({'junk' * 100})"))
+    assert len(str(caught.value)) < len(str(tmp_path)) + 130
+
+
+def test_gzip_that_unpacks_to_more_than_a_mesh_may_be_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tetra(tmp_path)
+    text = (folder / "points").read_bytes()
+    (folder / "points").unlink()
+    (folder / "points.gz").write_bytes(gzip.compress(text + b" " * 3_000_000))
+    assert len(read_mesh(folder).points) == 4
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
+    with pytest.raises(InvalidInput, match=r"points\.gz: \d+ bytes of gzip unpack to more than 1048576"):
+        read_mesh(folder)
+    (folder / "points.gz").write_bytes(gzip.compress(text + b" " * 1_000_000))
+    assert len(read_mesh(folder).points) == 4
+
+
+@pytest.mark.parametrize("gap", [" ", "\t", "    \t "])
+@pytest.mark.parametrize("end", ["\n", "\r\n", " ", " // how it is written\n", " /* a { b; */ "])
+def test_headers_may_have_tabs_and_any_line_ends(tmp_path: Path, gap: str, end: str) -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], ">f4")
+    entries = [("version", "2.0"), ("format", "binary"), ("class", "vectorField"), ("arch", '"MSB;label=64;scalar=32"')]
+    head = f"FoamFile\n{{{end}" + "".join(f"{gap}{key}{gap}{value};{end}" for key, value in entries) + "}\n"
+    folder = tetra(tmp_path)
+    (folder / "points").write_bytes(head.encode() + b"4(" + points.tobytes() + b")")
+    np.testing.assert_array_equal(read_mesh(folder).points, points)
+
+
+@pytest.mark.parametrize(("label", "scalar"), [(32, 32), (64, 64), (64, 32)])
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_every_width_and_byte_order_of_binary_files(tmp_path: Path, label: int, scalar: int, order: str) -> None:
+    arch = f"{'LSB' if order == '<' else 'MSB'};label={label};scalar={scalar}"
+
+    def ints(*values: int) -> bytes:
+        return f"\n{len(values)}\n(".encode() + np.array(values, f"{order}i{label // 8}").tobytes() + b")"
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], f"{order}f{scalar // 8}")
+    bodies = {
+        "points": b"4(" + points.tobytes() + b")",
+        "faces": ints(0, 3, 6, 9, 12) + ints(0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2),
+        "owner": ints(0, 0, 0, 0),
+        "neighbour": b"\n0\n",
+        "boundary": TETRA["boundary"][1].encode(),
+    }
+    for name, body in bodies.items():
+        kind = "faceCompactList" if name == "faces" else TETRA[name][0]
+        head = f'FoamFile\n{{\n    version 2.0;\n    format  binary;\n    class {kind};\n    arch "{arch}";\n}}\n// *\n'
+        (tmp_path / name).write_bytes(head.encode() + body)
+    np.testing.assert_array_equal(read_mesh(tmp_path).points, points)
+    cut = (tmp_path / "owner").read_bytes()[:-3]
+    (tmp_path / "owner").write_bytes(cut)
+    with pytest.raises(InvalidInput, match=r"owner: a binary list of 4 entries .* the file is cut"):
+        read_mesh(tmp_path)

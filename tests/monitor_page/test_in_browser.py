@@ -1,0 +1,190 @@
+"""The page as people see it, in headless Chromium: content, live, long runs, a dropped server, keys, contrast."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import time
+from collections.abc import Iterator
+
+import chromium
+import pytest
+from chromium import Browser
+from shown_page import PAINTED, serving, show, stored
+
+from mesh_motion_server.prove.server_process import ServerProcess
+
+pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
+
+LONG, SHORT, THIRD = ("1" * 32, "2" * 32, "3" * 32)
+STEPS = 10_000
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    with serving(tmp_path_factory.mktemp("server")) as served:
+        stored(served.state, SHORT, "<b>flag</b>", 120)
+        stored(served.state, THIRD, "wing", 40)
+        stored(served.state, LONG, "long run", STEPS, iterations=1)
+        yield served
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with chromium.opened(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+def test_three_sessions_and_what_is_known_of_one(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT)
+    rows = tab.texts("#sessions li")
+    assert len(rows) == 3
+    assert any("long run" in row for row in rows)
+    assert tab.text("#label") == "<b>flag</b>"  # what a client calls itself stays text
+    assert "trial" not in tab.text("#figures")
+    assert len(tab.texts("#worst tbody tr")) == 10
+    assert "triangle" in tab.texts("#worst tbody tr")[0]
+    assert any("refused" in line or "_" in line for line in tab.texts("#events .code"))
+    assert "threshold 0.2" in tab.run("return document.querySelector('#quality .plot').getAttribute('aria-label')")
+    tab.run("document.getElementById('as-table').open = true")
+    assert len(tab.wait(lambda: tab.texts("#history-table tbody tr"), "the table")) == 60
+    assert tab.complaints() == []
+
+
+def test_the_mesh_is_drawn_and_a_cell_tells_who_it_is(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT)
+    assert len(tab.run(PAINTED)) > 20
+    tab.run("document.getElementById('mesh').scrollIntoView({ block: 'center' })")
+    tab.click("#mesh", 20, 30)
+    tab.wait(lambda: tab.text("#mesh-said").startswith("triangle "), "the cell is named")
+    assert "of partition 0" in tab.text("#mesh-said")
+    tab.run("document.querySelector('#worst button').click()")
+    assert "at" in tab.text("#mesh-said")
+
+
+def test_ten_thousand_steps_are_thinned_and_closer_where_one_looks(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, LONG)
+    columns = "return globalThis.monitor.history.columns"
+    assert 1500 <= len(tab.run(columns)["step"]) <= 1501
+    least = min(tab.run(columns)["actual_min"])
+    tab.run("globalThis.monitor.history.zoom([5000, 5100])")
+    tab.wait(lambda: len(tab.run(columns)["step"]) == 101, "single steps are shown")
+    tab.run("document.getElementById('all-steps').click()")
+    tab.wait(lambda: len(tab.run(columns)["step"]) >= 1500, "all steps are shown")
+    assert min(tab.run(columns)["actual_min"]) == least
+
+
+def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT)
+    segments = sorted((server.state / "sessions" / SHORT / "history").glob("events-*"))
+    lines = [json.loads(line) for line in segments[-1].read_text().splitlines()]
+    committed = next(event for event in reversed(lines) if event["event"] == "committed")
+    refused = {
+        "at": time.time(),
+        "event": "refused",
+        "request": "MOVE",
+        "step": 121,
+        "code": "FAILED_PRECONDITION.QUALITY",
+    }
+    with (segments[-1].parents[1] / "lock").open() as held, segments[-1].open("a") as file:
+        fcntl.flock(held, fcntl.LOCK_EX)  # or it were a step that a crash took
+        file.write(json.dumps(committed | {"at": time.time(), "step": 121}) + "\n")
+        file.flush()
+        tab.wait(lambda: tab.text("#figures dd").startswith("121"), "the step is shown")
+    with segments[-1].open("a") as file:  # alone: nothing but the refusal tells that there is news
+        file.write(json.dumps(refused | {"message": "it is too bad", "hint": "move less", "details": {}}) + "\n")
+    tab.wait(lambda: "FAILED_PRECONDITION.QUALITY" in tab.text("#events li"), "the refusal is shown")
+    assert "move less" in tab.text("#events li")
+    tab.wait(lambda: tab.run("return globalThis.monitor.history.columns.step.at(-1)") == 121, "the chart has the step")
+
+
+def test_a_server_that_is_gone_is_told_and_its_return_too(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT)
+    server.stop()
+    tab.wait(lambda: "The server is gone since" in tab.text("#gone"), "the page tells")
+    assert tab.text("#label") == "<b>flag</b>"  # what was known stays
+    server.start()
+    tab.wait(lambda: tab.text("#connection").startswith("live"), "the page goes on")
+    assert not tab.text("#gone")
+
+
+def test_keys_walk_lists_charts_and_mesh(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, LONG)
+    order = tab.texts("#sessions .name")
+    walked = []
+    while "mesh" not in walked and len(walked) < 60:
+        tab.keys("TAB")
+        walked.append(tab.focused())
+    assert walked[0] == "skip"
+    assert "sessions" in walked
+    assert walked.index("sessions") < walked.index("plot") < walked.index("mesh")
+    half = tab.run("return globalThis.monitor.mesh.camera.half")
+    tab.keys("+")
+    assert tab.run("return globalThis.monitor.mesh.camera.half") < half
+    tab.keys("ARROW_RIGHT", "w")
+    assert "triangle" in tab.text("#mesh-said")
+    ring = "return getComputedStyle(document.activeElement).outlineStyle"
+    assert tab.run(ring) == "solid"
+    tab.run("document.querySelector('#quality .plot').focus()")
+    tab.keys("END")
+    assert f"step {STEPS}" in tab.run("return document.activeElement.getAttribute('aria-label')")
+    tab.keys("+")
+    tab.wait(lambda: tab.run("return Array.isArray(globalThis.monitor.history.window)"), "the chart is closer")
+    tab.keys("0")
+    tab.run("document.getElementById('sessions').focus()")
+    tab.keys("HOME", "ARROW_DOWN")
+    tab.wait(lambda: tab.text("#label") == order[1], "the next session is shown")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1400, 360])
+def test_it_fits_the_screen_and_can_be_read(tab: Browser, server: ServerProcess, scheme: str, width: int) -> None:
+    # as high as the page, for only what is in sight is fetched and drawn
+    show(tab, server, SHORT, width=width, height=1500 if width > 1000 else 3600, scheme=scheme)
+    assert tab.run("return document.documentElement.scrollWidth") <= width
+    low = tab.run(CONTRAST)
+    assert low == []
+    targets = (
+        "return [...document.querySelectorAll('button')].filter((b) => b.offsetParent && b.offsetHeight < 24).length"
+    )
+    assert tab.run(targets) == 0
+    if chromium.AXE.exists():
+        assert tab.violations() == []
+
+
+def test_axe_is_there_to_be_asked() -> None:
+    if not chromium.AXE.exists():
+        pytest.skip("axe-core is not there (`python tools/fetch_vendor.py --tests` fetches it)")
+
+
+#: Texts whose contrast with what is behind them is below WCAG's AA.
+CONTRAST = """
+const probe = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
+const rgba = (colour) => {
+  probe.clearRect(0, 0, 1, 1);
+  probe.fillStyle = colour;
+  probe.fillRect(0, 0, 1, 1);
+  return [...probe.getImageData(0, 0, 1, 1).data];
+};
+const luminance = ([r, g, b]) => {
+  const [x, y, z] = [r, g, b].map((v) => (v /= 255) <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  return 0.2126 * x + 0.7152 * y + 0.0722 * z;
+};
+const behind = (element) => {
+  for (let e = element; e; e = e.parentElement) {
+    const colour = rgba(getComputedStyle(e).backgroundColor);
+    if (colour[3] > 250) return colour;
+  }
+  return [255, 255, 255, 255];
+};
+const found = [];
+for (const element of document.querySelectorAll('body *')) {
+  const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+  if (!own || !element.offsetParent) continue;
+  const [a, b] = [luminance(rgba(getComputedStyle(element).color)), luminance(behind(element))];
+  const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  if (ratio < 4.5) found.push([element.className || element.tagName, element.textContent.slice(0, 20), ratio]);
+}
+return found;
+"""

@@ -1,0 +1,437 @@
+"""What the page's server answers, and whom it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import hashlib
+import json
+import math
+import shutil
+import threading
+import time
+import tomllib
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from histories import resumed_at, write_history
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.monitor_page import live
+from mesh_motion_server.monitor_page.app import STATIC, Page
+from mesh_motion_server.monitor_page.archive import Archive, as_json
+from mesh_motion_server.monitor_page.drawing import Packer
+from mesh_motion_server.monitor_page.followed import plain_column
+from mesh_motion_server.monitor_page.guard import is_allowed_host
+from mesh_motion_server.observation.mesh_view import StoredMesh
+from mesh_motion_server.prove.driver import SESSION, make_driver
+from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.session.store import SessionStore
+
+testclient = pytest.importorskip("starlette.testclient", reason="the extra monitor is not installed")
+BUILD = {"version": "1", "protocol": "1.0", "python": "3"}
+
+
+def stored(folder: Path, steps: int, session: str = SESSION, history: int = 0, label: str = "wing") -> None:
+    """A session with so many committed steps, and a made-up history."""
+    driver = make_driver(SessionStore(folder), [grid_mesh()], session=session, spec={"label": label})
+    driver.open()
+    for step in range(1, steps + 1):
+        driver.advance(step)
+    driver.host.close()
+    if history:
+        shutil.rmtree(folder / "sessions" / session / "history")
+        write_history(folder / "sessions" / session, history)
+
+
+def asking(state: Path, **options: Any) -> Any:
+    return asking_of(Page(state, BUILD, **options))
+
+
+def asking_of(page: Page) -> Any:
+    return testclient.TestClient(page.app, base_url="http://127.0.0.1:7441")
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    state = tmp_path_factory.mktemp("state")
+    stored(state, 2, history=600)
+    return asking(state)
+
+
+def test_the_list_tells_what_folders_and_supervisor_know(tmp_path: Path) -> None:
+    stored(tmp_path, 3, history=100)
+    page = Page(tmp_path, BUILD)
+    page.hear({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 3, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
+    asked = testclient.TestClient(page.app, base_url="http://localhost")
+    new, known = asked.get("/api/sessions").json()["sessions"]
+    assert (new["session"], new["built"], new["state"]) == ("f" * 32, False, "OPENING")
+    assert (known["label"], known["state"], known["worker"]) == ("wing", "TRIAL", "alive")
+    assert len(known["spark"]) == 32
+    assert known["minimum"] == known["spark"][-1]
+    page.hear({"missing": "", "sessions": [[SESSION, "dead", "READY", 3, 1]]})
+    assert asked.get("/api/sessions").json()["sessions"][0]["worker"] == "dead"
+
+
+def append(state: Path, *events: dict[str, Any]) -> None:
+    """Add events to the last segment of the session's history, each with the time now."""
+    segment = max((state / "sessions" / SESSION / "history").glob("events-*"))
+    with segment.open("a") as file:
+        file.writelines(json.dumps({"at": time.time()} | event) + "\n" for event in events)
+
+
+REFUSED = {
+    "event": "refused",
+    "request": "MOVE",
+    "step": 6,
+    "code": "FAILED_PRECONDITION.QUALITY",
+    "message": "it is too bad",
+    "hint": "move less",
+    "details": {},
+}
+
+
+def listed(page: Page) -> list[dict[str, Any]]:
+    asked = testclient.TestClient(page.app, base_url="http://localhost")
+    found: list[dict[str, Any]] = asked.get("/api/sessions").json()["sessions"]
+    return found
+
+
+def test_a_refusal_alone_is_news(tmp_path: Path) -> None:
+    stored(tmp_path, 1, history=5)
+    page = Page(tmp_path, BUILD)
+    (before,) = listed(page)
+    assert listed(page) == [before]
+    append(tmp_path, REFUSED)
+    (after,) = listed(page)
+    assert after["version"] != before["version"]
+    assert after["changed_at"] > before["changed_at"]
+    assert after["state"] == before["state"]
+
+
+def test_what_cannot_be_read_is_told_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = Page(tmp_path, BUILD)
+    read, tries = page._archive.overview, iter([OSError("stale file handle"), MemoryError()])
+
+    def sometimes(workers: list[list[Any]]) -> list[dict[str, Any]]:
+        for error in tries:
+            raise error
+        return read(workers)
+
+    monkeypatch.setattr(page._archive, "overview", sometimes)
+    monkeypatch.setattr(live, "_SECONDS", 0.01)
+    said = [event["missing"] for event in asyncio.run(streamed(page, 3))]
+    assert said == ["the list cannot be read: stale file handle", "the list cannot be read: MemoryError", ""]
+
+
+def test_who_connects_is_answered_at_once_and_starts_no_further_reading(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = Page(tmp_path, BUILD)
+    read, readings, release = page._archive.overview, [0], threading.Event()
+
+    def slowly(workers: list[list[Any]]) -> list[dict[str, Any]]:
+        readings[0] += 1
+        release.wait(60)
+        return read(workers)
+
+    monkeypatch.setattr(page._archive, "overview", slowly)
+    monkeypatch.setattr(live, "_SECONDS", 3600.0)
+
+    async def visits() -> list[dict[str, Any]]:
+        await streamed(page, 1, "beat")  # goes before the list is there
+        release.set()
+        return [*await streamed(page, 1), *await streamed(page, 1)]
+
+    first, second = asyncio.run(visits())
+    assert first == second
+    assert readings[0] <= 2
+
+
+async def streamed(page: Page, count: int, kind: str = "sessions") -> list[dict[str, Any]]:
+    """The first events of that kind that the stream sends."""
+    told: list[dict[str, Any]] = []
+    enough = asyncio.Event()
+
+    async def send(message: dict[str, Any]) -> None:
+        name, data = message["body"].decode().split("\n")[:2]
+        if name == f"event: {kind}" and len(told) < count:
+            told.append(json.loads(data.removeprefix("data: ")))
+        if len(told) == count:
+            enough.set()
+
+    async def receive() -> dict[str, Any]:
+        await enough.wait()
+        return {"type": "http.disconnect"}
+
+    await asyncio.wait_for(page.live.stream(receive, send), 60)
+    return told
+
+
+def test_events_of_another_version_are_passed_over_by_the_list(tmp_path: Path) -> None:
+    stored(tmp_path, 1, history=5)
+    append(tmp_path, {"event": "moved", "step": 6}, {"event": "committed", "step": 6})
+    (told,) = listed(Page(tmp_path, BUILD))
+    assert (told["step"], len(told["spark"])) == (1, 5)  # nobody holds it: the journal says which step it is at
+
+
+def test_series_are_thinned_to_minima_and_closer_within_a_window(client: Any) -> None:
+    whole = client.get(f"/api/sessions/{SESSION}/series?points=10000").json()["columns"]
+    thin = client.get(f"/api/sessions/{SESSION}/series?points=30").json()["columns"]
+    assert (len(whole["step"]), whole["step"][-1], thin["step"][-1]) == (600, 600, 600)
+    assert len(thin["step"]) in (30, 31)  # and the latest
+    assert min(thin["actual_min"]) == min(whole["actual_min"])
+    near = client.get(f"/api/sessions/{SESSION}/series?points=1500&first=100&last=110").json()["columns"]
+    assert near["step"] == list(range(100, 111))
+    assert near["actual_min"] == whole["actual_min"][99:110]
+
+
+def test_a_session_tells_its_worst_cells_and_what_was_refused(client: Any) -> None:
+    told = client.get(f"/api/sessions/{SESSION}").json()
+    assert (told["worst"]["of"], told["worst"]["step"], len(told["worst"]["cells"])) == ("committed", 600, 10)
+    refused = [event for event in told["notable"] if event["event"] == "refused"]
+    assert refused
+    assert {"at", "step", "code", "message", "hint", "request"} <= refused[0].keys()
+    assert told["built"]["nodes"] == 400
+
+
+def test_a_prediction_marks_no_mesh_and_goes_with_its_trial(tmp_path: Path) -> None:
+    stored(tmp_path, 1, history=5)
+    asked = asking(tmp_path)
+    path = f"/api/sessions/{SESSION}"
+    segment = max((tmp_path / "sessions" / SESSION / "history").glob("events-*"))
+    events = [json.loads(line) for line in segment.read_text().splitlines()]
+    moved, committed = (next(e for e in reversed(events) if e["event"] == kind) for kind in ("moved", "committed"))
+    append(tmp_path, moved | {"at": time.time(), "step": 6})
+    told = asked.get(path).json()
+    assert (told["worst"]["of"], told["worst"]["step"], told["moved"]["step"]) == ("predicted", 6, 6)
+    assert told["standing"] == committed["quality"]["worst"]
+    append(tmp_path, {"event": "rolled_back", "step": 5, "iteration": 1})
+    told = asked.get(path).json()
+    assert (told["worst"]["of"], told["worst"]["step"], told["moved"], told["corrected"]) == ("committed", 5, {}, {})
+
+
+def test_steps_that_a_crash_took_are_shown_no_more(tmp_path: Path) -> None:
+    stored(tmp_path, 1, history=5)
+    asked = asking(tmp_path)
+    path = f"/api/sessions/{SESSION}"
+    assert (asked.get(path).json()["worst"]["of"], asked.get(path).json()["worst"]["step"]) == ("committed", 5)
+    append(tmp_path, resumed_at(1))
+    told = asked.get(path).json()
+    assert (told["worst"]["of"], told["moved"], told["corrected"]) == ("uploaded", {}, {})
+    assert asked.get(f"{path}/series").json()["columns"]["step"] == [1]
+
+
+def test_a_trial_is_over_when_it_was_taken_back_or_its_worker_is_gone(tmp_path: Path) -> None:
+    stored(tmp_path, 1, history=5)
+    quality = {"threshold": 0.2}
+    append(tmp_path, {"event": "moved", "step": 6, "iteration": 3, "quality": quality})
+    page = Page(tmp_path, BUILD)
+    page.hear({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 5, 1]]})
+    assert [(one["state"], one["iteration"]) for one in listed(page)] == [("TRIAL", 3)]
+    page.hear({"missing": "", "sessions": []})
+    assert [(one["state"], one["worker"], one["iteration"]) for one in listed(page)] == [("READY", "none", 0)]
+    append(tmp_path, {"event": "rolled_back", "step": 5, "iteration": 3})
+    page.hear({"missing": "", "sessions": [[SESSION, "alive", "READY", 5, 1]]})
+    assert [(one["state"], one["iteration"]) for one in listed(page)] == [("READY", 0)]
+
+
+def test_lists_that_wait_are_bounded_and_hold_up_no_other_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored(tmp_path, 1, history=5)
+    monkeypatch.setattr("mesh_motion_server.monitor_page.app._WAITING", 2)
+    page = Page(tmp_path, BUILD)
+    release, read = threading.Event(), page._archive.overview
+
+    def slowly(workers: list[list[Any]]) -> list[dict[str, Any]]:
+        release.wait(60)
+        return read(workers)
+
+    monkeypatch.setattr(page._archive, "overview", slowly)
+    asked = asking_of(page)
+    with ThreadPoolExecutor(3) as many:
+        answers = [many.submit(asked.get, "/api/sessions") for _ in range(3)]
+        refused = next(as_completed(answers)).result()
+        assert (refused.status_code, refused.json()["message"]) == (503, "too many questions at a time")
+        assert asked.get(f"/api/sessions/{SESSION}").status_code == 200
+        release.set()
+    assert sorted(answer.result().status_code for answer in answers) == [200, 200, 503]
+
+
+def test_a_session_with_a_worker_is_listed_before_many_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(1, 4):
+        stored(tmp_path, 1, session=f"{number}" * 32)
+    monkeypatch.setattr("mesh_motion_server.monitor_page.overview._LISTED", 2)
+    page = Page(tmp_path, BUILD)
+    assert [one["session"][0] for one in listed(page)] == ["3", "2"]
+    page.hear({"missing": "", "sessions": [["1" * 32, "alive", "READY", 1, 1]]})
+    assert [(one["session"][0], one["built"], one["label"]) for one in listed(page)] == [
+        ("3", True, "wing"),
+        ("1", True, "wing"),
+    ]
+
+
+def test_what_follows_is_read_as_it_comes(tmp_path: Path) -> None:
+    stored(tmp_path, 1, history=5)
+    asked = asking(tmp_path)
+    path = f"/api/sessions/{SESSION}/series"
+    assert asked.get(path).json()["columns"]["step"] == [1, 2, 3, 4, 5]
+    (segment,) = (tmp_path / "sessions" / SESSION / "history").iterdir()
+    lines = segment.read_text().splitlines()
+    committed = json.loads(lines[-1]) | {"step": 6}
+    with segment.open("a") as file:
+        file.write(json.dumps(committed) + '\n{"at": 1, "event": "comm')
+    assert asked.get(path).json()["columns"]["step"] == [1, 2, 3, 4, 5, 6]
+
+
+def unpacked(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+    length = int.from_bytes(data[:4], "little")
+    header = json.loads(data[4 : 4 + length])
+    arrays = {
+        name: np.frombuffer(data, f"<{kind}", size, 4 + length + offset)
+        for name, kind, offset, size in header["arrays"]
+    }
+    return header, arrays
+
+
+def test_the_mesh_is_what_the_journal_holds(client: Any, tmp_path: Path) -> None:
+    stored(tmp_path, 2)
+    data = client.get(f"/api/sessions/{SESSION}/mesh").content
+    header, arrays = unpacked(data)
+    view = StoredMesh(tmp_path / "sessions" / SESSION).look()
+    assert (header["step"], header["cells"], header["whole"]) == (2, 32, True)
+    points = arrays["points"].reshape(-1, 3)[:, :2] * header["half"] + header["centre"][:2]
+    np.testing.assert_allclose(points, view.points, atol=1e-6)  # 32-bit numbers of a unit square
+    np.testing.assert_allclose(arrays["quality"], view.quality, atol=1e-6)
+    assert arrays["triangles"].max() == 24
+    again, few = unpacked(client.get(f"/api/sessions/{SESSION}/mesh?have={header['key']}").content)
+    assert (set(few), again["key"]) == ({"points", "quality", "inverted"}, header["key"])
+    assert len(Packer().pack(view, header["key"])) < len(data) / 2
+    crossed = dataclasses.replace(view, inverted=np.arange(len(view.quality)) == 5)
+    header, arrays = unpacked(Packer().pack(crossed))
+    assert header["inverted_cells"] == 1
+    assert np.flatnonzero(arrays["inverted"]).tolist() == [5]  # though its quality is that of a valid cell
+
+
+def test_a_mesh_that_needs_the_memory_of_others_gets_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stored(tmp_path, 1)
+    shutil.copytree(tmp_path / "sessions" / SESSION, tmp_path / "sessions" / ("e" * 32))
+    archive, look, room = Archive(tmp_path), StoredMesh.look, [1]
+
+    def narrowly(mesh: StoredMesh) -> Any:
+        if len(archive._drawn) > room[0]:
+            raise MemoryError
+        return look(mesh)
+
+    monkeypatch.setattr(StoredMesh, "look", narrowly)
+    assert len({archive.mesh(session, "") for session in (SESSION, "e" * 32)}) == 1
+    room[0] = 0
+    with pytest.raises(InvalidInput, match="too large to be drawn"):
+        archive.mesh(SESSION, "")
+
+
+def test_half_a_character_is_told_as_an_escape() -> None:
+    assert json.loads(as_json({"label": "flap \udc80"})) == {"label": "flap \udc80"}
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/api/sessions/" + "0" * 32, 404),
+        (f"/api/sessions/{SESSION.upper()}x", 404),
+        ("/api/sessions/..%2f..%2fetc", 404),
+        ("/static/../app.py", 404),
+        ("/static/%2e%2e/app.py", 404),
+        ("/static/..%2fapp.py", 404),
+        ("/static//etc/passwd", 404),
+        ("/static/", 404),
+        ("/manifest", 404),
+        (f"/api/sessions/{SESSION}/series?points=many", 400),
+        (f"/api/sessions/{SESSION}/series?first=-1", 400),
+        (f"/api/sessions/{SESSION}/series?points=0&last=9999999999999999999", 400),
+    ],
+)
+def test_what_is_not_there_is_not_there(client: Any, path: str, status: int) -> None:
+    answer = client.get(path)
+    assert answer.status_code == status
+    assert "root:" not in answer.text
+    assert "import" not in answer.text
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1.evil.example:7441", "localhost.", "192.0.2.1:7441", "::1", ""]
+)
+def test_a_name_that_is_not_this_machine_is_refused(client: Any, host: str) -> None:
+    answer = client.get("/", headers={"host": host})
+    assert answer.status_code == 421
+    assert "content-security-policy" in answer.headers
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.1:9999", "localhost:7441", "LOCALHOST", "[::1]:7441"])
+def test_this_machine_may_have_any_port_for_a_tunnel(client: Any, host: str) -> None:
+    assert client.get("/", headers={"host": host}).status_code == 200
+
+
+def test_insecure_permits_addresses_and_still_no_names() -> None:
+    assert is_allowed_host("192.0.2.1:7441", insecure=True)
+    assert not is_allowed_host("server.example:7441", insecure=True)
+    assert not is_allowed_host("127.0.0.1:x", insecure=True)
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "PATCH", "TRACE"])
+def test_nothing_but_reading(client: Any, method: str) -> None:
+    answer = client.request(method, "/api/sessions", headers={"origin": "http://evil.example"})
+    assert (answer.status_code, answer.headers["allow"]) == (405, "GET, HEAD")
+
+
+def test_other_sites_get_nothing(client: Any) -> None:
+    answer = client.get("/api/sessions", headers={"sec-fetch-site": "cross-site", "origin": "http://evil.example"})
+    assert answer.status_code == 403
+    assert client.get("/", headers={"sec-fetch-site": "cross-site"}).status_code == 200
+    allowed = client.get("/api/sessions", headers={"origin": "http://evil.example"})
+    assert not [name for name in allowed.headers if name.startswith("access-control")]
+    assert allowed.headers["cross-origin-resource-policy"] == "same-origin"
+
+
+def test_the_page_needs_nothing_from_elsewhere_and_no_inline_scripts(client: Any) -> None:
+    answer = client.get("/")
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "<script>" not in answer.text
+    assert "style=" not in answer.text
+    assert "://" not in answer.text
+    for name in ("page.js", "page.css", "vendor/three/three.module.min.js", "vendor/uplot/uPlot.iife.min.js"):
+        head = client.head(f"/static/{name}")
+        assert head.status_code == 200
+        assert head.headers["content-type"].startswith(("text/javascript", "text/css"))
+
+
+def test_what_was_shipped_is_what_vendor_toml_says() -> None:
+    vendor = STATIC / "vendor"
+    for entry in tomllib.loads((vendor / "vendor.toml").read_text())["vendored"]:
+        for name, digest in entry["files"].items():
+            content = (vendor / entry["package"] / Path(name).name).read_bytes()
+            assert hashlib.sha256(content).hexdigest() == digest, name
+        assert (vendor / entry["package"] / "LICENSE").exists()
+
+
+def test_columns_are_short_and_without_nan() -> None:
+    values = plain_column(np.array([1.0, math.nan, 0.123456789, 123456.7, -math.inf, 0.0]))
+    assert values == [1.0, None, 0.12346, 123460.0, None, 0.0]
+    assert json.loads(json.dumps(values, allow_nan=False)) == values
+
+
+def test_a_mesh_that_is_too_large_is_refused_in_words(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored(tmp_path, 1)
+    monkeypatch.setattr("mesh_motion_server.monitor_page.archive._MESH_BYTES", 10)
+    answer = asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh")
+    assert (answer.status_code, answer.json()["code"].partition(".")[0]) == (400, "INVALID_ARGUMENT")
+    (tmp_path / "sessions" / SESSION / "mesh.bin").unlink()
+    assert asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh").status_code == 503

@@ -1,0 +1,72 @@
+"""What the wheel and the source distribution contain."""
+
+from __future__ import annotations
+
+import subprocess
+import tarfile
+import tomllib
+from email.parser import Parser
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+from bare_environment import ROOT, build, names_in
+
+from mesh_motion_server import __version__
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+FOLDERS = [Path(path) for path in WHEEL["packages"]]
+
+
+def tracked() -> list[str]:
+    """What git keeps, or will."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("not in a git checkout")
+    return [name for name in listed.stdout.split("\0") if name and (ROOT / name).exists()]
+
+
+def test_the_wheel_has_each_file_of_its_packages_and_no_other(wheel: Path) -> None:
+    expected = {
+        str(Path(name).relative_to(folder.parent))
+        for name in tracked()
+        for folder in FOLDERS
+        if Path(name).is_relative_to(folder)
+    }
+    own = {name for name in names_in(wheel) if ".dist-info/" not in name and ".data/" not in name}
+    assert own == expected
+
+
+def test_every_package_is_typed(wheel: Path) -> None:
+    assert {f"{folder.name}/py.typed" for folder in FOLDERS} <= names_in(wheel)
+
+
+def test_the_wheel_tells_its_licence_version_and_commands(wheel: Path) -> None:
+    about = f"mesh_motion_server-{__version__}.dist-info"
+    with ZipFile(wheel) as archive:
+        metadata = Parser().parsestr(archive.read(f"{about}/METADATA").decode())
+        entries = archive.read(f"{about}/entry_points.txt").decode()
+        vendored = sorted(ROOT.glob("mesh_motion_server/monitor_page/static/vendor/*/LICENSE"))
+        assert [path.parent.name for path in vendored] == ["cmocean", "three", "uplot"]
+        for path in (ROOT / "LICENSE", *vendored):
+            assert archive.read(f"{about}/licenses/{path.relative_to(ROOT)}") == path.read_bytes()
+    assert metadata["Version"] == __version__
+    assert metadata["License-Expression"] == "BSD-3-Clause AND MIT"
+    assert {"server", "mesh", "plot", "dask", "all"} <= set(metadata.get_all("Provides-Extra"))
+    assert "mesh-motion = mesh_motion_server.cli:main" in entries
+
+
+def test_the_sdist_is_the_checkout_and_builds_the_same_wheel(sdist: Path, wheel: Path, tmp_path: Path) -> None:
+    with tarfile.open(sdist) as archive:
+        files = {member.name.partition("/")[2] for member in archive if member.isfile()}
+        archive.extractall(tmp_path, filter="data")
+    assert files == {*tracked(), "PKG-INFO"}
+    (unpacked,) = tmp_path.iterdir()
+    assert build("wheel", tmp_path / "dist", unpacked).read_bytes() == wheel.read_bytes()
+
+
+def test_the_licence_of_the_openfoam_part_goes_with_it(sdist: Path) -> None:
+    with tarfile.open(sdist) as archive:
+        assert any(name.endswith("/adapters/openfoam/LICENSE") for name in archive.getnames())

@@ -1,0 +1,83 @@
+"""Each extra alone: the client works with none, and a command that needs more says which extra to install."""
+
+from __future__ import annotations
+
+import subprocess
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from bare_environment import ROOT
+
+from mesh_motion_server.cli import ExitStatus
+from mesh_motion_server.extras import extra_of, not_installed
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+Installed = Callable[..., Run]
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+ROTATION = ROOT / "examples" / "thesis_rotation" / "case.toml"
+#: Those without which the command line does not start.
+WITHOUT_SERVER = sorted(set(EXTRAS) - {"server", "all", "dev"})
+
+
+def told(run: subprocess.CompletedProcess[str], extra: str) -> None:
+    """Status 69 and one line that names the extra."""
+    assert run.returncode == ExitStatus.UNAVAILABLE, run.stderr
+    assert run.stderr.count("\n") == 1, run.stderr
+    assert f"mesh-motion-server[{extra}]" in run.stderr
+
+
+def test_the_base_is_the_client_alone(installed: Installed) -> None:
+    run = installed()
+    parts = "mesh_motion_client, mesh_motion_protocol, mesh_motion_conformance, mesh_motion_fsi, mesh_motion_kratos"
+    ended = run("python", "-c", f"import {parts}, mesh_motion_calculix, mesh_motion_precice; import mesh_motion_server")
+    assert ended.returncode == 0, ended.stderr
+    assert run("python", "-c", "import scipy").returncode == 1
+    assert "mesh_motion_conformance" in run("python", "-m", "mesh_motion_conformance", "--help").stdout
+    assert run("mesh-motion-precice", "--help").returncode == 0
+
+
+def test_without_a_server_the_client_says_what_to_install(installed: Installed) -> None:
+    ended = installed()("python", "-c", "import mesh_motion_client as m; m.connect()")
+    assert "mesh-motion-server[server]" in ended.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("extras", [[], WITHOUT_SERVER], ids=["none", "all but the server's"])
+def test_no_command_starts_without_the_server_and_each_says_so(installed: Installed, extras: list[str]) -> None:
+    run = installed(*extras)
+    for arguments in (["serve"], ["--help"], ["play", "case.toml", "--out", "out"]):
+        told(run("mesh-motion", *arguments), "server")
+
+
+def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Installed, tmp_path: Path) -> None:
+    run = installed("server")
+    assert run("mesh-motion", "version").returncode == 0
+    played = run("mesh-motion", "play", ROTATION, "--out", "out")
+    assert played.returncode == 0, played.stderr
+    assert "mesh-motion-server[plot]" in played.stderr
+    assert "0 inverted cells" in played.stdout
+    (tmp_path / "mesh.vtk").touch()
+    told(run("mesh-motion", "check", tmp_path / "mesh.vtk"), "mesh")
+    told(run("mesh-motion", "play", ROTATION, "--out", "out", "--distributed", "tcp://127.0.0.1:1"), "dask")
+
+
+def test_the_server_of_an_installation_keeps_a_promise_and_conforms(installed: Installed) -> None:
+    run = installed("server")
+    proved = run("mesh-motion", "prove", "--only", "power-loss", "--minutes", "0.01", "--out", "proof")
+    assert proved.returncode == 0, proved.stderr
+    conformed = run("mesh-motion", "conform", "--client", "python -m mesh_motion_client.conformance", "--only", "18.1")
+    assert conformed.returncode == 0, conformed.stdout + conformed.stderr
+
+
+def test_with_pictures(installed: Installed) -> None:
+    run = installed("server", "plot")
+    assert run("mesh-motion", "play", ROTATION, "--out", "out").stderr == ""
+
+
+def test_every_required_package_is_known_by_its_extra() -> None:
+    known = {"scipy": "server", "prometheus_client.parser": "server", "meshio": "mesh", "distributed.client": "dask"}
+    assert {module: extra_of(module) for module in known} == known
+    assert extra_of("matplotlib") == "plot"
+    assert extra_of("mesh_motion_client") is None
+    assert not_installed(ModuleNotFoundError(name="somebodys_own")) is None

@@ -1,0 +1,165 @@
+"""Each check of a release refuses what it is there for; two builds are bitwise equal, and nothing else is changed."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from bare_environment import ROOT
+
+from tools import release
+from tools.release import CHECKS, Refused, build_twice, main, write_checksums
+
+VERSION = "7.8.9"
+
+
+def git(root: Path, *arguments: str) -> str:
+    identity = ["-c", "user.name=A", "-c", "user.email=a@b.c"]
+    return subprocess.run(["git", *identity, *arguments], cwd=root, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.fixture(scope="module")
+def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clone in which version 7.8.9 may be released."""
+    root = tmp_path_factory.mktemp("release") / "clone"
+    cloned = subprocess.run(["git", "clone", "-q", "--shared", ROOT, root], capture_output=True, check=False)
+    if cloned.returncode:
+        pytest.skip("not in a git checkout")
+    for name, pattern, text in (
+        ("mesh_motion_server/__init__.py", r'__version__ = ".*"', f'__version__ = "{VERSION}"'),
+        ("CITATION.cff", r"(?m)^version: .*", f"version: {VERSION}"),
+        ("CITATION.cff", r"(?m)^date-released: .*", "date-released: 2026-01-31"),
+        ("CHANGELOG.md", "## Unreleased", f"## Unreleased\n\n## {VERSION} - 2026-01-31"),
+    ):
+        replace(root / name, pattern, text)
+    git(root, "commit", "-qam", "A release")
+    return root
+
+
+@pytest.fixture
+def clone(ready: Path, tmp_path: Path) -> Path:
+    """A copy of it that a test may spoil."""
+    return Path(shutil.copytree(ready, tmp_path / "clone", symlinks=True))
+
+
+def replace(path: Path, pattern: str, text: str) -> None:
+    old = path.read_text(encoding="utf-8")
+    new = re.sub(pattern, lambda _: text, old, count=1)
+    assert new != old
+    path.write_text(new, encoding="utf-8")
+
+
+def spoil_sources(root: Path) -> None:
+    replace(root / "mesh_motion_server" / "__init__.py", re.escape(VERSION), "7.8.8")
+
+
+def spoil_citation(root: Path) -> None:
+    replace(root / "CITATION.cff", re.escape(VERSION), "0.1.0")
+
+
+def spoil_date(root: Path) -> None:
+    replace(root / "CITATION.cff", "2026-01-31", "2026-01-30")
+
+
+def spoil_changelog(root: Path) -> None:
+    replace(root / "CHANGELOG.md", " - 2026-01-31", "")
+
+
+def spoil_unreleased(root: Path) -> None:
+    replace(root / "CHANGELOG.md", "## Unreleased\n", "## Unreleased\n\n- One more.\n")
+
+
+def spoil_section(root: Path) -> None:
+    replace(root / "CHANGELOG.md", r"(?s)(## 7.8.9 - 2026-01-31).*", f"## {VERSION} - 2026-01-31\n")
+
+
+def spoil_tag(root: Path) -> None:
+    git(root, "tag", f"v{VERSION}")
+
+
+def spoil_tree(root: Path) -> None:
+    (root / "mesh_motion_server" / "forgotten.py").touch()
+
+
+def spoil_protocol(root: Path) -> None:
+    replace(root / "protocol" / "SPEC.md", r"version 1\.0", "version 1.1")
+    git(root, "commit", "-qam", "Spoilt")
+
+
+def spoil_rendered(root: Path) -> None:
+    (root / "docs" / "man" / "mesh-motion.1").write_text("")
+    git(root, "commit", "-qam", "Spoilt")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (spoil_sources, r"__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
+        (spoil_citation, r"CITATION\.cff must have version: 7\.8\.9, got '0\.1\.0'"),
+        (spoil_date, r"CITATION\.cff must have date-released: 2026-01-31, as CHANGELOG\.md, got '2026-01-30'"),
+        (spoil_changelog, "CHANGELOG.md must have a section '## 7.8.9 - YYYY-MM-DD', got Unreleased, 7.8.9"),
+        (spoil_section, "section 7.8.9 lists no change"),
+        (spoil_unreleased, "still has unreleased changes"),
+        (spoil_tag, "the tag v7.8.9 exists already"),
+        (spoil_tree, "first mesh_motion_server/forgotten.py"),
+        (spoil_protocol, "must be of version 1.0, as mesh_motion_protocol says, got '1.1'"),
+        (spoil_rendered, r"python -m protocol\.render_spec, make manual, make lock"),
+    ],
+)
+def test_a_check_refuses(
+    clone: Path, spoil: Callable[[Path], None], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil(clone)
+    assert main([VERSION, "--root", str(clone), "--only-checks"]) == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert re.search(words, told), told
+
+
+@pytest.mark.parametrize("version", ["1.2", "v1.2.3", "1.2.3rc1", ""])
+def test_a_version_is_three_numbers(ready: Path, version: str) -> None:
+    with pytest.raises(Refused, match="three numbers"):
+        CHECKS[0](ready, version)
+
+
+def test_what_is_ready_passes_and_is_built_twice_the_same(ready: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([VERSION, "--root", str(ready), "--no-tests", "--no-install", "--tag"]) == 0, capsys.readouterr().err
+    assert "next: git push origin v7.8.9" in capsys.readouterr().out
+    assert git(ready, "tag").split() == [f"v{VERSION}"]
+    assert git(ready, "status", "--porcelain") == ""
+    names = sorted(path.name for path in (ready / "dist").iterdir())
+    assert names == [
+        "SHA256SUMS",
+        f"mesh_motion_server-{VERSION}-py3-none-any.whl",
+        f"mesh_motion_server-{VERSION}.tar.gz",
+    ]
+    for line in (ready / "dist" / "SHA256SUMS").read_text().splitlines():
+        digest, name = line.split()
+        assert hashlib.sha256((ready / "dist" / name).read_bytes()).hexdigest() == digest
+
+
+def test_builds_that_differ_are_refused(clone: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A seeded fault: a builder that writes down what time it is."""
+    script = (
+        "import sys, time, pathlib; folder = pathlib.Path(sys.argv[sys.argv.index('-d') + 1]); "
+        "(folder / 'a.whl').write_text(str(time.time_ns()))"
+    )
+    program = tmp_path / "python"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -c "{script}" "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setattr(release.sys, "executable", str(program))
+    with pytest.raises(Refused, match=r"two builds must be equal bit for bit, but a\.whl is not"):
+        build_twice(clone, tmp_path / "dist")
+    assert not (tmp_path / "dist").exists()
+
+
+def test_the_sums_are_those_that_sha256sum_checks(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"one")
+    sums = write_checksums([tmp_path / "a"])
+    assert subprocess.run(["sha256sum", "--check", "--quiet", sums.name], cwd=tmp_path, check=False).returncode == 0

@@ -1,0 +1,176 @@
+"""Meshes before and after: which cells are drawn, in which colours, and what is marked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.cases.warm import tiny_meshes
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.pictures.snapshot import Plane, Snapshot
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("meshio")
+
+from mesh_motion_server.pictures import mesh_axes
+from mesh_motion_server.pictures.before_after import MeshPair, draw_before_after
+from mesh_motion_server.pictures.clipped import cells_behind, visible_facets
+from mesh_motion_server.pictures.meshes import pair_of
+from mesh_motion_server.pictures.page import Page, save, styled
+from mesh_motion_server.pictures.reading import read_pair
+from mesh_motion_server.pictures.slices import flat
+
+MakePlayed = Callable[..., Path]
+SOLIDS = {name: mesh for name, mesh in tiny_meshes(3) if mesh[0].shape[1] == 3}
+
+
+def drawn(pair: MeshPair, page: Page | None = None) -> tuple[Any, dict[str, Any]]:
+    """The figure, and its panels by the first word of their title."""
+    page = page or Page(190.0)
+    with styled(page):
+        figure = draw_before_after(pair, page)
+        figure.draw_without_rendering()
+    return figure, {axes.get_title().split()[0]: axes for axes in figure.axes if axes.get_title()}
+
+
+def cells_of(axes: Any) -> Any:
+    """The collection of the mesh's cells."""
+    return next(each for each in axes.collections if each.get_array() is not None)
+
+
+def test_both_meshes_are_drawn_in_the_colours_of_their_quality(played: MakePlayed) -> None:
+    pair = read_pair(played(mesh="triangle"))
+    assert (pair.before.step, pair.after.step, pair.note) == (0, 3, "the worst")
+    figure, panels = drawn(pair)
+    assert list(panels) == ["at", "after", "its"]
+    for mesh, axes in ((pair.before, panels["at"]), (pair.after, panels["after"])):
+        cells = cells_of(axes)
+        np.testing.assert_allclose(cells.get_array(), np.clip(mesh.quality, 0, 1))
+        assert len(cells.get_paths()) == len(mesh.cells)
+        assert axes.get_title().endswith(f"minimum {mesh.quality.min():.3f}")
+    assert figure.axes[-1].get_xlabel() == "size-skew of a cell"
+    assert figure.get_suptitle() == "flag"
+
+
+def test_the_close_up_outlines_the_worst_cell(played: MakePlayed) -> None:
+    pair = read_pair(played(mesh="quad"))
+    _, panels = drawn(pair)
+    block, row = pair.after.cells.locate(pair.after.worst)
+    outline = panels["its"].collections[-1].get_paths()[0].vertices[:4]
+    np.testing.assert_allclose(np.sort(outline, axis=0), np.sort(pair.after.points[block.nodes[row]], axis=0))
+
+
+def test_a_narrow_page_has_the_distribution_too(played: MakePlayed) -> None:
+    pair = read_pair(played(mesh="triangle"))
+    _, panels = drawn(pair, Page(90.0))
+    after = next(line for line in panels["cells"].get_lines() if line.get_label() == "after")
+    np.testing.assert_allclose(after.get_xdata(), np.sort(pair.after.quality))
+
+
+def test_other_steps_are_drawn_on_demand(played: MakePlayed) -> None:
+    pair = read_pair(played(mesh="triangle"), first=2, last=5)
+    assert (pair.before.step, pair.after.step, pair.note) == (2, 5, "")
+    assert pair.after.points[:, 0].min() == pytest.approx(-0.1)
+
+
+def test_a_step_that_was_not_written_is_told(played: MakePlayed) -> None:
+    with pytest.raises(InvalidInput, match="has no step 40; it has 0, 1, 2"):
+        read_pair(played(mesh="triangle"), last=40)
+
+
+def test_inverted_cells_are_pink_and_the_bar_says_so(played: MakePlayed) -> None:
+    pair = read_pair(played(mesh="triangle"))
+    moved = pair.before.points.copy()
+    moved[pair.before.moving, 0] += 3.0
+    before, after = pair_of(
+        pair.before.points, pair.before.cells, pair.before.points, moved, steps=(0, 1), metric="size-skew"
+    )
+    figure, panels = drawn(replace(pair, before=before, after=after))
+    assert figure.axes[-1].get_xlabel() == "size-skew of a cell (pink: inverted)"
+    pink = [each for each in panels["after"].collections if each.get_array() is None and len(each.get_paths())]
+    assert len(pink[0].get_paths()) == int((after.quality <= 0).sum())
+
+
+def test_enrichment_points_are_marked(played: MakePlayed) -> None:
+    pair = replace(read_pair(played(mesh="triangle")), enrichment_points=np.array([[0.2, 0.3], [0.4, 0.5]]))
+    _, panels = drawn(pair)
+    (marks,) = [line for line in panels["after"].get_lines() if line.get_label() == "enrichment points"]
+    np.testing.assert_array_equal(marks.get_xydata(), pair.enrichment_points)
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_facets_of_a_cube_that_face_the_viewer_cover_it(name: str, axis: int) -> None:
+    """Three sides of a cube are seen; their projected areas are those of the sides, whatever cells lie behind."""
+    points, cells = SOLIDS[name]
+    mesh = Snapshot(0, points, cells, np.ones(len(cells)), np.array([], dtype=np.int64))
+    facets = visible_facets(mesh, np.arange(len(cells)), axis)
+    areas = [abs(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (c.T for c in facets.corners)]
+    direction = np.array([1.0, 0.55, 0.45])
+    assert sum(areas) == pytest.approx(direction.sum() / np.linalg.norm(direction), rel=1e-12)
+    assert not facets.body.any()
+
+
+def test_a_cell_that_is_inverted_is_so_in_every_metric() -> None:
+    """The skew of a mirrored cell is that of its mirror image."""
+    points, cells = dict(tiny_meshes())["triangle"]
+    mirrored = points * [-1.0, 1.0]
+    before, after = pair_of(points, cells, points, mirrored, steps=(0, 1), metric="skew")
+    assert after.quality.min() > 0.0
+    assert after.inverted.all()
+    assert not before.inverted.any()
+    (colours,) = (c for c in drawn_polygons(after) if c.get_array() is None)
+    assert len(colours.get_paths()) == len(cells)
+
+
+def drawn_polygons(mesh: Snapshot) -> list[Any]:
+    """The collections that draw a mesh; that of inverted cells has no array of values."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    axes = Figure().subplots()
+    mesh_axes.draw_polygons(axes, flat(mesh.points, mesh.cells), mesh, mesh_axes.Look())
+    return list(axes.collections)
+
+
+@pytest.mark.parametrize("name", ["tetra", "hexahedron"])
+def test_a_clipped_mesh_shows_whole_cells_behind_the_plane(name: str) -> None:
+    points, cells = SOLIDS[name]
+    mesh = Snapshot(0, points, cells, np.ones(len(cells)), np.flatnonzero(points[:, 0] == 0.0))
+    centres = cells.centres(points, np.arange(len(cells)))
+    box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    behind = cells_behind(mesh, Plane(2, 0.5), box)
+    np.testing.assert_array_equal(behind, np.flatnonzero(centres[:, 2] <= 0.5))
+    np.testing.assert_array_equal(cells_behind(mesh, Plane(1, 0.5), box), np.flatnonzero(centres[:, 1] >= 0.5))
+    assert set(visible_facets(mesh, behind, 2).cells) <= set(behind.tolist())
+
+
+def test_a_3d_mesh_has_its_picture(played: MakePlayed, tmp_path: Path) -> None:
+    pair = read_pair(played(mesh="hexahedron"))
+    pair = replace(pair, enrichment_points=np.array([[0.2, 0.3, 0.4]]))
+    figure, panels = drawn(pair)
+    assert panels["its"].get_title().startswith("its worst cell, ")
+    assert "1 enrichment points" in [text.get_text() for text in panels["after"].texts]
+    with styled(Page()):
+        save(figure, tmp_path / "a.pdf", Page())
+
+
+def test_large_meshes_are_pixels_in_vector_files(played: MakePlayed, monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = read_pair(played(mesh="triangle"))
+    assert not cells_of(drawn(pair)[1]["after"]).get_rasterized()
+    monkeypatch.setattr(mesh_axes, "RASTER_ABOVE", 10)
+    assert cells_of(drawn(pair)[1]["after"]).get_rasterized()
+
+
+def test_a_line_has_no_picture(played: MakePlayed) -> None:
+    with pytest.raises(InvalidInput, match="one dimension"):
+        read_pair(played(mesh="line"))
+
+
+def test_a_folder_without_a_series_is_told(played: MakePlayed) -> None:
+    with pytest.raises(InvalidInput, match=r"mesh\.pvd: not readable"):
+        read_pair(played())

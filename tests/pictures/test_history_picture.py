@@ -1,0 +1,176 @@
+"""What the history's figure draws, asked of its artists."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.pictures.runs import Quality, Refused, Run, read_played
+
+pytest.importorskip("matplotlib")
+
+from mesh_motion_server.pictures.history import draw_history, panels_of
+from mesh_motion_server.pictures.page import Page, styled
+from mesh_motion_server.pictures.palette import DARK
+from mesh_motion_server.pictures.reading import read_runs
+
+MakePlayed = Callable[..., Path]
+
+
+def drawn(runs: list[Run], **options: Any) -> tuple[Any, dict[str, Any]]:
+    """The figure, and its panels by their label."""
+    page = options.pop("page", Page())
+    with styled(page):
+        figure = draw_history(runs, page, **options)
+        figure.draw_without_rendering()
+    return figure, {axes.get_ylabel().replace("\n", " "): axes for axes in figure.axes}
+
+
+def line(axes: Any, label: str) -> Any:
+    (found,) = [line for line in axes.get_lines() if line.get_label() == label]
+    return found
+
+
+def test_one_run_has_what_was_predicted_and_what_came(played: MakePlayed) -> None:
+    run = read_played(played())
+    _, panels = drawn([run])
+    assert list(panels) == ["size-skew", "iterations", "server, ms", "enrichment points"]
+    quality = panels["size-skew"]
+    for label, values in (
+        ("minimum", run.actual.minimum),
+        ("minimum, predicted", run.predicted.minimum),
+        ("without correction", run.standard),
+        ("mean", run.actual.mean),
+    ):
+        np.testing.assert_array_equal(line(quality, label).get_xdata(), run.step)
+        np.testing.assert_array_equal(line(quality, label).get_ydata(), values)
+    assert set(line(quality, "threshold").get_ydata()) == {0.2}
+    assert quality.get_legend() is not None
+
+
+def test_the_prediction_shows_where_it_was_another(played: MakePlayed) -> None:
+    run = read_played(played())
+    wrong = replace(run, predicted=replace(run.predicted, minimum=run.actual.minimum - 0.1))
+    _, panels = drawn([wrong])
+    below = line(panels["size-skew"], "minimum, predicted")
+    np.testing.assert_allclose(below.get_ydata(), run.actual.minimum - 0.1)
+    assert below.get_linewidth() > line(panels["size-skew"], "minimum").get_linewidth()
+
+
+def test_percentiles_are_bands(played: MakePlayed) -> None:
+    run = read_played(played())
+    low = run.actual.minimum
+    bands = Quality(low, run.actual.mean, low + 0.1, low + 0.2, low + 0.3)
+    _, panels = drawn([replace(run, actual=bands)])
+    labels = [text.get_text() for text in panels["size-skew"].get_legend().get_texts()]
+    assert {"percentiles 1 to 5", "5 to 50"} <= set(labels)
+
+
+def test_refusals_are_marked_at_their_steps(played: MakePlayed) -> None:
+    run = replace(read_played(played()), refused=(Refused(4, "FAILED_PRECONDITION.QUALITY"), Refused(4, "X")))
+    _, panels = drawn([run])
+    assert list(line(panels["size-skew"], "refused").get_xdata()) == [4]
+
+
+def test_several_runs_have_a_colour_and_a_dash_each(played: MakePlayed) -> None:
+    runs = read_runs([played("standard"), played("corrected")])
+    figure, panels = drawn(runs)
+    lines = [line(panels["size-skew"], run.label) for run in runs]
+    assert [each.get_label() for each in lines] == ["standard", "corrected"]
+    assert lines[0].get_color() != lines[1].get_color()
+    assert lines[0].get_linestyle() != lines[1].get_linestyle()
+    assert figure.get_suptitle() == ""
+
+
+def test_runs_of_one_name_are_told_apart(played: MakePlayed, tmp_path: Path) -> None:
+    first = played("flag")
+    (tmp_path / "later").mkdir()
+    second = tmp_path / "later" / "flag"
+    first.rename(second)
+    runs = read_runs([second, played("flag")])
+    assert len({run.label for run in runs}) == 2
+
+
+def test_a_tall_first_step_does_not_flatten_the_others(played: MakePlayed) -> None:
+    _, panels = drawn([read_played(played())])
+    seconds = panels["server, ms"]
+    assert seconds.get_ylim()[1] < 20.0
+    assert [text.get_text() for text in seconds.texts] == ["first step: 502 ms"]
+
+
+def test_a_long_run_is_thinned_and_keeps_its_extremes(played: MakePlayed) -> None:
+    short = read_played(played())
+    count = 100_000
+    low = np.full(count, 0.5)
+    low[77_777] = -0.25
+    unknown = np.full(count, np.nan)
+    taken = np.full(count, 0.01)
+    taken[33_333] = 9.0
+    long = replace(
+        short,
+        step=np.arange(1, count + 1),
+        actual=Quality(low, low, low, low, low),
+        predicted=Quality(low, unknown, unknown, unknown, unknown),
+        standard=low,
+        iterations=np.ones(count),
+        enrichment_points=np.zeros(count),
+        seconds={"solve": taken, "predict": taken, "correct": taken, "displace": taken},
+        total_seconds=taken,
+    )
+    _, panels = drawn([long])
+    minimum = line(panels["size-skew"], "minimum")
+    assert len(minimum.get_xdata()) <= 4001
+    assert minimum.get_ydata().min() == -0.25
+    assert minimum.get_xdata()[np.argmin(minimum.get_ydata())] == 77_778
+    assert 33_334 in panels["server, s"].collections[0].get_paths()[0].vertices[:, 0]
+
+
+def test_panels_are_chosen_by_name_and_empty_ones_are_left_out(played: MakePlayed) -> None:
+    run = read_played(played())
+    assert list(drawn([run], panels=["seconds"])[1]) == ["server, ms"]
+    assert panels_of([replace(run, iterations=np.ones(12), enrichment_points=np.zeros(12))]) == ["quality", "seconds"]
+
+
+def test_steps_are_chosen(played: MakePlayed) -> None:
+    whole = read_played(played())
+    run = whole.between(3, 5)
+    assert list(run.step) == [3, 4, 5]
+    assert len(run.actual.minimum) == len(run.seconds["solve"]) == 3
+    with pytest.raises(InvalidInput, match="flag has the steps 1 to 12, none from 20 to the last"):
+        whole.between(20, None)
+
+
+def test_another_metric_has_no_prediction_and_no_threshold(played: MakePlayed) -> None:
+    run = read_played(played(), "skew")
+    assert run.threshold is None
+    np.testing.assert_allclose(run.actual.minimum[2], 0.15)
+    _, panels = drawn([run])
+    assert {each.get_label() for each in panels["skew"].get_lines()} == {"minimum"}
+
+
+def test_dark_paper_has_light_ink(played: MakePlayed) -> None:
+    figure, panels = drawn([read_played(played())], page=Page(theme=DARK))
+    assert figure.get_facecolor()[:3] < (0.2, 0.2, 0.2)
+    assert line(panels["size-skew"], "minimum").get_color() == DARK.runs[0]
+
+
+def test_a_run_without_a_step_is_said_to_have_none(played: MakePlayed) -> None:
+    empty = replace(read_played(played()), step=np.array([], dtype=np.int64))
+    with pytest.raises(InvalidInput, match="no step was committed yet: flag"):
+        drawn([empty])
+
+
+def test_a_damaged_table_is_named(played: MakePlayed) -> None:
+    folder = played()
+    (folder / "steps.csv").write_text("step,oops\n1,2\n")
+    with pytest.raises(InvalidInput, match=r"steps\.csv: expected the steps that play writes, found no iterations"):
+        read_played(folder)
+    (folder / "steps.csv").write_text("step\none\n")
+    with pytest.raises(InvalidInput, match=r"steps\.csv: not readable"):
+        read_played(folder)

@@ -1,0 +1,97 @@
+"""Sizes, formats, and text that stays text with its fonts inside."""
+
+from __future__ import annotations
+
+import base64
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import pytest
+
+from mesh_motion_server.errors import InvalidInput, ResourceError
+
+pytest.importorskip("matplotlib")
+
+from mesh_motion_server.pictures.page import Page, blank, parse_size, save, styled
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def picture(page: Page | None = None, title: str = "Wärme ≤ $5 <b>") -> Any:
+    figure = blank(page or Page(), 60.0)
+    figure.add_subplot().plot([1, 2], [3, 4])
+    figure.suptitle(title)
+    return figure
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("column", (90.0, None, 8.0)),
+        ("slide", (254.0, 143.0, 12.0)),
+        ("120", (120.0, None, 8.0)),
+        ("120x80", (120.0, 80.0, 8.0)),
+        ("85.5×60 mm", (85.5, 60.0, 8.0)),
+    ],
+)
+def test_sizes(text: str, expected: tuple[float, float | None, float]) -> None:
+    assert parse_size(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "big", "10x10", "120x", "9999", "-5", "120x80x60"])
+def test_what_is_no_size_is_told_with_the_choices(text: str) -> None:
+    with pytest.raises(InvalidInput, match="expected column, wide, page, slide, or WIDTH"):
+        parse_size(text)
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_the_file_is_the_same_when_it_is_made_again(suffix: str, tmp_path: Path) -> None:
+    page = Page(90.0)
+    for name in ("a", "b"):
+        with styled(page):
+            save(picture(), tmp_path / f"{name}.{suffix}", page)
+    assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"a.{suffix}", f"b.{suffix}"]
+
+
+def test_svg_has_its_size_its_text_and_the_glyphs_of_it(tmp_path: Path) -> None:
+    woff = pytest.importorskip("fontTools.ttLib")
+    page = Page(90.0, 60.0)
+    with styled(page):
+        save(picture(page), tmp_path / "a.svg", page)
+    root = Xml.parse(tmp_path / "a.svg").getroot()
+    assert float(root.attrib["width"].removesuffix("pt")) == pytest.approx(90 / 25.4 * 72, abs=0.01)
+    assert float(root.attrib["height"].removesuffix("pt")) == pytest.approx(60 / 25.4 * 72, abs=0.01)
+    texts = ["".join(element.itertext()) for element in root.iter(f"{SVG}text")]
+    assert "Wärme ≤ $5 <b>" in texts
+    faces = re.findall(
+        r"font-weight: (\w+); src: url\(data:font/woff;base64,([^)]*)\)", (tmp_path / "a.svg").read_text()
+    )
+    assert [weight for weight, _ in faces] == ["normal", "bold"]
+    (tmp_path / "bold.woff").write_bytes(base64.b64decode(faces[1][1]))
+    with woff.TTFont(tmp_path / "bold.woff") as font:
+        embedded = set(font.getBestCmap())
+    assert {ord(letter) for letter in "Wärme ≤ $5 <b>"} <= embedded
+    assert len(embedded) < 20
+
+
+def test_pdf_has_its_fonts_as_truetype(tmp_path: Path) -> None:
+    page = Page(90.0)
+    with styled(page):
+        save(picture(), tmp_path / "a.pdf", page)
+    content = (tmp_path / "a.pdf").read_bytes()
+    assert b"/FontFile2" in content
+    assert b"/Type3" not in content
+
+
+def test_another_suffix_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"expected a file ending in \.png, \.svg, \.pdf, got 'a\.jpg'"):
+        save(picture(), tmp_path / "a.jpg", Page())
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResourceError, match="the picture cannot be written"):
+        save(picture(), tmp_path / "file" / "a.png", Page())

@@ -1,0 +1,90 @@
+"""Environments with the wheel and what some of its extras require, and nothing else, made without a registry.
+
+What is required is linked from the environment that runs the tests, distribution by distribution, as its metadata say.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from collections.abc import Iterable
+from importlib.metadata import Distribution, PackageNotFoundError, PathDistribution, distribution
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[([^\]]*)\])?")
+_EXTRA = re.compile(r"\bextra == ['\"]([\w-]+)['\"]")
+
+
+def build(target: str, folder: Path, source: Path = ROOT) -> Path:
+    """The ``sdist`` or ``wheel`` of a source tree."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
+    environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
+    subprocess.run(command, cwd=source, env=environment, check=True, capture_output=True)
+    (made,) = folder.glob("*.whl" if target == "wheel" else "*.tar.gz")
+    return made
+
+
+def bare_environment(folder: Path, wheel: Path, extras: Iterable[str] = ()) -> Path:
+    """A new environment's ``bin``."""
+    venv.create(folder, with_pip=False)
+    python = folder / "bin" / "python"
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-deps", "--no-index"]
+    subprocess.run([*pip, str(wheel)], check=True, capture_output=True)
+    (packages,) = folder.glob("lib/python*/site-packages")
+    own = PathDistribution(next(packages.glob("mesh_motion_server-*.dist-info")))
+    for found in _required(own, set(extras)):
+        _link(found, packages)
+    _take_compiled_kernels(packages)
+    return folder / "bin"
+
+
+def _required(own: Distribution, extras: set[str]) -> list[Distribution]:
+    """What the distribution requires with these extras, and what that requires."""
+    found: dict[str, Distribution] = {}
+    waiting = [(own, extras)]
+    while waiting:
+        current, wanted = waiting.pop()
+        for line in current.requires or []:
+            requirement, _, marker = line.partition(";")
+            name, inner = re.match(_REQUIREMENT, requirement.strip()).groups()  # type: ignore[union-attr]
+            named = _EXTRA.search(marker)
+            if (named and named[1] not in wanted) or name in found:
+                continue
+            try:
+                found[name] = distribution(name)
+            except PackageNotFoundError:  # for other systems or versions of Python
+                continue
+            waiting.append((found[name], set(re.split(r"\s*,\s*", inner or ""))))
+    return list(found.values())
+
+
+def _link(found: Distribution, packages: Path) -> None:
+    """Its files, by links to their outermost folders."""
+    for name in {path.parts[0] for path in found.files or () if path.parts[0] not in ("..", "__pycache__")}:
+        source, link = Path(str(found.locate_file(name))), packages / name
+        if not link.exists():
+            link.symlink_to(source)
+
+
+def _take_compiled_kernels(packages: Path) -> None:
+    """Numba takes a compiled kernel for that of a source of the same size and time."""
+    for compiled in (ROOT / "mesh_motion_server").rglob("__pycache__/*.nb[ic]"):
+        copy = packages / compiled.relative_to(ROOT)
+        copy.parent.mkdir(exist_ok=True)
+        shutil.copy2(compiled, copy)
+    for source in (ROOT / "mesh_motion_server").rglob("*.py"):
+        copy = packages / source.relative_to(ROOT)
+        if copy.exists():
+            shutil.copystat(source, copy)
+
+
+def names_in(wheel: Path) -> set[str]:
+    """The files of a wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())

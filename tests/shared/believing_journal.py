@@ -1,0 +1,27 @@
+"""A seeded bug: a journal that takes what stands in a slot for a state, whatever its checksum and its digest say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.session import journal as journal_module
+from mesh_motion_server.session import journal_files
+
+
+def believe_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seed it."""
+    honest = journal_files.view_slot
+
+    def believe(path: Any, files: Any, foundation: Any) -> Any:
+        view = honest(path, files, foundation)
+        return journal_files.SlotView(view.record, view.blank, lambda: True)
+
+    monkeypatch.setattr(journal_files, "view_slot", believe)
+    monkeypatch.setattr(
+        journal_module,
+        "verified_state",
+        lambda raw, ledger: np.frombuffer(raw, "<f8").reshape(ledger.foundation.nodes, ledger.foundation.dimension),
+    )

@@ -1,0 +1,59 @@
+"""A model that computes next to nothing: what sessions are tested with where the motion does not matter."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.roles import BoundaryRoles
+
+_PARTS = ("solve", "predict", "correct", "displace", "total")
+
+
+class PlainModel:
+    """Moving nodes go where they are told, the others stay; all summaries are alike."""
+
+    warnings = ()
+    #: Displacements beyond it are refused, mesh length unit.
+    farthest = 10.0
+    #: What every motion is warned of.
+    motion_warnings = ()
+
+    def __init__(self, points, cells, patches, method):
+        self.roles, self.method, self.cells = BoundaryRoles.from_patches(patches), method, cells
+
+    def summary(self, points):
+        values = SimpleNamespace(min=1.0, mean=1.0, p1=1.0, p5=1.0, p50=1.0)
+        count = sum(len(block) for block in self.cells)
+        return SimpleNamespace(
+            size=values, skew=values, size_skew=values, metric=values, worst=[], inverted=0, cells=count
+        )
+
+    def without_distributions(self):
+        return self
+
+    def move(self, committed, targets, factors):
+        told = targets - committed[self.roles.moving]
+        if abs(told).max() > self.farthest:
+            raise NumericalError("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")
+        points = committed + self.of_all(told)
+        points[self.roles.moving] = targets
+        return SimpleNamespace(
+            points=points,
+            standard=self.summary(points),
+            corrected=self.summary(points),
+            correction=SimpleNamespace(
+                method="none", enrichment_points=np.zeros((0, points.shape[1])), freed_nodes=0, iterations=0
+            ),
+            reached=True,
+            seconds=dict.fromkeys(_PARTS, 0.0),
+            caches={"factorization": "made"},
+            control_points=np.arange(len(committed)),
+            support_radius=1.0,
+            sub_steps=1,
+            warnings=list(self.motion_warnings),
+        )
+
+    def of_all(self, told):
+        """(d,) displacement of all nodes that nobody tells one, from those that are told (k, d)."""
+        return np.zeros(told.shape[1])

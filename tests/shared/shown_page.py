@@ -1,0 +1,72 @@
+"""A server with made-up sessions, and its page shown in a browser."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from chromium import Browser
+from histories import write_history
+
+from mesh_motion_server.prove.driver import make_driver
+from mesh_motion_server.prove.server_process import ServerProcess
+from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.session.store import SessionStore
+
+#: How many pixels of the mesh have which colour, "red,green,blue".
+PAINTED = """
+const { scene, camera, canvas } = globalThis.monitor.mesh;
+scene.draw(camera, true);
+const copy = document.createElement('canvas');
+[copy.width, copy.height] = [canvas.width, canvas.height];
+const pen = copy.getContext('2d');
+pen.drawImage(canvas, 0, 0);
+const pixels = pen.getImageData(0, 0, copy.width, copy.height).data;
+const seen = {};
+for (let k = 0; k < pixels.length; k += 4) {
+  const colour = `${pixels[k]},${pixels[k + 1]},${pixels[k + 2]}`;
+  if (pixels[k + 3]) seen[colour] = (seen[colour] ?? 0) + 1;
+}
+return seen;
+"""
+
+
+def stored(folder: Path, session: str, label: str, history: int, **options: Any) -> None:
+    """A session with two committed steps, and a made-up history."""
+    driver = make_driver(SessionStore(folder), [grid_mesh(9)], session=session, spec={"label": label})
+    driver.open()
+    driver.advance(1)
+    driver.advance(2)
+    driver.host.close()
+    shutil.rmtree(folder / "sessions" / session / "history")
+    write_history(folder / "sessions" / session, history, segments=2, **options)
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[ServerProcess]:
+    """A server with a page that comes back at the same address; sessions may be stored from outside."""
+    served = ServerProcess(folder, monitor="127.0.0.1:0")
+    served.start()
+    try:
+        served.settings["monitor"] = served.announced["monitor"].removeprefix("tcp://")
+        yield served
+    finally:
+        served.stop()
+
+
+def show(tab: Browser, server: ServerProcess, session: str, *, mesh: bool = True, **window: Any) -> None:
+    """Open the page at a session, and wait until its charts and mesh are there."""
+    tab.show(f"http://{server.settings['monitor']}/#{session}", **window)
+    await_session(tab, session, mesh=mesh)
+
+
+def await_session(tab: Browser, session: str, *, mesh: bool = True) -> None:
+    """Wait until the page shows a session's charts, and its mesh."""
+    ready = (
+        "const m = globalThis.monitor; return !!(m && m.key && m.key.startsWith(arguments[0]) "
+        "&& (m.mesh.mesh || !arguments[1]) && m.history.columns.step.length)"
+    )
+    tab.wait(lambda: tab.run(ready, session, mesh), "the session is shown")

@@ -1,0 +1,28 @@
+"""Asks a server's pages for Prometheus and probes."""
+
+import urllib.error
+import urllib.request
+
+from mesh_motion_server.prove.waiting import wait_until
+
+
+def address_of(server):
+    """Where the pages of a server process are."""
+    return server.announced["metrics"].replace("tcp://", "http://")
+
+
+def get(server, page, method="GET"):
+    """Status and text; asked again where a busy machine does not serve it within the page's five seconds."""
+    request = urllib.request.Request(address_of(server) + page, method=method)
+
+    def answer():
+        try:
+            with urllib.request.urlopen(request, timeout=60) as reply:
+                return reply.status, reply.read().decode()
+        except urllib.error.HTTPError as refusal:
+            with refusal:
+                return refusal.code, refusal.read().decode()
+        except OSError:
+            return None
+
+    return wait_until(answer, f"{page} is answered")
