@@ -1,4 +1,5 @@
-# Two images from one file: `server` runs sessions; `client` is what a solver's container needs (numpy, msgpack, pyzmq).
+# Three images from one file: `server` runs sessions; `client` is what a solver's container needs (numpy, msgpack, pyzmq);
+# `openfoam` has OpenFOAM with the motion solver, and CalculiX, beside it.
 ARG BASE=debian:bookworm-slim
 
 FROM ${BASE} AS python
@@ -12,13 +13,23 @@ RUN apt-get update \
  && install -d -o mesh -g mesh /results
 ENV PATH=/opt/mesh-motion/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
 WORKDIR /src
+
+# The wheel is built apart: the images that run have the package alone, and what its lock file names.
+FROM python AS build
+COPY requirements requirements
+RUN pip install --no-cache-dir --require-hashes -r requirements/build.lock
 COPY pyproject.toml README.md LICENSE ./
+COPY docs/man docs/man
 COPY mesh_motion_server mesh_motion_server
 COPY protocol protocol
 COPY adapters adapters
+RUN pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /wheels .
 
 FROM python AS client
-RUN pip install --no-cache-dir .
+COPY requirements/client.lock ./
+RUN pip install --no-cache-dir --require-hashes -r client.lock
+COPY --from=build /wheels /wheels
+RUN pip install --no-cache-dir --no-deps /wheels/*.whl
 COPY examples /examples
 USER mesh
 WORKDIR /home/mesh
@@ -27,10 +38,30 @@ FROM python AS server
 # The kernels are compiled into the image, so that no session waits for them. Numba wants to write where it reads: the
 # container, which is read-only, copies them to its memory first.
 ENV NUMBA_CACHE_DIR=/tmp/kernels
-RUN pip install --no-cache-dir '.[server]' \
+COPY requirements/server.lock ./
+RUN pip install --no-cache-dir --require-hashes -r server.lock
+COPY --from=build /wheels /wheels
+RUN pip install --no-cache-dir --no-deps /wheels/*.whl \
  && cd / && mesh-motion version --warm \
  && mv /tmp/kernels /opt/mesh-motion/kernels && chmod -R a+rX /opt/mesh-motion
 USER mesh
 WORKDIR /home/mesh
 ENTRYPOINT ["sh", "-c", "cp -r /opt/mesh-motion/kernels /tmp/ && exec mesh-motion \"$@\"", "mesh-motion"]
 CMD ["serve", "--endpoint", "ipc:///run/mesh-motion/control", "--state", "/var/lib/mesh-motion", "--metrics", "127.0.0.1:9464"]
+
+# The motion solver is compiled apart: the image that runs needs no compiler and no headers.
+FROM ${BASE} AS motion-solver
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends openfoam libzmq3-dev gcc g++ libc6-dev make bzip2 ca-certificates
+COPY adapters/c /src/adapters/c
+COPY adapters/openfoam /src/adapters/openfoam
+RUN OUT=/src/adapters/openfoam/build /src/adapters/openfoam/Allwmake
+
+FROM client AS openfoam
+USER root
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends openfoam calculix-ccx libzmq5 \
+ && rm -rf /var/lib/apt/lists/*
+COPY --from=motion-solver /src/adapters/openfoam/build /src/adapters/openfoam/build
+COPY examples /src/examples
+USER mesh

@@ -1,5 +1,8 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
-# make test   runs every test
+# make test   runs every test, two files at a time (JOBS=4 for more)
+# make manual writes docs/man anew after a change of a command
+# make lock   writes the exact versions and hashes of all packages anew (requirements/)
+# make release VERSION=x.y.z checks what a release must be, builds it twice, tries it and says what comes next
 # make lint   ruff and mypy, as CI does
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
 # make prove-full the same with the counts of a night
@@ -7,32 +10,43 @@
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
-# make studies recomputes every table and figure of docs/thesis.md and docs/beyond.md (STUDY="name …" for some)
+# make studies recomputes every table and figure of docs/thesis.md, beyond.md, explained.md and choosing.md (STUDY="name …" for some)
+# make docs   builds the documentation site into out/docs, without a warning, every link checked (open out/docs/index.html)
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
-# make docker builds the images and runs server + mock fluid + mock solid (needs a Docker engine)
+# make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, ten minutes (adapters/kratos/README.md)
+# make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, ten minutes
+# make docker builds the images and runs server + mock fluid + mock solid; make docker-openfoam server + OpenFOAM + CalculiX
 #
-# Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer).
+# Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the versions
+# of requirements/dev.lock instead of the newest.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+DRIVERS := out/drivers
+# Tests of so many files at a time: half of them wait for other processes. Each file's tests stay together, with what they share.
+JOBS ?= 2
 
 # The kernels' threads sleep while they wait, as the server's workers set it: on a busy machine spinning costs more.
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint format prove prove-full mutants peers bench bench-quick studies adapters docker clean
+.PHONY: help demo test test-fast release manual lock lint format prove prove-full drivers mutants peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
 
 help:
-	@sed -n '1,14s/^# \{0,1\}//p' Makefile
+	@sed -n '1,21s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "Python 3.11 or newer is needed; $(PYTHON) is older. Try: make PYTHON=python3.12 …"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
+# LOCKED=1 installs the versions of requirements/dev.lock, checked by their hashes, instead of the newest.
+LOCKED_PACKAGES = $(if $(LOCKED),$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.lock)
+
 # What runs the server and draws; the kernels are compiled once here, so that no session waits for them.
 $(VENV)/.runtime: $(BIN)/python pyproject.toml
+	$(LOCKED_PACKAGES)
 	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[server,plot]'
 	$(BIN)/mesh-motion version --warm
 	@touch $@
@@ -45,10 +59,26 @@ demo: $(VENV)/.runtime
 	$(BIN)/mesh-motion demo --out out/demo
 
 test: $(VENV)/.development
-	$(BIN)/pytest
+	$(BIN)/pytest -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 
 test-fast: $(VENV)/.development
 	$(BIN)/pytest -m "not slow"
+
+manual: $(VENV)/.development
+	$(BIN)/python -m tools.manual_pages
+
+# Every package of the four environments with its version and hashes, for each system and Python that is supported.
+lock: $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check uv
+	for name in build client server dev; do \
+	  case $$name in build) from=requirements/build.in;; client) from=pyproject.toml;; dev) from="--extra dev --extra docs pyproject.toml";; *) from="--extra $$name pyproject.toml";; esac; \
+	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	    --no-emit-package mesh-motion-server --custom-compile-command "make lock" $$from -o requirements/$$name.lock || exit 1; \
+	done
+
+# RELEASE='--tag --no-tests' tags what has been checked.
+release: $(VENV)/.development
+	@$(BIN)/python -m tools.release "$(VERSION)" $(RELEASE)
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .
@@ -59,11 +89,21 @@ format: $(VENV)/.development
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-prove: $(VENV)/.runtime
-	$(BIN)/mesh-motion prove --out out/prove
+prove: $(VENV)/.runtime drivers
+	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/mesh-motion prove --out out/prove
 
-prove-full: $(VENV)/.runtime
-	$(BIN)/mesh-motion prove --full --out out/prove-full
+prove-full: $(VENV)/.runtime drivers
+	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/mesh-motion prove --full --out out/prove-full
+
+# The row of conformance drives the clients in C, C++ and Fortran too, where their tools are installed.
+drivers:
+	@if ! command -v cmake >/dev/null || ! command -v g++ >/dev/null || ! pkg-config --exists libzmq 2>/dev/null; then \
+	  echo "The C, C++ and Fortran clients are left out: cmake, g++, pkg-config or libzmq's headers are not installed"; \
+	else \
+	  cmake -S adapters/c -B $(DRIVERS) -DMESH_MOTION_CONFORMANCE=ON --log-level=WARNING \
+	    -DMESH_MOTION_FORTRAN=$$(command -v gfortran >/dev/null && echo ON || echo OFF) >/dev/null \
+	  && cmake --build $(DRIVERS) >/dev/null; \
+	fi
 
 mutants: $(VENV)/.development
 	$(BIN)/python tests/mutation
@@ -80,11 +120,24 @@ bench-quick: $(VENV)/.development
 studies: $(VENV)/.development
 	$(BIN)/python -m docs.studies $(STUDY)
 
+docs: $(VENV)/.development
+	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[docs]'
+	$(BIN)/python -m docs.site out/docs
+
 adapters: $(VENV)/.development
 	$(BIN)/python adapters/check.py
 
+mok: $(VENV)/.development
+	PYTHONPATH=adapters/kratos $(BIN)/python -m mok_benchmark --out out/mok
+
+flap: $(VENV)/.development
+	$(BIN)/python examples/perpendicular_flap/proof.py --out out/flap
+
 docker:
-	docker-compose up --build --abort-on-container-exit --exit-code-from fluid
+	docker-compose --profile mock up --build --abort-on-container-exit --exit-code-from fluid
+
+docker-openfoam:
+	docker-compose --profile openfoam up --build --abort-on-container-exit --exit-code-from flap
 
 clean:
 	rm -rf $(VENV) out dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

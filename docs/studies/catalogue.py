@@ -1,4 +1,4 @@
-"""Every study by name: the modules of ``thesis`` and ``beyond`` that have a ``STUDY``."""
+"""Every study by name: the modules of the pages' packages that have a ``STUDY``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from docs.studies.study import Study
 
 __all__ = ["PAGES", "names", "study"]
 
-PAGES = ("thesis", "beyond")
+PAGES = ("thesis", "beyond", "explained", "choosing")
 """Sub-packages; ``docs/<page>.md`` shows their studies."""
 
 

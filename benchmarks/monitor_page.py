@@ -1,0 +1,149 @@
+"""What the monitor page costs a step: ``python -m benchmarks.monitor_page [--side N] [--browsers N] [--pairs N]``.
+
+One session of a real server steps on, each step a Move and a commit of a mesh of triangles. For blocks of some seconds
+browsers look at it, each as the page does: the stream, every two seconds the session and its series, every three its
+mesh; for blocks in between nobody looks. The medians of neighbouring blocks are compared pair by pair.
+Beside it the processor time of the page's process: where other cores are free, nothing of it is the step's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import http.client
+import json
+import os
+import statistics
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mesh_motion_client import Mesh, Patch, connect
+
+from mesh_motion_server.prove.processes import children_of, command_of
+from mesh_motion_server.prove.server_process import ServerProcess
+from mesh_motion_server.prove.stand_in import grid_mesh
+
+__all__ = ["main"]
+
+_BLOCK_SECONDS = 8.0
+#: The page asks no more often than this.
+_LOOK_SECONDS, _MESH_SECONDS = 2.0, 3.0
+_TICK = os.sysconf("SC_CLK_TCK")
+
+
+class _Browser(threading.Thread):
+    """Looks at the page until it is told to stop."""
+
+    def __init__(self, address: str, session: str) -> None:
+        super().__init__(daemon=True)
+        self._address, self._session = address, session
+        self._over = threading.Event()
+
+    def run(self) -> None:
+        stream, asked = (http.client.HTTPConnection(self._address, timeout=60) for _ in range(2))
+        stream.request("GET", "/api/live")
+        lines, look_due, mesh_due = stream.getresponse(), 0.0, 0.0
+        while not self._over.is_set():
+            if not lines.readline().startswith(b"event: sessions"):
+                continue
+            lines.readline()
+            if time.monotonic() < look_due:
+                continue
+            look_due = time.monotonic() + _LOOK_SECONDS
+            paths = ["", "/series?points=1500"]
+            if time.monotonic() >= mesh_due:
+                mesh_due = time.monotonic() + _MESH_SECONDS
+                paths.append("/mesh?have=")
+            for path in paths:
+                asked.request("GET", f"/api/sessions/{self._session}{path}")
+                asked.getresponse().read()
+        stream.close()
+        asked.close()
+
+    def stop(self) -> None:
+        """At the next change."""
+        self._over.set()
+
+
+def _processor_seconds(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICK
+
+
+def _block(session: Any, rows: Any, steps: int) -> list[float]:
+    """Seconds of each step of a block: so many, and at least some seconds of them."""
+    taken: list[float] = []
+    end = time.monotonic() + _BLOCK_SECONDS
+    while time.monotonic() < end or len(taken) < steps:
+        started = time.perf_counter()
+        session.move(rows * (1 + 0.1 * np.sin(0.1 * session.step)), frame="reference")
+        session.commit()
+        taken.append(time.perf_counter() - started)
+    return taken
+
+
+def measure(folder: Path, side: int, browsers: int, pairs: int) -> dict[str, float]:
+    """Medians in milliseconds, the ratio of pairs, and shares of a core."""
+    part = grid_mesh(side)
+    patches = {name: Patch(patch.role, patch.nodes) for name, patch in part.patches.items()}
+    mesh = Mesh(part.points, {"triangle": np.asarray(part.cells["triangle"])}, patches)
+    settings = {"support_radius": 0.5, "correction": "none", "displacement": "absolute", "allow_invalid": True}
+    with ServerProcess(folder, monitor="127.0.0.1:0") as server, connect(server.endpoint) as client:
+        address = server.announced["monitor"].removeprefix("tcp://")
+        (page,) = [pid for pid in children_of(server.process.pid) if "monitor_page" in command_of(pid)]
+        session = client.open(mesh, settings, label="measured")
+        rows = np.full((len(session.moving_nodes), 2), 0.02)
+        _block(session, rows, 20)
+        asked = http.client.HTTPConnection(address)
+        asked.request("GET", "/api/sessions")
+        (listed,) = json.load(asked.getresponse())["sessions"]
+        ratios, seen, unseen, shares, idle = [], [], [], [], []
+        for _ in range(pairs):
+            for look in (True, False):
+                lookers = [_Browser(address, listed["session"]) for _ in range(browsers if look else 0)]
+                for one in lookers:
+                    one.start()
+                before, began = _processor_seconds(page), time.monotonic()
+                taken = _block(session, rows, 20)
+                (shares if look else idle).append((_processor_seconds(page) - before) / (time.monotonic() - began))
+                (seen if look else unseen).append(statistics.median(taken))
+                for one in lookers:
+                    one.stop()
+                for one in lookers:
+                    one.join(30)
+            ratios.append(seen[-1] / unseen[-1])
+        session.close("discard")
+    return {
+        "step_ms": 1000 * statistics.median(unseen),
+        "watched_ms": 1000 * statistics.median(seen),
+        "ratio": statistics.median(ratios),
+        "page_share": statistics.median(shares),
+        "page_share_unwatched": statistics.median(idle),
+    }
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--side", type=int, default=120, help="nodes along a side of the mesh")
+    parser.add_argument("--browsers", type=int, default=3)
+    parser.add_argument("--pairs", type=int, default=9, help="of blocks, watched and not")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        found = measure(Path(folder), asked.side, asked.browsers, asked.pairs)
+    sys.stdout.write(
+        f"{asked.side**2} nodes, {asked.browsers} browsers, {asked.pairs} pairs of blocks\n"
+        f"step, nobody looks {found['step_ms']:8.1f} ms\n"
+        f"step, watched      {found['watched_ms']:8.1f} ms\n"
+        f"ratio of pairs     {found['ratio']:8.3f}\n"
+        f"page's process     {found['page_share']:8.3f} of a core watched, {found['page_share_unwatched']:.3f} not\n"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,50 @@
+"""The parts of the reference pages that are written from the code, so that they cannot differ from it.
+
+A page has ``<!-- generated: NAME -->`` where such a part belongs; :data:`PARTS` has what writes it, as MyST's Markdown.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import partial
+
+from docs.site.reference.benchmarks import benchmark
+from docs.site.reference.c_header import c_header
+from docs.site.reference.commands import commands
+from docs.site.reference.error_codes import error_codes, exit_statuses
+from docs.site.reference.fortran_module import fortran_module
+from docs.site.reference.messages import messages
+from docs.site.reference.metrics import metrics
+from docs.site.reference.python_client import python_client
+from docs.site.reference.settings import case_file, method_settings, server_settings
+
+__all__ = ["PARTS", "filled"]
+
+PARTS: dict[str, Callable[[], str]] = {
+    **{f"benchmark-{name}": partial(benchmark, name) for name in ("front", "aims", "scale", "correction")},
+    "c-header": c_header,
+    "case-file": case_file,
+    "commands": commands,
+    "error-codes": error_codes,
+    "exit-statuses": exit_statuses,
+    "fortran-module": fortran_module,
+    "messages": messages,
+    "method-settings": method_settings,
+    "metrics": metrics,
+    "python-client": python_client,
+    "server-settings": server_settings,
+}
+
+_MARK = re.compile(r"^<!-- generated: ([a-z-]+) -->$", re.MULTILINE)
+
+
+def filled(text: str) -> str:
+    """A page's text with its generated parts.
+
+    Raises
+    ------
+    KeyError
+        If it asks for a part that there is not.
+    """
+    return _MARK.sub(lambda found: PARTS[found[1]](), text)

@@ -1,0 +1,224 @@
+"""``make release VERSION=x.y.z``: check what a release must be, build it twice, try it, and say what comes next.
+
+Each check refuses with one line that says what was expected, what was found and the way out. Nothing is changed but the
+folder ``dist``, and with ``--tag`` one tag; nothing is uploaded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import venv
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+__all__ = ["CHECKS", "Refused", "main"]
+
+_VERSION = re.compile(r"\d+\.\d+\.\d+")
+_FROM_SOURCES = Path("mesh_motion_server/__init__.py")
+_CASE = Path("examples/thesis_rotation/case.toml")
+
+
+class Refused(Exception):
+    """A release must not be made like this."""
+
+
+# --- what is checked -------------------------------------------------------------------------------------------------
+
+
+def check_number(root: Path, version: str) -> None:
+    """Three numbers."""
+    del root
+    if not _VERSION.fullmatch(version):
+        raise Refused(f"VERSION must be three numbers, as 1.2.3, got {version!r}")
+
+
+def check_tree(root: Path, version: str) -> None:
+    """What is released is what is committed."""
+    del version
+    changed = _git(root, "status", "--porcelain").splitlines()
+    if changed:
+        raise Refused(f"the tree must be clean, but {len(changed)} files are not, first {changed[0][3:]}: commit them")
+
+
+def check_tag(root: Path, version: str) -> None:
+    """A version is released once."""
+    if _git(root, "tag", "--list", f"v{version}"):
+        raise Refused(f"the tag v{version} exists already: choose the next version")
+
+
+def check_sources(root: Path, version: str) -> None:
+    """The one place that has the version."""
+    found = _match(root / _FROM_SOURCES, r'^__version__ = "(.+)"$')
+    if found != version:
+        raise Refused(f"{_FROM_SOURCES} must have __version__ = {version!r}, got {found!r}: write it there")
+
+
+def check_citation(root: Path, version: str) -> None:
+    """What is cited is what is released, and on the day that the changelog says."""
+    found = _match(root / "CITATION.cff", r'^version: "?([^"\n]+)"?$')
+    if found != version:
+        raise Refused(f"CITATION.cff must have version: {version}, got {found!r}: write it there")
+    day = _match(root / "CHANGELOG.md", rf"^## {re.escape(version)} [-–—] (\d{{4}}-\d{{2}}-\d{{2}})$")
+    released = _match(root / "CITATION.cff", r'^date-released: "?([^"\n]+)"?$')
+    if day and released != day:
+        raise Refused(f"CITATION.cff must have date-released: {day}, as CHANGELOG.md, got {released!r}: write it there")
+
+
+def check_changelog(root: Path, version: str) -> None:
+    """A dated section with something in it, and an empty one for what comes next."""
+    text = (root / "CHANGELOG.md").read_text(encoding="utf-8")
+    sections = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    titles = [section.partition("\n")[0].strip() for section in sections]
+    title = re.compile(rf"{re.escape(version)} [-–—] \d{{4}}-\d{{2}}-\d{{2}}")
+    mine = [section for section in sections if title.fullmatch(section.partition("\n")[0].strip())]
+    if not mine:
+        raise Refused(
+            f"CHANGELOG.md must have a section '## {version} - YYYY-MM-DD', got {', '.join(titles[:3])}: "
+            "give the unreleased changes this title"
+        )
+    if "\n- " not in mine[0]:
+        raise Refused(f"CHANGELOG.md's section {version} lists no change")
+    if any(section.startswith("Unreleased") and "\n- " in section for section in sections):
+        raise Refused("CHANGELOG.md still has unreleased changes: they belong to this version or the next")
+
+
+def check_protocol(root: Path, version: str) -> None:
+    """The document and the code speak of one protocol."""
+    del version
+    program = "from mesh_motion_protocol import PROTOCOL_VERSION as v; print(*v, sep='.')"
+    told = _run([sys.executable, "-c", program], root, "the protocol cannot be imported").strip()
+    written = _match(root / "protocol" / "SPEC.md", r"(?i)\bversion[: ]+\**(\d+\.\d+)")
+    if written != told:
+        raise Refused(f"protocol/SPEC.md must be of version {told}, as mesh_motion_protocol says, got {written!r}")
+
+
+def check_rendered(root: Path, version: str) -> None:
+    """What is made from the code is that of this code: SPEC.md's tables, the manual pages, the lock files."""
+    del version
+    tests = ["tests/protocol/test_spec.py", "tests/packaging/test_locks.py", "tests/packaging/test_manual.py::"
+             "test_the_pages_are_those_of_the_commands"]  # fmt: skip
+    ways = "python -m protocol.render_spec, make manual, make lock"
+    _run([sys.executable, "-m", "pytest", "-q", "-x", *tests], root, f"a rendered file is old: {ways}")
+
+
+#: In the order in which they are made, the quick ones first.
+CHECKS: tuple[Callable[[Path, str], None], ...] = (
+    check_number,
+    check_sources,
+    check_citation,
+    check_changelog,
+    check_tag,
+    check_tree,
+    check_protocol,
+    check_rendered,
+)
+
+
+# --- what is built ---------------------------------------------------------------------------------------------------
+
+
+def build_twice(root: Path, folder: Path) -> list[Path]:
+    """Source distribution and wheel, which must come out bitwise equal a second time."""
+    epoch = {"SOURCE_DATE_EPOCH": _git(root, "log", "-1", "--format=%ct")}
+    made: list[dict[str, bytes]] = []
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as scratch:
+            command = [sys.executable, "-m", "hatchling", "build", "-d", scratch]
+            _run(command, root, "hatchling does not build it", os.environ | epoch)
+            made.append({path.name: path.read_bytes() for path in sorted(Path(scratch).iterdir())})
+    differing = [name for name in made[0] if made[0][name] != made[1].get(name)]
+    if differing:
+        raise Refused(f"two builds must be equal bit for bit, but {differing[0]} is not")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in made[0].items():
+        (folder / name).write_bytes(content)
+    return [folder / name for name in made[0]]
+
+
+def try_wheel(root: Path, wheel: Path) -> None:
+    """Install it in a new environment, and play a case from a folder outside the checkout."""
+    with tempfile.TemporaryDirectory() as scratch:
+        environment = Path(scratch) / "environment"
+        venv.create(environment, with_pip=True)
+        clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        installing = [str(environment / "bin" / "pip"), "install", "--quiet", f"{wheel}[server]"]
+        _run(installing, Path(scratch), "the wheel cannot be installed", clean)
+        playing = [str(environment / "bin" / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
+        _run(playing, Path(scratch), "the installed wheel does not play a case", clean)
+
+
+def write_checksums(files: Sequence[Path]) -> Path:
+    """``SHA256SUMS`` beside them, as ``sha256sum --check`` reads it."""
+    sums = files[0].parent / "SHA256SUMS"
+    sums.write_text("".join(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files))
+    return sums
+
+
+# --- the program -----------------------------------------------------------------------------------------------------
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """0, or 1 with one line that says why there is no release."""
+    parser = argparse.ArgumentParser(prog="release", description=__doc__)
+    parser.add_argument("version")
+    parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parents[1], help="the checkout")
+    parser.add_argument("--only-checks", action="store_true", help="build nothing")
+    parser.add_argument("--no-tests", action="store_true", help="do not run the test suite (it has been run)")
+    parser.add_argument("--no-install", action="store_true", help="do not install the wheel (needs a package index)")
+    parser.add_argument("--tag", action="store_true", help="tag the commit")
+    options = parser.parse_args(arguments)
+    try:
+        for line in _release(options):
+            sys.stdout.write(line + "\n")
+    except Refused as error:
+        sys.stderr.write(f"release: {error}\n")
+        return 1
+    return 0
+
+
+def _release(options: argparse.Namespace) -> list[str]:
+    """What has been done and what comes next, a line each."""
+    root, version = options.root, options.version
+    for check in CHECKS:
+        check(root, version)
+    if options.only_checks:
+        return [f"{version} may be released"]
+    if not options.no_tests:
+        _run(["make", "-s", "lint", "test"], root, "lint or tests fail: make lint test")
+    files = build_twice(root, root / "dist")
+    if not options.no_install:
+        try_wheel(root, next(path for path in files if path.suffix == ".whl"))
+    told = [f"built {path.relative_to(root)}" for path in (*files, write_checksums(files))]
+    if options.tag:
+        _git(root, "tag", "--annotate", f"v{version}", "--message", f"Version {version}")
+        return [*told, f"tagged v{version}", f"next: git push origin v{version}; upload the files in dist"]
+    return [*told, f"next: make release VERSION={version} RELEASE='--tag --no-tests'"]
+
+
+def _match(path: Path, pattern: str) -> str:
+    """What the first group matches in a file, or nothing."""
+    found = re.search(pattern, path.read_text(encoding="utf-8"), re.MULTILINE)
+    return found[1].strip() if found else ""
+
+
+def _git(root: Path, *arguments: str) -> str:
+    return _run(["git", *arguments], root, f"git {arguments[0]} fails").strip()
+
+
+def _run(command: Sequence[str], root: Path, complaint: str, environment: dict[str, str] | None = None) -> str:
+    """The output of a program that ends well."""
+    ended = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
+    if ended.returncode:
+        words = (ended.stderr.strip() or ended.stdout.strip()).splitlines()
+        raise Refused(f"{complaint} ({words[-1] if words else f'status {ended.returncode}'})")
+    return ended.stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())
