@@ -95,7 +95,8 @@ class Soaker:
 
     def _client_step(self) -> None:
         session = self._client
-        for iteration in range(1, self.random.choice((1, 1, 1, 2)) + 1):
+        # The first iteration's rows come last: those are what the next step undoes, and the boundary stays where it is.
+        for iteration in range(self.random.choice((1, 1, 1, 2)), 0, -1):
             rows = seeded_rows(1, session.step + 1, iteration, len(session.moving_nodes))
             session.move(rows)
         if self.random.random() < 0.05:

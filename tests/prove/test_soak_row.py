@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from random import Random
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from mesh_motion_server.prove import soak as soak_module
 from mesh_motion_server.prove.check import BrokenPromise, Budget
 from mesh_motion_server.prove.soak import CHECK, Reading, allowed_slope, judge, slope, soaking
+from mesh_motion_server.prove.soak_client import Soaker
 
 Seed = Callable[..., None]
 _MIB = 1 << 20
@@ -48,6 +50,33 @@ def test_replies_that_are_never_dropped_are_found(seed: Seed) -> None:
             soak.go(25)
     with pytest.raises(BrokenPromise, match=r"worker [12] grows by \d+\.\d+ MB in 100 000 steps"):
         judge(soak.readings, soak.stored)
+
+
+class Still:
+    """A session of four moving nodes that adds up where its boundary is."""
+
+    def __init__(self) -> None:
+        self.moving_nodes, self.step = range(4), 0
+        self.boundary, self._trial = np.zeros((4, 2)), np.zeros((4, 2))
+
+    def move(self, rows: np.ndarray) -> None:
+        self._trial = rows
+
+    def rollback(self) -> None:
+        self._trial = np.full((4, 2), np.nan)
+
+    def commit(self) -> None:
+        self.boundary, self.step = self.boundary + self._trial, self.step + 1
+
+
+def test_a_boundary_stays_where_it_is_however_long_the_soak() -> None:
+    """It walked away, by a random step of each second iteration, until the motion was refused after 10⁵ steps."""
+    soaker, still = object.__new__(Soaker), Still()
+    soaker.random, soaker._client = Random(1), still  # type: ignore[assignment]
+    for _ in range(2000):
+        soaker._client_step()
+        if still.step % 2 == 0:
+            assert np.abs(still.boundary).max() < 1e-12
 
 
 @pytest.mark.slow

@@ -218,16 +218,33 @@ def pack_taken_up(step: int) -> bytes:
 
 
 def digest_at(session_folder: Path, step: int) -> bytes:
-    """The state digest that was recorded last for a step; empty where it, or what it came of, does not count."""
+    """The state digest that was recorded last for a step; empty where it, or what it came of, does not count.
+
+    A worker asks at each RESUME: heads are passed one at a time, for a list of those of a whole segment is
+    longer than most of what the worker holds.
+    """
     digest = b""
     for path in reversed(list_segments(session_folder / FOLDER, BOUNDARY)):
         with _opened(path) as handle:
-            for head in reversed([head for head in _heads(handle) if head.step <= step]):
-                if head.kind == _OUTCOME and head.step == step:
-                    digest = digest or _verified(handle, head) or b""
-                elif head.kind == _INPUT or (head.kind == _TAKEN_UP and head.step < step):
-                    return digest if head.step == step else b""
+            begun, found = _outcome_in(handle, step)
+        digest = digest or found
+        if begun is not None:
+            return digest if begun == step else b""
     return b""
+
+
+def _outcome_in(handle: int, step: int) -> tuple[int | None, bytes]:
+    """Of a segment: the step that the last input or taking up begins, and the digest that a step has after it."""
+    begun: int | None = None
+    digest = b""
+    for head in _heads(handle):
+        if head.step > step:
+            continue
+        if head.kind == _OUTCOME and head.step == step:
+            digest = _verified(handle, head) or digest
+        elif head.kind == _INPUT or (head.kind == _TAKEN_UP and head.step < step):
+            begun, digest = head.step, b""
+    return begun, digest
 
 
 def cut_torn_record(handle: int) -> None:
