@@ -138,6 +138,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--relaxation", type=float, default=0.3, help="first relaxation factor of a step")
     parser.add_argument("--tolerance", type=float, default=1e-9, help="m, largest residual of a converged step")
     parser.add_argument("--max-iterations", type=int, default=50)
+    parser.add_argument("--keep-solid", action="store_true", help="do not stop the solid: who started it ends it")
     parser.add_argument("--timeout", type=float, default=120.0, help="seconds for any answer")
     return parser.parse_args()
 
@@ -158,7 +159,8 @@ def main() -> int:
         load = LoadStub(points, dt=options.dt, added_mass=options.added_mass,
                         amplitude=options.amplitude, frequency=options.frequency)  # fmt: skip
         rows = run(session, solid, load, options, points)
-        solid.ask("stop")
+        if not options.keep_solid:
+            solid.ask("stop")
         solid.socket.close()
     with (options.out / "fsi.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))

@@ -50,6 +50,16 @@ def undisturbed(flap, tmp_path_factory):
     return folder, play(flap, folder, "--windows", "5")
 
 
+def test_a_library_without_its_sources_is_taken_as_it_is(flap, tmp_path, monkeypatch):
+    """As in the image for OpenFOAM, which has no compiler."""
+    monkeypatch.setattr(flap, "ADAPTER", tmp_path)
+    with pytest.raises(OSError, match="Allwmake"):
+        flap.build()
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build" / "libremoteMeshMotion.so").touch()
+    flap.build()
+
+
 def test_windows_converge_and_the_tip_moves_downstream(undisturbed):
     _, rows = undisturbed
     assert [row.window for row in rows] == [1, 2, 3, 4, 5]
