@@ -85,8 +85,8 @@ def test_converged_windows_are_those_of_the_client(iterations, explicit, play, d
         assert np.abs(first - third).max() > 1.9 * np.abs(second - third).max() > 1e-4
 
 
-def test_steps_within_a_window_start_where_it_began(case, play, direct):
-    """A committed step cannot be taken back: each step is a trial, the last of them is committed."""
+def couple_steps_within_windows(case, play, direct):
+    """Three steps a window, the second window twice, against what the client gives."""
     iterations = [1, 2]
     windows, precice, final = play(iterations, file=case("time_step = 0.04"))
     expected, points = direct(iterations, fractions=(1 / 3, 2 / 3, 1.0))
@@ -94,6 +94,51 @@ def test_steps_within_a_window_start_where_it_began(case, play, direct):
     np.testing.assert_allclose(converged(precice), expected, atol=1e-15)  # 0.1 / 3 three times is not 0.1
     np.testing.assert_allclose(final, points, atol=1e-15)
     assert windows[-1].time == pytest.approx(0.2)
+
+
+def test_steps_within_a_window_start_where_it_began(case, play, direct):
+    """A committed step cannot be taken back: each step is a trial, the last of them is committed."""
+    couple_steps_within_windows(case, play, direct)
+
+
+class Seeded(Participant):
+    """Participants with a bug each, by name."""
+
+    def repeated_windows_are_committed(self):
+        self._session.rollback = self._session.commit
+
+    def a_step_reads_where_it_begins(self):
+        self._boundary = lambda _, read=self._boundary: read(0.0)
+
+    def nodes_in_another_order(self):
+        self._boundary = lambda time, read=self._boundary: read(time)[::-1]
+
+    def the_last_answer_is_late(self):
+        moves, move = [], self._session.move
+
+        def late(*arguments, **options):
+            moves.append(move(*arguments, **options))
+            return moves[-2:][0]
+
+        self._session.move = late
+
+    def a_window_is_one_step(self):
+        self._step = lambda rest: rest
+
+
+BUGS = sorted(set(vars(Seeded)) - set(vars(Participant)))
+
+
+@pytest.mark.parametrize("bug", BUGS)
+def test_a_seeded_bug_is_found(bug, case, play, direct, monkeypatch):
+    def seeded(*arguments):
+        participant = Seeded(*arguments)
+        getattr(participant, bug)()
+        return participant
+
+    monkeypatch.setitem(globals(), "Participant", seeded)
+    with pytest.raises(AssertionError):
+        couple_steps_within_windows(case, play, direct)
 
 
 def test_displacement_since_the_last_window(case, play, direct):
