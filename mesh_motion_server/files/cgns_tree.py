@@ -1,6 +1,7 @@
 """The nodes of a CGNS file in HDF5: each is a group with a label, and perhaps an array, or a link to such a group.
 
-No more is read than a file of its size can hold: an array that HDF5 would fill up from nothing is refused.
+No more is read than a file of its size can hold. An array that HDF5 would fill up from nothing is refused, and so is
+a chunk that unpacks to more than a chunk: HDF5 itself unpacks it whole, whatever it comes to, before it looks.
 
 https://cgns.github.io/CGNS_docs_current/hdf5/index.html
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.hdf5 import load_h5py
-from mesh_motion_server.files.memory import most_memory
+from mesh_motion_server.files.hdf5_packed import Unpacked
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 
 __all__ = ["Node", "open_cgns"]
@@ -27,9 +28,6 @@ _ADF = b"@(#)ADF"
 _DATA = " data"
 #: CGNS' own links are nodes of this type, with HDF5's link under this name.
 _LINK, _LINK_DATA = b"LK", " link"
-#: No filter of HDF5 makes arrays smaller than this.
-_BEST_COMPRESSION = 1100
-_SMALL = 1 << 16
 
 
 @contextmanager
@@ -56,11 +54,12 @@ def open_cgns(path: Path) -> Iterator[Node]:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One node; ``group`` is h5py's."""
+    """One node; ``group`` is h5py's, ``unpacked`` what the nodes of the file have come to."""
 
     path: Path
     name: str
     group: Any
+    unpacked: Unpacked = field(default_factory=Unpacked)
 
     def refused(self, reason: str, hint: str = "") -> InvalidInput:
         """An error that names the file and the node."""
@@ -86,7 +85,7 @@ class Node:
         found = self._followed(self.group, name)
         if hasattr(found, "keys") and found.attrs.get("type") == _LINK:
             found = self._followed(found, _LINK_DATA)
-        return Node(self.path, name, found) if hasattr(found, "keys") else None
+        return Node(self.path, name, found, self.unpacked) if hasattr(found, "keys") else None
 
     def _followed(self, group: Any, name: str) -> Any:
         """What a name in a group of HDF5 stands for, which may be in another file."""
@@ -133,7 +132,8 @@ class Node:
             raise self.refused("it has no data")
         if data.dtype.kind not in kinds:
             raise self.refused(f"data of type {data.dtype}, expected {'real numbers' if kinds == 'f' else 'integers'}")
-        stored = data.id.get_storage_size()
-        if data.size * data.dtype.itemsize > min(_SMALL + _BEST_COMPRESSION * stored, most_memory(stored)):
-            raise self.refused(f"{data.size} values, of which only {stored} bytes lie in the file")
+        try:
+            self.unpacked.add(data)
+        except ValueError as error:
+            raise self.refused(str(error)) from None
         return np.asarray(data[()])

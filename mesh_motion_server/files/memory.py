@@ -11,5 +11,5 @@ _ALWAYS = 1 << 30
 
 
 def most_memory(packed: int) -> int:
-    """Bytes that so many packed bytes may become."""
+    """Bytes that so many packed bytes, all of a file's or of one of its arrays, may become."""
     return max(_ALWAYS, _BEST_RATIO * packed)

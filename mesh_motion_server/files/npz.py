@@ -87,9 +87,11 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
             archive = np.load(file, allow_pickle=False)
             if isinstance(archive, np.ndarray):
                 raise InvalidInput(f"{path}: a single array, not an .npz archive")
+            most, size = most_memory(path.stat().st_size), 0
             for entry in archive.zip.infolist():
-                if entry.file_size > most_memory(entry.compress_size):
-                    raise ValueError(f"{entry.filename} is {entry.file_size} bytes, packed into {entry.compress_size}")
+                size += entry.file_size
+                if size > most:
+                    raise ValueError(f"up to {entry.filename} the arrays are {size} bytes; {most} would be a mesh's")
             return {key: archive[key] for key in archive.files}
     except _DAMAGED as error:
         raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {_first_line(error)}") from None

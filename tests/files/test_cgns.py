@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -392,6 +393,94 @@ def test_arrays_of_nothing_but_zeros_are_bounded_too(tmp_path: Path, monkeypatch
     assert len(read_mesh(path).points) == 1_000_000
     monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
     with pytest.raises(InvalidInput, match=r"CoordinateX: 1000000 values, of which only \d+ bytes lie in the file"):
+        read_mesh(path)
+
+
+def large_plane(folder: Path) -> Path:
+    """Tetrahedra in a cloud of a hundred thousand nodes; the arrays are 0.8 MB each."""
+    return make(folder / "m.cgns", np.random.default_rng(0).random((100_000, 3)), tetra)
+
+
+def repacked(path: Path, axis: str, values: NDArray[np.generic], **how: Any) -> Any:
+    """Store other coordinates in some way; the file and the dataset."""
+    file = h5py.File(path, "r+")
+    group = file[f"Base/Zone/GridCoordinates/Coordinate{axis}"]
+    del group[" data"]
+    return file, group.create_dataset(" data", data=values, **how)
+
+
+def test_a_chunk_that_unpacks_to_more_than_a_chunk_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """HDF5 unpacks it whole before it compares lengths: two megabytes took two gigabytes."""
+    path = large_plane(tmp_path)
+    bomb = zlib.compress(bytes(48 << 20))
+    file, data = repacked(path, "X", np.zeros(100_000), compression="gzip", chunks=(100_000,))
+    with file:
+        data.id.write_direct_chunk((0,), bomb)
+    assert len(read_mesh(path).points) == 100_000  # so small a one cannot fill the memory
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
+    message = rf"CoordinateX: a chunk of {len(bomb)} bytes unpacks to more than the 800000 of a chunk"
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_mesh(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_packed_well_is_still_read_when_it_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = large_plane(tmp_path)
+    expected = read_mesh(path).points
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
+    for how in (
+        {"compression": "gzip"},
+        {"compression": "gzip", "shuffle": True, "fletcher32": True, "chunks": (30_000,)},
+        {"compression": "lzf"},
+    ):
+        file, _ = repacked(path, "X", expected[:, 0], **how)
+        file.close()
+        np.testing.assert_array_equal(read_mesh(path).points, expected)
+
+
+def test_what_is_packed_twice_is_refused(tmp_path: Path) -> None:
+    path = large_plane(tmp_path)
+    file, data = repacked(path, "X", np.zeros(3))
+    plan = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plan.set_chunk((100_000,))
+    plan.set_deflate(9)
+    plan.set_filter(h5py.h5z.FILTER_LZF)
+    with file:
+        group = data.parent
+        del group[" data"]
+        space = h5py.h5s.create_simple((100_000,))
+        h5py.h5d.create(group.id, b" data", h5py.h5t.IEEE_F64LE, space, plan)
+        group[" data"][:] = np.random.default_rng(1).random(100_000)
+    with pytest.raises(InvalidInput, match="CoordinateX: its data are packed more than once"):
+        read_mesh(path)
+
+
+def test_a_tiny_array_in_a_huge_chunk_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """HDF5 makes the whole chunk for the three values in it."""
+    path = large_plane(tmp_path)
+    file, _ = repacked(path, "X", np.zeros(3), compression="gzip", chunks=(1 << 20,), maxshape=(None,))
+    file.close()
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
+    with pytest.raises(InvalidInput, match=r"CoordinateX: 3 values, of which only \d+ bytes lie in the file"):
+        read_mesh(path)
+
+
+def test_one_array_under_many_names_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hundred sections that are one and the same: the file grows by a few bytes for each."""
+    path = large_plane(tmp_path)
+    with h5py.File(path, "r+") as file:
+        zone = file["Base/Zone"]
+        (section,) = [group for group in zone.values() if group.attrs.get("label") == b"Elements_t"]
+        nodes = np.tile(np.array([1, 2, 3, 4], dtype=np.int64), 100_000)
+        data = section["ElementConnectivity"]
+        del data[" data"]
+        data.create_dataset(" data", data=nodes, compression="gzip")
+        del section["ElementRange/ data"]
+        section["ElementRange"].create_dataset(" data", data=np.array([1, 100_000]))
+        for number in range(100):
+            zone[f"Again{number}"] = section
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 25)
+    with pytest.raises(InvalidInput, match=r"with it the arrays are \d+ bytes, of which only \d+ lie in the file"):
         read_mesh(path)
 
 

@@ -121,7 +121,17 @@ def test_zeros_that_unpack_to_more_than_a_mesh_may_be_are_refused(
     np.savez_compressed(tmp_path / "m.npz", points=points, cells_triangle=TRIANGLE)
     assert len(read_mesh(tmp_path / "m.npz").points) == len(points)
     monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
-    with pytest.raises(InvalidInput, match=r"points\.npy is \d+ bytes, packed into \d+"):
+    with pytest.raises(InvalidInput, match=r"up to points\.npy the arrays are \d+ bytes; 1048576 would be a mesh's"):
+        read_mesh(tmp_path / "m.npz")
+
+
+def test_all_arrays_together_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None of them is more than a mesh's may be."""
+    zeros = {f"patch_{number}": np.zeros(40_000, dtype=np.int64) for number in range(8)}
+    np.savez_compressed(tmp_path / "m.npz", points=POINTS, cells_triangle=TRIANGLE, **zeros)
+    assert len(read_mesh(tmp_path / "m.npz").patches) == 8
+    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
+    with pytest.raises(InvalidInput, match=r"up to patch_3\.npy the arrays are \d+ bytes"):
         read_mesh(tmp_path / "m.npz")
 
 
