@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.hdf5 import load_h5py
 from mesh_motion_server.files.hdf5_packed import Unpacked
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+from mesh_motion_server.files.packages import load_h5py, reason_of
 
 __all__ = ["Node", "open_cgns"]
 
@@ -48,8 +48,7 @@ def open_cgns(path: Path) -> Iterator[Node]:
         with h5py.File(path, "r", locking=False) as root:
             yield Node(path, "/", root)
     except (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InvalidInput(f"{path}: malformed or damaged CGNS file: {reason}") from None
+        raise InvalidInput(f"{path}: malformed or damaged CGNS file: {reason_of(error)}") from None
 
 
 @dataclass(frozen=True, eq=False)

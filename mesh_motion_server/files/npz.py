@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.memory import most_memory
 from mesh_motion_server.files.mesh_file import MeshFile
+from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.replace import replacing
 
 __all__ = ["read_archive", "read_npz", "read_points", "write_npz"]
@@ -71,7 +72,7 @@ def read_points(path: Path) -> NDArray[np.generic]:
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, EOFError, MemoryError, OverflowError) as error:
-        raise InvalidInput(f"{path}: not readable as a .npy file of plain numbers: {_first_line(error)}") from None
+        raise InvalidInput(f"{path}: not readable as a .npy file of plain numbers: {reason_of(error)}") from None
 
 
 def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
@@ -94,11 +95,7 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
                     raise ValueError(f"up to {entry.filename} the arrays are {size} bytes; {most} would be a mesh's")
             return {key: archive[key] for key in archive.files}
     except _DAMAGED as error:
-        raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {_first_line(error)}") from None
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+        raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {reason_of(error)}") from None
 
 
 def _as(array: NDArray[np.generic], kinds: str, dtype: type[_T], what: str) -> NDArray[_T]:

@@ -1,4 +1,4 @@
-"""VTK's legacy and XML meshes, read with meshio (extra ``mesh``): the only module that knows meshio.
+"""VTK's legacy and XML meshes, read with meshio (extra ``mesh``).
 
 These formats have no patches. They are taken from arrays with agreed names:
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import IntArray, MeshFile, assemble
+from mesh_motion_server.files.packages import load_meshio, reason_of
 from mesh_motion_server.files.vtu_inline import inlined
 from mesh_motion_server.numerics.cells import CELL_TYPES
 
@@ -55,19 +56,6 @@ def read_vtk(path: Path) -> MeshFile:
     return assemble(path, mesh.points, {name: np.concatenate(parts) for name, parts in cells.items()}, _patches(mesh))
 
 
-def load_meshio(path: Path) -> Any:
-    """The module meshio; InvalidInput if it is not installed."""
-    try:
-        import meshio  # noqa: PLC0415  (an extra, needed for these formats only)
-    except ImportError:
-        raise InvalidInput(
-            f"{path}: {path.suffix} needs meshio, which is not installed",
-            code="UNIMPLEMENTED",
-            hint="pip install 'mesh-motion-server[mesh]', or use .npz",
-        ) from None
-    return meshio
-
-
 def read_with_meshio(path: Path) -> Any:
     """The file as meshio's mesh."""
     meshio = load_meshio(path)
@@ -78,8 +66,7 @@ def read_with_meshio(path: Path) -> Any:
     except OSError:
         raise
     except (Exception, SystemExit) as error:  # meshio raises every kind of error on damaged files, and may exit
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InvalidInput(f"{path}: not readable as {path.suffix}: {reason or type(error).__name__}") from None
+        raise InvalidInput(f"{path}: not readable as {path.suffix}: {reason_of(error)}") from None
 
 
 def _read(meshio: Any, path: Path) -> Any:

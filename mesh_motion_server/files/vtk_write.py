@@ -8,8 +8,9 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import FloatArray, MeshFile
+from mesh_motion_server.files.packages import load_meshio
 from mesh_motion_server.files.replace import replaced_by_name
-from mesh_motion_server.files.vtk import PATCH_PREFIX, load_meshio, read_with_meshio
+from mesh_motion_server.files.vtk import PATCH_PREFIX, read_with_meshio
 
 __all__ = ["check_vtk", "move_vtk", "write_vtk"]
 

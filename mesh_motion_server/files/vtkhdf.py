@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.files.hdf5 import load_h5py
+from mesh_motion_server.files.packages import load_h5py
 from mesh_motion_server.files.vtk_arrays import three_components, topology
 from mesh_motion_server.numerics.cells import CellTable
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.files.cgns_write import check_cgns, check_move_cgns, move_cgns, write_cgns
 from mesh_motion_server.files.gmsh_write import check_gmsh, move_gmsh, write_gmsh
-from mesh_motion_server.files.hdf5 import load_h5py
 from mesh_motion_server.files.mesh_file import FloatArray, MeshFile
 from mesh_motion_server.files.npz import write_npz
+from mesh_motion_server.files.packages import load_h5py, load_meshio
 from mesh_motion_server.files.polymesh_place import is_a_time
 from mesh_motion_server.files.polymesh_write import (
     check_move_polymesh,
@@ -23,7 +23,6 @@ from mesh_motion_server.files.polymesh_write import (
     write_polymesh,
 )
 from mesh_motion_server.files.su2_write import check_su2, move_su2, write_su2
-from mesh_motion_server.files.vtk import load_meshio
 from mesh_motion_server.files.vtk_write import check_vtk, move_vtk, write_vtk
 
 __all__ = ["check_target", "write_mesh", "write_moved"]
