@@ -222,12 +222,18 @@ def conform(
     from mesh_motion_conformance.command import conform as put_cases
     from mesh_motion_conformance.presence import Unreachable
 
+    from mesh_motion_server.files.replace import require_file_place
+
     if (endpoint is None) == (client is None):
         raise typer.BadParameter("give either --endpoint or --client", param_hint="--endpoint")
     subject = Subject(endpoint or "", client or "", timeout, patience)
     if list_cases:
         _out.print(listed(subject, only or ()), markup=False)
         return
+    with expected_errors():
+        for report in (json_file, junit):
+            if report is not None:
+                require_file_place(report)
     try:
         outcomes = put_cases(subject, _plain, only=only or (), json=json_file, junit=junit, quiet=quiet)
     except Unreachable as error:
@@ -259,11 +265,13 @@ def demo(
     mesh-motion demo --out out/demo
     """
     from mesh_motion_server.cases.demo import play_demo, table_of
+    from mesh_motion_server.files.replace import require_folder_place
     from mesh_motion_server.pictures.page import pictures_are_possible
 
     if not pictures_are_possible():
         complain("warning: no pictures without matplotlib: pip install 'mesh-motion-server[plot]'")
     with expected_errors(), _err.status("starting a server") as status:
+        require_folder_place(out)
         outcomes = play_demo(out, status.update)
     _out.print(table_of(outcomes))
     for picture in sorted(out.glob("*.png")):

@@ -73,10 +73,12 @@ def plot(
 
 def _page(out: Path, size: str, *, dark: bool, dpi: int) -> Page:
     """What is drawn on."""
+    from mesh_motion_server.files.replace import require_folder_place
     from mesh_motion_server.pictures.page import Page, format_of, parse_size
     from mesh_motion_server.pictures.palette import DARK, LIGHT
 
     format_of(out)
+    require_folder_place(out.parent)
     width, height, points = parse_size(size)
     return Page(width, height, DARK if dark else LIGHT, points, dpi)
 

@@ -43,6 +43,7 @@ def prove(
     mesh-motion prove
     mesh-motion prove --only power-loss --seed 7 --minutes 10
     """
+    from mesh_motion_server.files.replace import require_folder_place
     from mesh_motion_server.prove.runner import Plan, chosen
     from mesh_motion_server.prove.runner import prove as run_checks
     from mesh_motion_server.prove.table import CHECKS
@@ -53,6 +54,7 @@ def prove(
         if list_checks:
             _tell("\n".join(f"{check.name:<15} {check.target_of(check.count(plan.scale))}" for check in checks))
             return
+        require_folder_place(out)
         with _told_to_end(), _progress() as progress:
             passed = run_checks(checks, plan, out, tell=_tell, progress=progress)
     except MeshMotionError as error:

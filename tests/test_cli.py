@@ -81,6 +81,27 @@ def test_conform_tells_at_once_that_nobody_is_there(run: Run) -> None:
     assert err == "mesh-motion: nobody listens at tcp://127.0.0.1:1\n"
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["conform", "--endpoint", "tcp://127.0.0.1:9", "--json", "missing/report.json"],
+        ["conform", "--endpoint", "tcp://127.0.0.1:9", "--junit", "missing/report.xml"],
+        ["demo", "--out", "taken/demo"],
+        ["prove", "--out", "taken"],
+        ["plot", "none", "--out", "taken/history.png"],
+    ],
+)
+def test_a_place_that_cannot_be_written_is_told_before_the_work(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").write_text("a file")
+    status, out, error = run(*arguments)
+    assert (status, out, error.count("\n")) == (2, "", 1)
+    assert "there is no folder" in error or "taken is no folder" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
 def test_version(run: Run) -> None:
     status, out, _ = run("version")
     assert status == 0

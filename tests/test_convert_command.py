@@ -42,6 +42,8 @@ def test_there_and_back_and_moved(tmp_path: Path) -> None:
         ((EXAMPLE, "mesh.stl"), "mesh.stl: unknown kind of mesh file"),
         (("none.msh", "mesh.su2"), "none.msh: no such mesh file"),
         ((EXAMPLE, "mesh.su2", "--points", "none.npy"), "none.npy: cannot be read"),
+        (("none.msh", "missing/mesh.su2"), "missing/mesh.su2: there is no folder"),
+        (("none.msh", EXAMPLE / "case"), f"{EXAMPLE} is no folder"),
         ((EXAMPLE, "mesh.su2", "--points", EXAMPLE), "not readable as a .npy file"),
     ],
 )

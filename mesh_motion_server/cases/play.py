@@ -122,13 +122,13 @@ def play(
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()
-    if final_mesh is not None:
-        check_target(final_mesh, mesh)
     program = MotionProgram.of(case, mesh)
     options = () if distributed is None else ("--distributed", distributed)
     opening = open_session(case, mesh, endpoint, server_options=options, keys=keys)
     times = 1 + math.ceil(program.count / every)
     with result_folder(folder) as work:
+        if final_mesh is not None:  # now, for it may lie in the folder that is made just here
+            check_target(final_mesh, mesh)
         with open_series(series_format, work, SERIES, times) as series, opening as driver:
             run = _Run(case, mesh, program, driver, series, every)
             for step in run.steps():

@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all."""
+"""Files that appear complete or not at all; and whether they can, asked before the work that they are to hold."""
 
 from __future__ import annotations
 
@@ -8,7 +8,44 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ["replaced_by_name", "replacing"]
+from mesh_motion_server.errors import InvalidInput, ResourceError
+
+__all__ = ["replaced_by_name", "replacing", "require_file_place", "require_folder_place"]
+
+
+def require_file_place(path: Path) -> None:
+    """Say before any work that a file could not be written there.
+
+    Raises
+    ------
+    InvalidInput
+        If its folder is missing, or it is a folder itself.
+    ResourceError
+        If nothing may be written there.
+    """
+    folder = path.resolve().parent  # a link stays one, and what it leads to is replaced
+    if path.is_dir():
+        raise InvalidInput(f"{path}: a folder, where a file is to be written", hint="name a file in it")
+    if not folder.is_dir():
+        raise InvalidInput(f"{path}: there is no folder {folder}", hint=f"mkdir -p '{folder}', or name another one")
+    _require_writable(path, folder)
+
+
+def require_folder_place(path: Path) -> None:
+    """The same of a folder that is made if it is missing, with those above it."""
+    place = path.resolve()
+    while not os.path.lexists(place):
+        place = place.parent
+    if not place.is_dir():
+        raise InvalidInput(f"{path}: {place} is no folder", hint="name another one")
+    _require_writable(path, place)
+
+
+def _require_writable(path: Path, folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ResourceError(
+            f"{path}: {folder} cannot be written by this user", hint="name another folder, or see ls -ld and mount"
+        )
 
 
 @contextmanager

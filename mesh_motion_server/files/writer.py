@@ -15,13 +15,14 @@ from mesh_motion_server.files.gmsh_write import check_gmsh, move_gmsh, write_gms
 from mesh_motion_server.files.mesh_file import FloatArray, MeshFile
 from mesh_motion_server.files.npz import write_npz
 from mesh_motion_server.files.packages import load_h5py, load_meshio
-from mesh_motion_server.files.polymesh_place import is_a_time
+from mesh_motion_server.files.polymesh_place import is_a_time, target_folder
 from mesh_motion_server.files.polymesh_write import (
     check_move_polymesh,
     check_polymesh,
     move_polymesh,
     write_polymesh,
 )
+from mesh_motion_server.files.replace import require_file_place, require_folder_place
 from mesh_motion_server.files.su2_write import check_su2, move_su2, write_su2
 from mesh_motion_server.files.vtk_write import check_vtk, move_vtk, write_vtk
 
@@ -82,7 +83,10 @@ def check_target(path: Path, mesh: MeshFile | None = None) -> None:
     Raises
     ------
     InvalidInput
-        For unknown formats, packages that are not installed, a place that is taken, and what the format cannot hold.
+        For unknown formats, packages that are not installed, a place that is taken or missing, and what the format
+        cannot hold.
+    ResourceError
+        If nothing may be written there.
     """
     kind = _kind(path)
     if kind not in _FORMATS:
@@ -90,6 +94,10 @@ def check_target(path: Path, mesh: MeshFile | None = None) -> None:
         raise InvalidInput(f"{path}: unknown kind of mesh file; {known} and OpenFOAM's folders can be written")
     for load in _FORMATS[kind].needs:
         load(path)
+    if kind == _FOLDER:
+        require_folder_place(target_folder(path))
+    else:
+        require_file_place(path)
     if mesh is not None:
         (_FORMATS[kind].check_move if kind == _kind(mesh.path) else _FORMATS[kind].check)(path, mesh)
 

@@ -110,8 +110,12 @@ def test_the_final_mesh_is_written_too_and_refused_before_any_step(make_case, st
     write_mesh(tmp_path / "taken", read_case(case).read_mesh())
     with pytest.raises(InvalidInput, match="there is a mesh already"):
         play(case, tmp_path / "out", final_mesh=tmp_path / "taken")
+    for name in ("missing/final.su2", "missing/dir/final.npz"):
+        with pytest.raises(InvalidInput, match=r"there is no folder .*missing.* \(mkdir -p '.*missing"):
+            play(case, tmp_path / "out", final_mesh=tmp_path / name)
     assert not sessions
-    for name in ("final.npz", "final.su2", "case"):
+    assert not (tmp_path / "out").exists()
+    for name in ("final.npz", "final.su2", "case", "out/final.su2"):
         played = play(case, tmp_path / "out", final_mesh=tmp_path / name)
         mesh = read_mesh(tmp_path / name)
         np.testing.assert_array_equal(mesh.points, played.points)

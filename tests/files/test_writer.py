@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections import Counter
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.files import MeshFile, check_target, read_mesh, write_mesh, write_moved
 from mesh_motion_server.files.cell_facets import FACET_TYPES, CellFacets
+from mesh_motion_server.files.replace import require_file_place, require_folder_place
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 
 SUFFIXES = [".npz", ".msh", ".su2", ".vtu", ".vtk", ".cgns", ""]
@@ -482,3 +484,28 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path: Path) -> None:
         write_moved(tmp_path / "m.npz", mesh, points * np.nan)
     with pytest.raises(ResourceError, match="cannot be written"):
         write_mesh(tmp_path / "none" / "m.su2", mesh)
+
+
+@pytest.mark.parametrize("name", ["m.su2", "case", "new/case"])
+def test_a_folder_that_may_not_be_written_is_told_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """The system is asked about the folder that is there already, whoever runs the test."""
+    asked = []
+
+    def refuse(path: Path, mode: int) -> bool:
+        asked.append((path, mode))
+        return False
+
+    monkeypatch.setattr(os, "access", refuse)
+    with pytest.raises(ResourceError, match=f"{name}.*: .* cannot be written by this user") as caught:
+        check_target(tmp_path / name)
+    assert asked == [(tmp_path, os.W_OK | os.X_OK)]
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_in_the_place_of_a_file_is_told_before(tmp_path: Path) -> None:
+    (tmp_path / "report.json").mkdir()
+    with pytest.raises(InvalidInput, match=r"report\.json: a folder, where a file is to be written"):
+        require_file_place(tmp_path / "report.json")
+    require_folder_place(tmp_path / "report.json")
