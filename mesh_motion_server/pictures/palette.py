@@ -1,4 +1,4 @@
-"""The colours of all pictures.
+"""The colours of all pictures; quality has the same ones in the monitor page (its ``colours.js``).
 
 Quality is coloured by viridis (van der Walt and Smith, SciPy 2015), which is perceptually uniform: its lightness grows
 evenly, so that a print without colour and people of every colour vision still order the cells. An inverted cell has a

@@ -8,10 +8,13 @@ import time
 from collections.abc import Iterator
 
 import chromium
+import numpy as np
 import pytest
 from chromium import Browser
+from matplotlib import colormaps
 from shown_page import PAINTED, serving, show, stored
 
+from mesh_motion_server.pictures.palette import INVERTED_COLOUR, QUALITY_MAP
 from mesh_motion_server.prove.server_process import ServerProcess
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
@@ -61,6 +64,21 @@ def test_the_mesh_is_drawn_and_a_cell_tells_who_it_is(tab: Browser, server: Serv
     assert "of partition 0" in tab.text("#mesh-said")
     tab.run("document.querySelector('#worst button').click()")
     assert "at" in tab.text("#mesh-said")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_quality_has_the_colour_that_it_has_in_pictures(tab: Browser, server: ServerProcess, scheme: str) -> None:
+    show(tab, server, SHORT, mesh=False, scheme=scheme)
+    asked = (
+        "import('/static/colours.js').then((m) => arguments[0]([...Array(256).keys()].map((k) => m.colourOf(k / 255))))"
+    )
+    drawn = colormaps[QUALITY_MAP](np.arange(256), bytes=True)[:, :3]
+    # the page holds 33 colours of the map and draws straight lines between them
+    np.testing.assert_allclose(tab.driver.execute_async_script(asked), drawn, atol=2.0)
+    scale = "return [...document.getElementById('scale').getContext('2d').getImageData(0, 0, 256, 1).data]"
+    np.testing.assert_allclose(np.reshape(tab.run(scale), (256, 4))[:, :3], drawn, atol=2.5)
+    inverted = "return getComputedStyle(document.documentElement).getPropertyValue('--mesh-inverted').trim()"
+    assert tab.run(inverted) == INVERTED_COLOUR
 
 
 def test_ten_thousand_steps_are_thinned_and_closer_where_one_looks(tab: Browser, server: ServerProcess) -> None:

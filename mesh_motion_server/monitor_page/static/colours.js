@@ -1,19 +1,18 @@
-// The map "deep" of cmocean (Thyng, Greene, Hetland, Zimmerle, DiMarco, Oceanography 29, 2016; vendor/cmocean/LICENSE): even in
-// lightness and told apart by colour-blind eyes. The ideal cell has the colour next to the ground, pale by day and dark by
-// night, so that a good mesh is calm and what is bad stands out.
+// The map "viridis" (van der Walt and Smith, SciPy 2015), as in the pictures of `mesh-motion plot`: even in lightness, in order also
+// without colour and for colour-blind eyes. A quality has one colour, by day and by night, here and there.
 
-const DEEP = "281a2c 322541 3b315a 413d75 404c8b 3e5e93 3f6e97 437e9a 488e9e 4e9ea1 55aea3 62bfa4 78cea3 98daa4 bbe6ac ddf2ba fdfecc"
+const VIRIDIS = (
+  "440154 460c5f 47186a 482273 472c7b 453681 424085 3e4989 3a528b 365a8c 32628d 2f6a8d 2c728e 287a8e 26818e 23898d 20908c " +
+  "1e978a 1e9e88 21a685 27ad80 30b47a 3dbb74 4bc26c 5bc862 6dce58 81d34c 95d73f aadb32 bfdf24 d4e11a e9e419 fde724"
+)
   .split(" ")
   .map((hex) => [0, 2, 4].map((at) => parseInt(hex.slice(at, at + 2), 16)));
 
-export const byNight = matchMedia("(prefers-color-scheme: dark)");
-
 /** Red, green, blue in 0 … 255 of a quality in 0 … 1. */
 export function colourOf(value) {
-  const bounded = Math.min(1, Math.max(0, value));
-  const place = (byNight.matches ? 1 - bounded : bounded) * (DEEP.length - 1);
-  const low = Math.min(DEEP.length - 2, Math.floor(place));
-  return DEEP[low].map((x, k) => x + (place - low) * (DEEP[low + 1][k] - x));
+  const place = Math.min(1, Math.max(0, value)) * (VIRIDIS.length - 1);
+  const low = Math.min(VIRIDIS.length - 2, Math.floor(place));
+  return VIRIDIS[low].map((x, k) => x + (place - low) * (VIRIDIS[low + 1][k] - x));
 }
 
 /** The map as bytes of 256 pixels with alpha. */

@@ -2,7 +2,7 @@
 
 import { ask } from "./live.js";
 import { Camera } from "./camera.js";
-import { byNight, paintScale } from "./colours.js";
+import { paintScale } from "./colours.js";
 import { byId, coordinates, plural, quality, whole } from "./format.js";
 
 const SECONDS = 3;
@@ -56,8 +56,7 @@ export class MeshPanel {
       if (this.seen) this.refresh();
     }).observe(this.canvas);
     this.canvas.addEventListener("webglcontextrestored", () => this.draw());
-    byNight.addEventListener("change", () => {
-      paintScale(byId("scale"));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.scene?.recolour();
       this.draw();
     });

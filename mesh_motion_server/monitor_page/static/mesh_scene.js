@@ -60,10 +60,10 @@ export class Scene {
     this.renderer.outputColorSpace = three.LinearSRGBColorSpace; // colours are given as they shall be seen
     this.camera = new three.OrthographicCamera(-1, 1, 1, -1, 0.01, 40);
     this.scene = new three.Scene();
-    this.map = new three.DataTexture(new Uint8Array(table()), 256, 1);
-    this.map.minFilter = this.map.magFilter = three.LinearFilter;
-    this.map.needsUpdate = true;
-    const uniforms = { colours: { value: this.map }, inverted: { value: colour("--mesh-inverted") }, lit: { value: 0 } };
+    const map = new three.DataTexture(new Uint8Array(table()), 256, 1);
+    map.minFilter = map.magFilter = three.LinearFilter;
+    map.needsUpdate = true;
+    const uniforms = { colours: { value: map }, inverted: { value: colour("--mesh-inverted") }, lit: { value: 0 } };
     const material = (side) => new three.ShaderMaterial({ ...CELLS, uniforms, side, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
     this.uniforms = uniforms;
     this.walls = new three.Mesh(new three.BufferGeometry(), material(three.DoubleSide));
@@ -96,8 +96,6 @@ export class Scene {
   }
 
   recolour() {
-    this.map.image.data.set(table());
-    this.map.needsUpdate = true;
     this.uniforms.inverted.value = colour("--mesh-inverted");
     for (const child of [this.edges, this.outline, this.below, this.chosen]) child.material.color = colour(child.userData.name);
     for (const child of [this.worst, this.enrichment]) {
