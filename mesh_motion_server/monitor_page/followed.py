@@ -97,7 +97,8 @@ class Followed:
         same = ("event", "code", "message", "request")
         newest = self._notable[-1] if self._notable else {}
         if newest and all(newest.get(name) == told.get(name) for name in same):
-            self._notable[-1] = told | {"times": newest.get("times", 1) + 1}
+            since = newest.get("since", newest["at"])
+            self._notable[-1] = told | {"times": newest.get("times", 1) + 1, "since": since}
         else:
             self._notable.append(told)
 

@@ -52,6 +52,18 @@ export function drawing(name, attributes, ...children) {
   return made;
 }
 
+/** Make these the children, in this order, and touch none that is in its place: a press, a selection, a focus in it stays. */
+export function arrange(parent, children) {
+  const wanted = new Set(children);
+  for (const child of [...parent.children]) if (!wanted.has(child)) child.remove();
+  children.forEach((child, k) => parent.children[k] !== child && parent.insertBefore(child, parent.children[k] ?? null));
+}
+
+/** Write where it reads otherwise: what is written anew is read out anew. */
+export function write(place, text) {
+  if (place.textContent !== text) place.textContent = text;
+}
+
 export const byId = (id) => document.getElementById(id);
 
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

@@ -1,6 +1,6 @@
 // The list of sessions: a listbox that arrow keys walk through.
 
-import { byId, drawing, element, quality, short } from "./format.js";
+import { arrange, byId, drawing, element, quality, short, write } from "./format.js";
 
 const TONES = { READY: "good", TRIAL: "good", COMMITTING: "good", SUSPENDED: "warn", FROZEN: "bad", FAILED: "bad" };
 const SPARK = { width: 64, height: 18 };
@@ -49,30 +49,53 @@ export class List {
   }
 
   show(sessions, chosen) {
-    this.sessions = sessions;
+    this.sessions = this.inOrder(sessions);
     this.chosen = chosen;
     byId("sessions-count").textContent = sessions.length || "";
     byId("no-sessions").hidden = sessions.length > 0;
     this.box.hidden = sessions.length === 0;
-    this.box.replaceChildren(...sessions.map((session) => this.row(session)));
+    arrange(this.box, this.sessions.map((session) => this.row(session)));
     this.box.setAttribute("aria-activedescendant", chosen ? `s-${chosen}` : "");
     for (const known of this.drawn.keys()) if (!sessions.some((session) => session.session === known)) this.drawn.delete(known);
   }
 
+  /** Those that somebody works with first, and else each where it was: rows that change places are missed by the mouse. */
+  inOrder(sessions) {
+    const places = new Map(this.sessions.map((session, k) => [session.session, k]));
+    const place = (session) => places.get(session.session) ?? -1; // new ones come first
+    const rests = (session) => (session.worker === "none" ? 1 : 0);
+    return sessions.toSorted((a, b) => rests(a) - rests(b) || place(a) - place(b));
+  }
+
+  /** A session's row, which stays the same as long as it is listed. */
   row(session) {
-    const key = JSON.stringify([session, session.session === this.chosen]);
-    const known = this.drawn.get(session.session);
-    if (known?.key === key) return known.row;
+    const drawn = this.drawn.get(session.session) ?? this.made(session.session);
+    const { row } = drawn;
     const selected = session.session === this.chosen;
-    const state = element("span", { class: "badge", "data-tone": tone(session), text: standing(session) });
-    const at = session.built ? `step ${session.step}${session.iteration > 1 ? ` · trial ${session.iteration}` : ""} · min ${quality(session.minimum)}` : "no mesh yet";
+    const key = JSON.stringify([session, selected]);
+    if (drawn.key === key) return row;
+    drawn.key = key;
+    row.setAttribute("aria-selected", selected);
+    row.className = selected ? "active" : "";
+    const [name, state, at, line] = row.querySelectorAll("span");
+    write(name, session.label || short(session.session));
+    name.title = session.label;
+    write(state, standing(session));
+    state.dataset.tone = tone(session);
+    write(at, session.built ? `step ${session.step}${session.iteration > 1 ? ` · trial ${session.iteration}` : ""} · min ${quality(session.minimum)}` : "no mesh yet");
+    line.replaceChildren(spark(session.spark, session.threshold));
+    return row;
+  }
+
+  made(session) {
     const row = element(
       "li",
-      { id: `s-${session.session}`, role: "option", "aria-selected": selected, "data-session": session.session, class: selected ? "active" : "" },
-      element("div", { class: "row" }, element("span", { class: "name", text: session.label || short(session.session), title: session.label }), state),
-      element("div", { class: "row second" }, element("span", { text: at }), spark(session.spark, session.threshold)),
+      { id: `s-${session}`, role: "option", "data-session": session },
+      element("div", { class: "row" }, element("span", { class: "name" }), element("span", { class: "badge" })),
+      element("div", { class: "row second" }, element("span"), element("span", { class: "line" })),
     );
-    this.drawn.set(session.session, { key, row });
-    return row;
+    const drawn = { row, key: "" };
+    this.drawn.set(session, drawn);
+    return drawn;
   }
 }

@@ -3,7 +3,7 @@
 import { ask } from "./live.js";
 import { Camera } from "./camera.js";
 import { paintScale } from "./colours.js";
-import { byId, coordinates, plural, quality, whole } from "./format.js";
+import { byId, coordinates, plural, quality, whole, write } from "./format.js";
 
 const SECONDS = 3;
 /** What failed is asked again after so long. */
@@ -95,6 +95,11 @@ export class MeshPanel {
     this.refresh();
   }
 
+  /** There is nothing more to come of it. */
+  leave() {
+    this.stale = false;
+  }
+
   clear() {
     byId("mesh-step").textContent = "";
     this.note(this.cannot ?? "Reading the mesh …");
@@ -118,7 +123,7 @@ export class MeshPanel {
     } catch (error) {
       this.note(error.message);
       pause = RETRY_SECONDS;
-      this.stale = error.status !== 400; // what is refused for what it is, is refused again
+      this.stale = ![400, 404].includes(error.status); // what is refused for what it is, is refused again
     }
     this.waiting = setTimeout(() => {
       this.goOn();
@@ -245,7 +250,7 @@ export class MeshPanel {
   }
 
   said(text) {
-    byId("mesh-said").textContent = text;
+    write(byId("mesh-said"), text);
   }
 
   note(text) {

@@ -1,11 +1,13 @@
 // What is shown when: the list as it comes, and of the chosen session what has changed since the last look.
 
+import { Absent, linked } from "./absent.js";
 import { Live, ask } from "./live.js";
 import { List, standing, tone } from "./list.js";
 import { History } from "./history.js";
 import { MeshPanel } from "./mesh_panel.js";
-import { showEvents, showWorst } from "./tables.js";
-import { ago, byId, clock, element, plural, quality, seconds, short, whole } from "./format.js";
+import { Events } from "./events.js";
+import { showWorst } from "./tables.js";
+import { ago, byId, clock, element, plural, quality, seconds, short, whole, write } from "./format.js";
 
 const PAUSE_SECONDS = 2;
 /** How often a history that is being read is looked at. */
@@ -16,12 +18,14 @@ const RETRY_SECONDS = 5;
 class Page {
   constructor() {
     this.sessions = [];
-    this.chosen = location.hash.slice(1);
+    this.chosen = linked();
+    this.absent = new Absent((session) => this.choose(session));
     this.list = new List((session) => this.choose(session));
     this.history = new History((error) => this.failed(error));
     this.mesh = new MeshPanel();
+    this.events = new Events();
     this.live = new Live((told) => this.hear(told), (...said) => this.standing(...said));
-    addEventListener("hashchange", () => location.hash.slice(1) !== this.chosen && this.choose(location.hash.slice(1)));
+    addEventListener("hashchange", () => linked() && linked() !== this.chosen && this.choose(linked()));
     document.addEventListener("visibilitychange", () => !document.hidden && this.update());
     setInterval(() => this.tick(), 1000);
   }
@@ -32,17 +36,18 @@ class Page {
     byId("build").textContent = `server ${build.version}, protocol ${build.protocol}`;
     const said = byId("connection");
     said.dataset.state = "live";
-    said.textContent = missing ? `live; ${missing}` : "live";
-    byId("nothing").hidden = sessions.length > 0;
-    byId("nothing").textContent = "Waiting for the first session …";
-    if (!sessions.some((session) => session.session === this.chosen)) this.chosen = sessions[0]?.session ?? "";
+    write(said, missing ? `live; ${missing}` : "live");
+    // another one in the place of the chosen one would be taken for it
+    this.chosen ||= sessions[0]?.session ?? "";
+    this.known = this.session ?? this.known;
+    byId("nothing").hidden = this.chosen !== "";
     this.list.show(sessions, this.chosen);
     this.update();
   }
 
   choose(session) {
-    if (!this.sessions.some((one) => one.session === session)) return;
     this.chosen = session;
+    this.known = this.session ?? null;
     history.replaceState(null, "", `#${session}`);
     this.list.show(this.sessions, session);
     this.update();
@@ -52,7 +57,7 @@ class Page {
     const said = byId("connection");
     const bar = byId("gone");
     said.dataset.state = gone ? "gone" : "live";
-    said.textContent = gone ? "gone" : "live";
+    write(said, gone ? "gone" : "live");
     bar.hidden = !gone;
     const what = why ? `The server refuses this page: ${why}` : `The server is gone since ${clock(since / 1000)}`;
     bar.textContent = gone ? `${what}. What is shown is as it was then; the page goes on when it is back.` : "";
@@ -100,8 +105,9 @@ class Page {
 
   async look(anew) {
     const { session } = this;
-    byId("chosen").hidden = !session;
-    if (!session) return;
+    byId("chosen").hidden = !this.known;
+    if (!session) return this.without(this.chosen);
+    this.absent.leave();
     this.head(session);
     const key = `${session.session} ${session.version}`;
     if (key === this.key && !anew) return;
@@ -117,7 +123,7 @@ class Page {
       this.mesh.goTo(cell);
       byId("mesh").scrollIntoView({ block: "nearest" });
     });
-    showEvents(detail.notable, detail.told);
+    this.events.show(session.session, detail.notable, detail.told);
     this.mesh.follow(session, detail);
     const { read } = detail;
     byId("reading").hidden = read === 1;
@@ -127,6 +133,20 @@ class Page {
     if (read < 1) this.again(1000 * READING_SECONDS);
     byId("trouble").textContent = "";
     byId("trouble").hidden = true;
+  }
+
+  /** Of a session that is not in the list (any more) what is known stays. */
+  async without(chosen) {
+    if (!chosen) return;
+    const isNew = await this.absent.look(chosen, this.known, this.sessions);
+    if (chosen !== this.chosen) return;
+    byId("trouble").hidden = true;
+    this.key = ""; // it may come back
+    this.mesh.leave();
+    if (!isNew || !this.known) return;
+    byId("state").textContent = this.absent.discarded ? "discarded" : "not listed";
+    byId("state").dataset.tone = "warn";
+    document.title = `${byId("label").textContent} · ${byId("state").textContent} · mesh-motion`;
   }
 
   /** A session that steps many times a second is looked at every other second. */
@@ -142,7 +162,7 @@ class Page {
 
   head(session) {
     const name = session.label || `session ${short(session.session)}`;
-    if (byId("label").textContent !== name) byId("label").textContent = name;
+    write(byId("label"), name);
     document.title = `${name} · step ${session.step} · mesh-motion`;
     const state = byId("state");
     state.textContent = standing(session);
@@ -184,7 +204,7 @@ class Page {
   }
 
   tick() {
-    if (this.session) this.about(this.session);
+    if (this.known) this.about(this.known);
   }
 }
 
