@@ -42,7 +42,7 @@ class StepFold:
     def take(self, event: Mapping[str, Any]) -> Place:
         """Where the next event stands."""
         name, before = event["event"], self._working
-        if name == "built" and not event.get("recovered"):
+        if name == "built" and not (event.get("recovered") or event.get("kept")):
             self._working = 1
         elif name in ("moved", "rolled_back", "committed") or (name == "refused" and not before):
             self._working = int(event["step"])

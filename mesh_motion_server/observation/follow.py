@@ -8,13 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.session.history.events import EVENTS, FOLDER, parse_line
+from mesh_motion_server.session.history.events import EVENTS, FOLDER, lines_backwards, parse_line
 from mesh_motion_server.session.history.segments import list_segments
 
 __all__ = ["EventTail", "events_in_brief", "last_event"]
-
-#: Of a segment's end so much is read at first for the last event; a line takes some kilobytes.
-_TAIL = 64 << 10
 
 #: A line begins with when and what.
 _HEAD = 80
@@ -153,15 +150,8 @@ def last_event(session_folder: Path, kinds: Container[str] | None = None) -> dic
     """The latest event that is whole, of certain kinds if they are given; None without any."""
     for path in reversed(list_segments(session_folder / FOLDER, EVENTS)):
         with suppress(FileNotFoundError), path.open("rb") as file:
-            size, part = file.seek(0, 2), _TAIL
-            while True:
-                file.seek(max(0, size - part))
-                lines = file.read(part).split(b"\n")[1 if part < size else 0 : -1]
-                events = (event for line in reversed(lines) if (event := parse_line(line)) is not None)
-                for event in events:
-                    if kinds is None or event["event"] in kinds:
-                        return event
-                if part >= size:
-                    break
-                part *= 8
+            for line in lines_backwards(file):
+                event = parse_line(line)
+                if event is not None and (kinds is None or event["event"] in kinds):
+                    return event
     return None

@@ -9,6 +9,7 @@ import math
 import os
 import shutil
 import stat
+import time
 import tracemalloc
 from pathlib import Path
 from random import Random
@@ -17,15 +18,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mesh_motion_protocol.messages import Build, Close, Commit, Move, Rollback
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.monitor_page.followed import Followed
+from mesh_motion_server.observation.fold import StepFold
+from mesh_motion_server.observation.steps import digest_of_history
 from mesh_motion_server.prove import kill_nine
 from mesh_motion_server.prove.check import Budget
 from mesh_motion_server.prove.kill_nine import kill_again_and_again
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.history.boundary import BoundaryLog, pack_input, pack_outcome
-from mesh_motion_server.session.history.events import last_committed, line_of, parse_line, read_events
+from mesh_motion_server.session.history.events import last_committed, line_of, lines_backwards, parse_line, read_events
 from mesh_motion_server.session.history.segments import list_segments
 from mesh_motion_server.session.ledger import BoundaryInput
 from mesh_motion_server.session.store import SessionStore
@@ -439,12 +445,109 @@ def test_the_oldest_segments_go_and_the_newest_events_stay(kit: Any, store: Sess
     history = folder_of(kit, store) / "history"
     segments = list_segments(history, "events")
     assert 2 <= len(segments) <= 8
-    assert segments[0].name != "events-00000000.jsonl"
+    assert segments[1].name != "events-00000001.jsonl"
     assert sum(path.stat().st_size for path in history.iterdir()) <= 64 << 10
     events = list(read_events(folder_of(kit, store)))
     steps = [e["step"] for e in events if e["event"] == "committed"]
     assert steps == list(range(steps[0], 41))
     assert last_committed(folder_of(kit, store)) == (True, 40)
+
+
+def test_what_was_built_stays_when_its_segment_goes(kit: Any, store: SessionStore) -> None:
+    """Also when the session is resumed in between; and it counts once."""
+    limits = ServerSettings(reserve_disk_bytes=0, history_bytes=64 << 10)
+    driver, folder = new(kit, store, limits=limits), folder_of(kit, store)
+    (built,) = read_events(folder)
+    for step in range(1, 21):
+        advance(driver, step)
+    lost(driver)
+    again = kit.resume_driver(driver, store, limits=limits)
+    for step in range(21, 61):
+        advance(again, step)
+    (head, *_) = list_segments(folder / "history", "events")
+    assert [json.loads(line) for line in head.read_bytes().splitlines()] == [built | {"kept": True}]
+    assert sorted(path.name for path in folder.glob("history/*.part")) == []
+    events = list(read_events(folder))
+    assert [event["event"] for event in events].count("built") == 1
+    steps = [event["step"] for event in events if event["event"] == "committed"]
+    assert 20 < steps[0] < 60
+    assert steps == list(range(steps[0], 61))
+    digest = digest_of_history(folder)
+    assert (digest.spans, digest.open_step, digest.warnings) == ([(steps[0], 60)], 0, len(built["warnings"]))
+    page = Followed()
+    page.take(events)
+    assert page.built == built | {"kept": True}
+    assert page.series(None, None, 1000)["columns"]["step"] == steps
+
+
+def test_a_refusal_behind_what_was_kept_belongs_to_its_own_step(tmp_path: Path) -> None:
+    fold = StepFold()
+    assert fold.take({"event": "built", "kept": True}).step == 0
+    assert fold.take({"event": "refused", "step": 5000}).step == 5000
+
+
+def test_what_was_built_goes_where_there_is_room_for_nothing_else(tmp_path: Path) -> None:
+    history = History(tmp_path, 8 << 10)  # 2 KiB of events
+    history.tell("built", patches="p" * 1500)
+    for step in range(9):
+        history.tell("committed", step=step, quality={}, digest="0" * 300)
+        history.tell("failed", step=step, message="m" * 900)
+    found = [event["event"] for event in read_events(tmp_path)]
+    assert "built" not in found
+    assert found[-2:] == ["committed", "failed"]
+
+
+def reference_last_committed(data: bytes) -> tuple[bool, int]:
+    """By searching the whole of a segment."""
+    end = len(data)
+    while (
+        place := max(data.rfind(known, 0, end) for known in (b',"event":"committed",', b',"event":"resumed",'))
+    ) >= 0:
+        event = parse_line(data[data.rfind(b"\n", 0, place) + 1 : data.find(b"\n", place) + 1])
+        if event is not None:
+            return True, int(event["step"])
+        end = place
+    return bool(data), 0
+
+
+LINES = st.one_of(
+    st.builds(
+        lambda event, step, length: line_of(1.5, event, {"step": step, "message": "m" * length}),
+        st.sampled_from(["committed", "resumed", "moved", "refused"]),
+        st.integers(0, 99),
+        st.integers(0, 200),
+    ),
+    st.sampled_from([b"\n", b"\n\n", b"{", b"x" * 70, b"\0" * 33, '{"at":1.0,"event":"ü"}\n'.encode()]),
+)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(lines=st.lists(st.tuples(LINES, st.integers(0, 40)), max_size=8), block=st.sampled_from([1, 2, 7, 64, 1 << 16]))
+def test_reading_backwards_finds_what_reading_all_finds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lines: list[tuple[bytes, int]], block: int
+) -> None:
+    """Of whole lines and torn ones; of each so many bytes of the end are missing."""
+    data = b"".join(line[: len(line) - (lost if lost > 20 else 0)] for line, lost in lines)
+    path = tmp_path / "history" / "events-00000000.jsonl"
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    monkeypatch.setattr("mesh_motion_server.session.history.events._BLOCK", block)
+    assert last_committed(tmp_path) == reference_last_committed(data)
+    with path.open("rb") as file:
+        assert list(lines_backwards(file)) == data.split(b"\n")[-2::-1]
+
+
+def test_the_last_step_of_a_long_history_takes_no_memory(tmp_path: Path) -> None:
+    history = History(tmp_path, 1 << 30)
+    for step in range(200):
+        history.tell("committed", step=step, quality={"standard": "x" * 40_000}, digest="00")
+    history.close()
+    tracemalloc.start()
+    try:
+        assert last_committed(tmp_path) == (True, 199)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
 
 
 def test_the_boundary_stops_where_its_part_is_used_and_says_so(kit: Any, store: SessionStore) -> None:
@@ -563,6 +666,47 @@ def test_a_short_write_is_gone_on_with(kit: Any, store: SessionStore, monkeypatc
     new(kit, store).advance(1)
     assert told(kit, store) == ["built", "moved", "committed"]
     assert BoundaryLog(folder_of(kit, store)).steps == 1
+
+
+def test_a_slow_disk_costs_one_slow_step_and_not_each(
+    kit: Any, store: SessionStore, monkeypatch: pytest.MonkeyPatch, caplog: Any
+) -> None:
+    """Each write that a step waits for takes twice what is waited for."""
+    driver, write, slow = new(kit, store), os.write, []
+    driver.advance(1)
+
+    def hang(handle: int, data: bytes) -> int:
+        slow.append(handle)
+        time.sleep(0.1)
+        return write(handle, data)
+
+    monkeypatch.setattr("mesh_motion_server.session.history.segments.PATIENCE", 0.05)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", hang)
+        for step in range(2, 6):
+            assert driver.advance(step)[-1].type == "COMMITTED"
+    assert len(slow) == 1
+    (warning,) = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+    assert "ends, the session goes on: the disk took 0.1 s for" in warning
+    assert told(kit, store) == ["built", "moved", "committed", "moved"]
+    driver.host.reclaim(kit.TOKEN)
+    driver.join()
+    driver.advance(6)  # it is tried again when the session is taken up
+    assert told(kit, store)[4:7] == ["committed"] * 3
+    assert told(kit, store)[-1] == "committed"
+
+
+def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
+    """The boundary of a million nodes is 24 MB: half a second of what the disk writes anyway."""
+    monkeypatch.setattr("mesh_motion_server.session.history.segments.PATIENCE", 0.0)
+    clock = iter(float(k) for k in range(100))
+    timer = SimpleNamespace(monotonic=lambda: next(clock) * 0.7)
+    monkeypatch.setattr("mesh_motion_server.session.history.segments.time", timer)
+    history = History(tmp_path, 1 << 30)
+    history.tell_input(1, lambda: BoundaryInput("committed", bytes(24 << 20), ""), 3)
+    assert not caplog.records
+    history.tell("committed", step=1, quality={}, digest="00")
+    assert "the disk took 0.7 s" in caplog.records[0].getMessage()
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("unforeseen"), ValueError()])

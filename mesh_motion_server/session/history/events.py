@@ -18,7 +18,9 @@ event            beside ``at`` and ``event``
 ``failed``       step, message
 ===============  ====================================================================================================
 
-``recovered`` is true in a line that was written when the session was resumed, from what the journal knows. ``untold``
+``recovered`` is true in a line that was written when the session was resumed, from what the journal knows. ``kept`` is
+true in the ``built`` that stays when its segment goes, alone in a segment of the same name: what came next to it is no
+more, and the next line may be of any step. ``untold``
 is how many refusals went before that were not written. ``boundary_ended`` (step, message) says that the
 boundary log has stopped. Readers pass over lines that are no JSON (a crash tears the last one) and events that they do
 not know. A number that is not finite is null.
@@ -31,16 +33,31 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mesh_motion_server.session.history.segments import list_segments
 
-__all__ = ["EVENTS", "FOLDER", "end_torn_line", "last_committed", "line_of", "parse_line", "read_events"]
+__all__ = [
+    "EVENTS",
+    "FOLDER",
+    "end_torn_line",
+    "kept_of",
+    "last_committed",
+    "line_of",
+    "lines_backwards",
+    "parse_line",
+    "read_events",
+]
 
 FOLDER = "history"
 EVENTS = "events"
 
 _KNOWN = (b',"event":"committed",', b',"event":"resumed",')
+_BUILT = b',"event":"built",'
+#: When and what, with which a line begins, take less.
+_HEAD = 80
+#: So much is read at a time from a segment's end; a line takes some kilobytes.
+_BLOCK = 64 << 10
 _ENCODER = json.JSONEncoder(allow_nan=False, separators=(",", ":"), ensure_ascii=False, default=str)
 
 
@@ -78,14 +95,42 @@ def last_committed(session_folder: Path) -> tuple[bool, int]:
     """Whether there are events at all, and the step of the latest ``committed`` or ``resumed``, 0 without one."""
     paths = list_segments(session_folder / FOLDER, EVENTS)
     for path in reversed(paths):
-        data = path.read_bytes()
-        end = len(data)
-        while (place := max(data.rfind(known, 0, end) for known in _KNOWN)) >= 0:
-            event = parse_line(data[data.rfind(b"\n", 0, place) + 1 : data.find(b"\n", place) + 1])
-            if event is not None:
-                return True, int(event["step"])
-            end = place
+        with path.open("rb") as file:
+            for line in lines_backwards(file):
+                if any(known in line for known in _KNOWN) and (event := parse_line(line)) is not None:
+                    return True, int(event["step"])
     return any(path.stat().st_size for path in paths), 0
+
+
+def lines_backwards(file: BinaryIO) -> Iterator[bytes]:
+    """The lines of a file, the last one first; what no newline ends, as a crash leaves it, is passed over."""
+    place = file.seek(0, os.SEEK_END)
+    pieces: list[bytes] = []  # of the line whose beginning is still to be read, the last one first
+    is_whole = False
+    while place:
+        size = min(_BLOCK, place)
+        place -= size
+        file.seek(place)
+        first, *others = file.read(size).split(b"\n")
+        if others:
+            pieces.append(others.pop())
+            if is_whole:
+                yield b"".join(reversed(pieces))
+            yield from reversed(others)
+            pieces, is_whole = [], True
+        pieces.append(first)
+    if is_whole:
+        yield b"".join(reversed(pieces))
+
+
+def kept_of(path: Path) -> bytes:
+    """What is kept of a segment that goes: the line that tells what was built, marked; nothing without one."""
+    with path.open("rb") as file:
+        for line in file:
+            if _BUILT in line[:_HEAD] and (event := parse_line(line)) is not None:
+                at, name = event.pop("at"), event.pop("event")
+                return line_of(at, name, event | {"kept": True})
+    return b""
 
 
 def end_torn_line(handle: int) -> None:

@@ -9,18 +9,25 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 from mesh_motion_server.operation.room import disk_room
 
-__all__ = ["Full", "Segments", "list_segments", "require_room"]
+__all__ = ["Full", "Segments", "Slow", "list_segments", "require_room"]
 
+#: An append that takes longer, and so many seconds more for each byte, is of a disk that holds the session up.
+PATIENCE, _PER_BYTE = 1.0, 1 / (32 << 20)
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 class Full(Exception):
     """The bytes granted are used."""
+
+
+class Slow(Exception):
+    """The disk took what it was given, but not in time."""
 
 
 def list_segments(folder: Path, kind: str) -> list[Path]:
@@ -54,6 +61,8 @@ class Segments:
         No segment is begun where less of the disk would be free.
     mend : callable
         Descriptor of the segment that is gone on with: ends or cuts what a crash has left torn.
+    keep : callable
+        Path of a segment that goes: what is kept of it, once, in a segment of the same name.
     """
 
     def __init__(
@@ -65,6 +74,7 @@ class Segments:
         total_bytes: int,
         reserve_bytes: int,
         mend: Callable[[int], None],
+        keep: Callable[[Path], bytes],
     ) -> None:
         self._folder, self._kind = folder, kind
         self._segment_bytes, self._total_bytes, self._reserve = segment_bytes, total_bytes, reserve_bytes
@@ -72,6 +82,7 @@ class Segments:
         self._sizes = {path: path.stat().st_size for path in list_segments(folder, kind)}
         self._used = sum(self._sizes.values())
         self._handle = -1
+        self._keep, self._kept = keep, Path()
         if self._sizes:
             self._open(newest := next(reversed(self._sizes)), os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW)
             mend(self._handle)
@@ -89,26 +100,31 @@ class Segments:
         ------
         Full
             If they may not, and there is no room.
+        Slow
+            If it took longer than :data:`PATIENCE`; it is written all the same.
         OSError
             If the disk does not take it.
         """
-        if forget:
-            self._remove_oldest(len(data))
-        if self._used + len(data) > self._total_bytes:
-            raise Full(f"{self._total_bytes} bytes of {self._kind} are used")
-        if self._handle < 0 or self._sizes[self._newest] + len(data) > max(self._segment_bytes, len(data)):
-            self._begin()
-        view = memoryview(data)
-        while view:
-            written = os.write(self._handle, view)
-            self._grow(written)
-            view = view[written:]
+        begin = time.monotonic()
+        self._append(data, forget=forget)
+        seconds = time.monotonic() - begin
+        if seconds > PATIENCE + len(data) * _PER_BYTE:
+            raise Slow(f"the disk took {seconds:.1f} s for {len(data)} bytes, and a step waits for it")
 
     def close(self) -> None:
         """Give the file back; idempotent."""
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
+
+    def _append(self, data: bytes, *, forget: bool) -> None:
+        if forget:
+            self._remove_oldest(len(data))
+        if self._used + len(data) > self._total_bytes:
+            raise Full(f"{self._total_bytes} bytes of {self._kind} are used")
+        if self._handle < 0 or self._sizes[self._newest] + len(data) > max(self._segment_bytes, len(data)):
+            self._begin()
+        _write(self._handle, data, self._grow)
 
     @property
     def _newest(self) -> Path:
@@ -131,8 +147,37 @@ class Segments:
         self._handle = os.open(path, flags, 0o600)
 
     def _remove_oldest(self, more: int) -> None:
-        """Make room for ``more`` bytes; the newest segment stays."""
-        while len(self._sizes) > 1 and self._used + more > self._total_bytes:
-            oldest = next(iter(self._sizes))
-            oldest.unlink(missing_ok=True)
-            self._used -= self._sizes.pop(oldest)
+        """Make room for ``more`` bytes; the newest segment stays, and what is kept goes last."""
+        while self._used + more > self._total_bytes and len(self._sizes) > 1:
+            older = list(self._sizes)[:-1]
+            oldest = next((path for path in older if path != self._kept), self._kept)
+            kept = b"" if self._kept in self._sizes else self._keep(oldest)
+            if kept:
+                self._replace(oldest, kept)
+                self._kept = oldest
+            else:
+                oldest.unlink(missing_ok=True)
+            self._used -= self._sizes[oldest] - len(kept)
+            self._sizes[oldest] = len(kept)
+            if not kept:
+                del self._sizes[oldest]
+
+    def _replace(self, path: Path, data: bytes) -> None:
+        """Another segment of the same name, in one step: whoever reads has the old one or the new one."""
+        partial = self._folder / "kept.part"
+        partial.unlink(missing_ok=True)
+        handle = os.open(partial, _FLAGS, 0o600)
+        try:
+            _write(handle, data)
+        finally:
+            os.close(handle)
+        partial.replace(path)
+
+
+def _write(handle: int, data: bytes, written: Callable[[int], None] = lambda _: None) -> None:
+    """Write all of it; ``written`` is told how many bytes each time."""
+    view = memoryview(data)
+    while view:
+        count = os.write(handle, view)
+        written(count)
+        view = view[count:]

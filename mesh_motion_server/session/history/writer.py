@@ -19,7 +19,7 @@ from mesh_motion_server.session.history.boundary import (
     pack_outcome,
     pack_taken_up,
 )
-from mesh_motion_server.session.history.events import EVENTS, FOLDER, end_torn_line, last_committed, line_of
+from mesh_motion_server.session.history.events import EVENTS, FOLDER, end_torn_line, kept_of, last_committed, line_of
 from mesh_motion_server.session.history.segments import Full, Segments, list_segments, require_room
 from mesh_motion_server.session.ledger import BoundaryInput
 
@@ -178,4 +178,10 @@ class History:
             total_bytes=total_bytes,
             reserve_bytes=self._reserve,
             mend=mend,
+            keep=kept_of if kind == EVENTS else _nothing,
         )
+
+
+def _nothing(_: Path) -> bytes:
+    """Kept of a boundary log, of which nothing goes."""
+    return b""
