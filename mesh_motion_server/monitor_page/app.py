@@ -98,8 +98,9 @@ class Page:
         return _plain(await self._made(archive.histories, lambda: archive.series(session, first, last, points)))
 
     async def _mesh(self, request: Request) -> Response:
-        archive, session, have = self._archive, request.path_params["session"], request.query_params.get("have", "")
-        packed = await self._made(archive.meshes, lambda: archive.mesh(session, have))
+        archive, session, asked = self._archive, request.path_params["session"], request.query_params
+        have, seen = asked.get("have", ""), asked.get("seen", "")
+        packed = await self._made(archive.meshes, lambda: archive.mesh(session, have, seen))
         return _plain(packed, "application/octet-stream")
 
     async def _overview(self) -> dict[str, Any]:

@@ -76,22 +76,22 @@ class Archive:
         asked = (session, first, last, points)
         return self._answer(followed, asked, lambda: followed.series(first, last, points))
 
-    def mesh(self, session: str, have: str) -> bytes:
+    def mesh(self, session: str, have: str, seen: str = "") -> bytes:
         """Its committed mesh for drawing; in the thread ``meshes``."""
         folder = self._found(session)
         for _ in range(2):
             try:
-                return self._draw(session, folder, have)
+                return self._draw(session, folder, (have, seen))
             except MemoryError:
                 self._drawn.clear()  # other sessions' meshes may have had what this one needs
         raise InvalidInput("the mesh is too large to be drawn here")
 
-    def _draw(self, session: str, folder: Path, have: str) -> bytes:
+    def _draw(self, session: str, folder: Path, has: tuple[str, str]) -> bytes:
         drawn = self._drawn.pop(session, None) or _Drawn(folder)
         self._drawn[session] = drawn
         while len(self._drawn) > _DRAWN:
             self._drawn.popitem(last=False)
-        return drawn.view(have)
+        return drawn.view(has)
 
     def _follow(self, session: str) -> Reading:
         folder = self._found(session)
@@ -129,21 +129,21 @@ class _Drawn:
 
         self._mesh, self._packer = StoredMesh(folder, _MESH_BYTES), Packer()
         self._view: Any = None
-        self._answers: dict[str, bytes] = {}
+        self._answers: dict[tuple[str, str], bytes] = {}
         self._due = 0.0
 
-    def view(self, have: str) -> bytes:
+    def view(self, has: tuple[str, str]) -> bytes:
         """The state that is stored now, or was a moment ago."""
         if self._view is None or time.monotonic() >= self._due:
             self._look()
-        return self._packed(have)
+        return self._packed(has)
 
-    def _packed(self, have: str) -> bytes:
-        """For readers that have it all but what moves, and for those that have nothing."""
-        known = have in self._answers
-        packed: bytes = self._answers[have] if known else self._packer.pack(self._view, have)
+    def _packed(self, has: tuple[str, str]) -> bytes:
+        """For readers that have all of it, all but what moves, or nothing: keys and stamps as the packer takes them."""
+        known = has in self._answers
+        packed: bytes = self._answers[has] if known else self._packer.pack(self._view, *has)
         if not known and len(self._answers) < _KEYS:
-            self._answers[have] = packed
+            self._answers[has] = packed
         return packed
 
     def _look(self) -> None:

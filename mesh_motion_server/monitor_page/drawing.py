@@ -7,7 +7,8 @@
     …   …     the arrays, little-endian: f4, u4, u1
 
 ``points`` (n, 3) are in units of half the mesh's extent from its centre, so that 32 bits suffice. What is the same for
-all steps (triangles, edges, names of cells) is left out for a reader that has it, which the ``key`` tells.
+all steps (triangles, edges, names of cells) is left out for a reader that has it, which the ``key`` tells. To a reader
+that has the coordinates too, which the ``stamp`` tells, goes the header alone.
 """
 
 from __future__ import annotations
@@ -32,14 +33,14 @@ class Packer:
     def __init__(self) -> None:
         self._fixed: _Fixed | None = None
 
-    def pack(self, view: MeshView, have: str = "") -> bytes:
+    def pack(self, view: MeshView, have: str = "", seen: str = "") -> bytes:
         """The bytes.
 
         Parameters
         ----------
         view : MeshView
-        have : str
-            The key of what the reader has.
+        have, seen : str
+            The key and the stamp of what the reader has.
         """
         if self._fixed is None or self._fixed.surface is not view.surface:
             self._fixed = _Fixed.of(view)
@@ -48,7 +49,7 @@ class Packer:
         centre, half = (low + high) / 2, float(max((high - low).max() / 2, np.finfo(float).tiny))
         points = np.zeros((len(fixed.nodes), 3))
         points[:, : view.dimension] = (view.points[fixed.nodes] - centre) / half
-        arrays: dict[str, NDArray[Any]] = {
+        moving: dict[str, NDArray[Any]] = {
             "points": points.astype("<f4"),
             "quality": np.nan_to_num(view.quality[view.cells], neginf=-9.0).astype("<f4"),
             "inverted": view.inverted[view.cells].astype("<u1"),
@@ -68,8 +69,11 @@ class Packer:
             "half": half,
             "types": view.names.types,
             "key": fixed.key,
+            "stamp": _digest(moving),
         }
-        return _packed(header, arrays | ({} if have == fixed.key else fixed.arrays))
+        if have != fixed.key:
+            return _packed(header, moving | fixed.arrays)
+        return _packed(header, {} if seen == header["stamp"] else moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +100,7 @@ class _Fixed:
             "partition": names.partition.astype("<u4"),
             "local": names.local.astype("<u4"),
         }
-        return cls(surface, nodes, arrays, _key(arrays))
+        return cls(surface, nodes, arrays, _digest(arrays))
 
 
 def _owners(view: MeshView) -> NDArray[np.int64]:
@@ -105,7 +109,7 @@ def _owners(view: MeshView) -> NDArray[np.int64]:
     return np.where(owners < 0, len(view.cells), np.searchsorted(view.cells, owners))
 
 
-def _key(arrays: dict[str, NDArray[Any]]) -> str:
+def _digest(arrays: dict[str, NDArray[Any]]) -> str:
     digest = sha256()
     for array in arrays.values():
         digest.update(np.ascontiguousarray(array).data)

@@ -171,6 +171,35 @@ def test_it_fits_the_screen_and_can_be_read(tab: Browser, server: ServerProcess,
         assert tab.violations() == []
 
 
+#: Of a mesh in space, from one of many partitions.
+WORST = """
+const [done] = arguments;
+const centre = [-0.07123, 0.8471, 12.35];
+const cells = Array.from({ length: 10 }, (_, k) => (
+  { type: 'hexahedron', cell: 123450 + k, partition: 12, metric: -0.123, size: 0.456, skew: -0.789, centre }
+));
+import('/static/tables.js').then(({ showWorst }) => {
+  showWorst({ of: 'committed', step: 12, cells }, 0.2, (cell) => (globalThis.shown = cell.cell));
+  const region = document.getElementById('worst').parentElement;
+  const { left, right } = region.getBoundingClientRect();
+  const box = (part) => part.getBoundingClientRect();
+  const outside = (part) => box(part).right > right + 0.5 || box(part).left < left - 0.5;
+  done([...region.querySelectorAll('th, td, button')].filter(outside).map((part) => part.innerText));
+});
+"""
+
+
+def test_places_of_worst_cells_are_in_sight_on_a_phone(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, SHORT, width=360, height=3600)
+    tab.run("globalThis.monitor.update = async () => {}")  # nothing else is shown meanwhile
+    assert tab.driver.execute_async_script(WORST) == []
+    tab.run("document.querySelector('#worst').parentElement.focus()")
+    tab.keys("TAB")
+    assert tab.focused() == "Show"
+    tab.keys("ENTER")
+    assert tab.run("return globalThis.shown") == 123450
+
+
 def test_axe_is_there_to_be_asked() -> None:
     if not chromium.AXE.exists():
         pytest.skip("axe-core is not there (`python tools/fetch_vendor.py --tests` fetches it)")

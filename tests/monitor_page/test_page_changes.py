@@ -136,18 +136,24 @@ globalThis.announced = [];
 new MutationObserver((records) => {
   for (const { target, addedNodes } of records) {
     const region = (target.closest ? target : target.parentElement).closest('[role=log], [role=status], [aria-live]');
-    if (region) for (const node of addedNodes) globalThis.announced.push(node.textContent);
+    if (region) for (const node of addedNodes) globalThis.announced.push([region.id, node.textContent]);
   }
 }).observe(document.body, { childList: true, subtree: true });
 """
-ANNOUNCED = "return globalThis.announced.filter((text) => text.trim())"
+#: Of the line to the server, which may come and go on a busy machine, what it repeats.
+ANNOUNCED = """
+const [line, others] = [[], []];
+for (const [id, text] of globalThis.announced.filter(([, text]) => text.trim())) {
+  (id === 'connection' ? line : others).push(text);
+}
+return [...others, ...line.filter((text, k) => k && text === line[k - 1])];
+"""
 
 
 def test_news_is_announced_once_and_nothing_that_was_there(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, WING)
     happens(server, WING, refused(41, "the first"))
     tab.wait(lambda: "the first" in tab.text("#events"), "it is shown")
-    tab.wait(lambda: tab.text("#connection") == "live", "the server has started")
     tab.run(LISTENING)
     happens(server, WING, refused(42, "the second"))
     tab.wait(lambda: "the second" in tab.text("#events"), "it is shown")
@@ -195,6 +201,46 @@ def test_a_press_on_a_session_counts_though_it_steps(tab: Browser, server: Serve
     ActionChains(tab.driver).release().perform()
     await_session(tab, FLAG)
     assert tab.texts("#sessions .name") == order
+
+
+#: The mesh is asked for again, in a browser that takes half a second for what comes.
+ASKED_AGAIN = """
+const m = globalThis.monitor.mesh;
+globalThis.came = [];
+globalThis.shown = 0;
+const asked = globalThis.fetch;
+globalThis.fetch = async (path, options) => {
+  const reply = await asked(path, options);
+  if (path.includes('/mesh')) {
+    globalThis.came.push((await reply.clone().arrayBuffer()).byteLength);
+    await new Promise((done) => setTimeout(done, 500));
+  }
+  return reply;
+};
+const own = m.scene.show.bind(m.scene);
+m.scene.show = (...given) => {
+  globalThis.shown += 1;
+  own(...given);
+};
+const wait = globalThis.setTimeout;
+globalThis.setTimeout = (act, pause, ...rest) => {
+  if (String(act).includes('goOn')) globalThis.pause = pause;
+  return wait(act, pause, ...rest);
+};
+m.goOn();
+m.stale = true;
+m.refresh();
+"""
+
+
+def test_a_mesh_that_has_not_moved_is_neither_sent_nor_drawn_again(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, WING)
+    tab.run(ASKED_AGAIN)
+    pause = tab.wait(lambda: tab.run("return globalThis.pause"), "it has come")
+    (size,) = tab.run("return globalThis.came")
+    assert size < 1000  # a header; the coordinates and qualities of this mesh alone are more
+    assert tab.run("return [globalThis.shown, globalThis.monitor.mesh.mesh.points.length]") == [0, 3 * 81]
+    assert pause >= 4500  # nine times as long as it took
 
 
 #: A session has made steps, and changed later than all others.

@@ -311,6 +311,13 @@ def test_the_mesh_is_what_the_journal_holds(client: Any, tmp_path: Path) -> None
     again, few = unpacked(client.get(f"/api/sessions/{SESSION}/mesh?have={header['key']}").content)
     assert (set(few), again["key"]) == ({"points", "quality", "inverted"}, header["key"])
     assert len(Packer().pack(view, header["key"])) < len(data) / 2
+    same, none = unpacked(
+        client.get(f"/api/sessions/{SESSION}/mesh?have={header['key']}&seen={header['stamp']}").content
+    )
+    assert (none, same["step"], same["stamp"]) == ({}, 2, header["stamp"])
+    moved = dataclasses.replace(view, points=view.points + 1e-3)
+    assert set(unpacked(Packer().pack(moved, header["key"], header["stamp"]))[1]) == set(few)
+    assert set(unpacked(Packer().pack(view, "of another mesh", header["stamp"]))[1]) == set(arrays)
     crossed = dataclasses.replace(view, inverted=np.arange(len(view.quality)) == 5)
     header, arrays = unpacked(Packer().pack(crossed))
     assert header["inverted_cells"] == 1

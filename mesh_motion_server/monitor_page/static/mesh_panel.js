@@ -6,6 +6,8 @@ import { paintScale } from "./colours.js";
 import { byId, coordinates, plural, quality, whole, write } from "./format.js";
 
 const SECONDS = 3;
+/** And so many times as long as it takes to come and to be drawn, but not longer than this: a slow line or browser stays free. */
+const [REST, LONGEST_SECONDS] = [9, 60];
 /** What failed is asked again after so long. */
 const RETRY_SECONDS = 15;
 /** Pixels of the view's height. */
@@ -83,7 +85,7 @@ export class MeshPanel {
     if (session.session !== this.session?.session) {
       this.mesh = null;
       this.fresh = true;
-      this.said(detail.built.nodes ? "Click a cell for its id and quality." : "");
+      this.said("");
       this.clear();
       if (this.waiting) this.goOn();
     }
@@ -115,11 +117,13 @@ export class MeshPanel {
     this.stale = false;
     let pause = SECONDS;
     const { session } = this.session;
+    const begun = performance.now();
     const before = this.mesh; // what the answer leaves out is there, though somebody may look elsewhere meanwhile
     try {
-      const reply = await ask(`api/sessions/${session}/mesh?have=${before?.key ?? ""}`);
+      const reply = await ask(`api/sessions/${session}/mesh?have=${before?.key ?? ""}&seen=${before?.stamp ?? ""}`);
       const mesh = unpack(await reply.arrayBuffer(), before);
       if (session === this.session.session) this.take(mesh);
+      pause = Math.min(LONGEST_SECONDS, Math.max(SECONDS, (REST * (performance.now() - begun)) / 1000));
     } catch (error) {
       this.note(error.message);
       pause = RETRY_SECONDS;
@@ -139,13 +143,14 @@ export class MeshPanel {
   }
 
   take(mesh) {
+    const isDrawn = mesh.key === this.mesh?.key && mesh.stamp === this.mesh.stamp;
     this.mesh = mesh;
     if (mesh.committed < this.session.step) this.stale = true; // made for somebody else a moment ago
     this.note(this.whatIsShown(mesh));
     byId("mesh-inside").hidden = mesh.dimension < 3;
     byId("threshold-mark").style.left = `${100 * Math.min(1, Math.max(0, mesh.threshold))}%`;
     byId("mesh-step").textContent = `step ${mesh.step}, ${mesh.metric}`;
-    this.show(mesh);
+    if (!isDrawn) this.show(mesh);
     if (this.fresh) this.fit();
     this.fresh = false;
     this.describe(mesh);

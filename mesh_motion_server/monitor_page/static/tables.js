@@ -13,11 +13,11 @@ export function showWorst({ of, step, cells }, threshold, go) {
     return element(
       "tr",
       {},
-      element("td", { text: `${cell.type} ${cell.cell}${cell.partition ? ` of ${cell.partition}` : ""}` }),
+      element("td", { class: "wraps", text: `${cell.type} ${cell.cell}${cell.partition ? ` of ${cell.partition}` : ""}` }),
       element("td", { class: below, text: quality(cell.metric) }),
       element("td", { text: quality(cell.size) }),
       element("td", { text: quality(cell.skew) }),
-      element("td", { text: coordinates(cell.centre) }),
+      element("td", { class: "wraps", text: coordinates(cell.centre) }),
       element("td", {}, button),
     );
   };
