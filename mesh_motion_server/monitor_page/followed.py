@@ -46,6 +46,7 @@ class Followed:
         moved = self._moved
         return {
             "built": self.built,
+            "step": self._committed.get("step", 0),
             "moved": {
                 name: moved[name] for name in ("step", "iteration", "correction", "seconds_total") if name in moved
             },

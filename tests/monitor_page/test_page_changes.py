@@ -73,11 +73,13 @@ def test_a_session_that_is_discarded_is_told_and_not_swapped(
 def test_a_run_that_was_begun_again_is_offered_under_its_label(tab: Browser, server: ServerProcess) -> None:
     stored(server.state, AGAIN, "flag", 30)
     show(tab, server, AGAIN)
+    assert sorted(tab.texts("#sessions .name")) == ["22222222 flag", "44444444 flag", "wing"]
     shutil.rmtree(folder_of(server, AGAIN))
     tab.wait(lambda: "Show the other “flag” (22222222)" in tab.text("#ended button"), "the other one is offered")
     tab.run("document.querySelector('#ended button').click()")
     await_session(tab, FLAG)
     assert tab.run("return location.hash") == f"#{FLAG}"
+    assert sorted(tab.texts("#sessions .name")) == ["flag", "wing"]
 
 
 def test_a_link_to_a_session_that_is_not_there_waits_for_it(tab: Browser, server: ServerProcess) -> None:
@@ -201,6 +203,26 @@ def test_a_press_on_a_session_counts_though_it_steps(tab: Browser, server: Serve
     ActionChains(tab.driver).release().perform()
     await_session(tab, FLAG)
     assert tab.texts("#sessions .name") == order
+
+
+#: The list is late: as it was when the session had made one step; a process holds it, or nobody does.
+LATE = """
+const m = globalThis.monitor;
+const [late, worker] = arguments;
+m.key = '';
+m.live.hear = (told) => {
+  const sessions = told.sessions.map((one) => (one.session === late ? { ...one, step: 1, worker } : one));
+  m.hear({ ...told, sessions });
+};
+m.live.hear({ at: 0, build: {}, missing: '', sessions: m.sessions });
+"""
+
+
+def test_step_and_qualities_are_of_one_moment(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, FLAG)
+    for worker, step in (("alive", "20"), ("none", "1")):
+        tab.run(LATE, FLAG, worker)
+        tab.wait(lambda step=step: tab.text("#figures dd").split()[0] == step, f"step {step} is shown")
 
 
 #: The mesh is asked for again, in a browser that takes half a second for what comes.

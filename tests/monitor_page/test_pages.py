@@ -196,6 +196,7 @@ def test_a_session_tells_its_worst_cells_and_what_was_refused(client: Any) -> No
     assert refused
     assert {"at", "step", "code", "message", "hint", "request"} <= refused[0].keys()
     assert told["built"]["nodes"] == 400
+    assert told["step"] == 600
 
 
 def test_a_prediction_marks_no_mesh_and_goes_with_its_trial(tmp_path: Path) -> None:

@@ -72,14 +72,15 @@ export class List {
     const drawn = this.drawn.get(session.session) ?? this.made(session.session);
     const { row } = drawn;
     const selected = session.session === this.chosen;
-    const key = JSON.stringify([session, selected]);
+    const alike = session.label && this.sessions.some((other) => other.label === session.label && other.session !== session.session);
+    const key = JSON.stringify([session, selected, alike]);
     if (drawn.key === key) return row;
     drawn.key = key;
     row.setAttribute("aria-selected", selected);
     row.className = selected ? "active" : "";
     const [name, state, at, line] = row.querySelectorAll("span");
-    write(name, session.label || short(session.session));
-    name.title = session.label;
+    write(name, alike ? `${short(session.session)} ${session.label}` : session.label || short(session.session));
+    name.title = `${session.label} ${session.session}`.trim();
     write(state, standing(session));
     state.dataset.tone = tone(session);
     write(at, session.built ? `step ${session.step}${session.iteration > 1 ? ` · trial ${session.iteration}` : ""} · min ${quality(session.minimum)}` : "no mesh yet");

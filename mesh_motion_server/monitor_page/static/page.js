@@ -41,6 +41,7 @@ class Page {
     this.chosen ||= sessions[0]?.session ?? "";
     this.known = this.session ?? this.known;
     byId("nothing").hidden = this.chosen !== "";
+    write(byId("nothing"), "Waiting for the first session …");
     this.list.show(sessions, this.chosen);
     this.update();
   }
@@ -190,9 +191,11 @@ class Page {
     const threshold = session.threshold ?? detail.built.settings?.quality_threshold;
     const low = (value) => (value !== undefined && value !== null && value < threshold ? "bad" : "");
     const { actual, corrected, standard, moved } = detail;
+    // a list comes later than this where the machine is busy; of a session that nobody holds a crash may have cost steps
+    const step = session.worker === "alive" ? Math.max(session.step, detail.step) : session.step;
     const correction = moved.correction ?? {};
     const tiles = [
-      ["step", whole(session.step), session.iteration ? `trial ${session.iteration}` : ""],
+      ["step", whole(step), session.iteration ? `trial ${session.iteration}` : ""],
       ["minimum", quality(actual.min), "committed", low(actual.min)],
       ["1 %", quality(actual.p1), "committed", low(actual.p1)],
       ["predicted", quality(corrected.min), standard.min !== undefined && standard.min !== corrected.min ? `${quality(standard.min)} uncorrected` : "", low(corrected.min)],
