@@ -2,6 +2,7 @@
 
 import { ask } from "./live.js";
 import { Camera } from "./camera.js";
+import { centresDrawn, numberDrawn, worstDrawn } from "./mesh_cells.js";
 import { paintScale } from "./colours.js";
 import { byId, coordinates, plural, quality, whole, write } from "./format.js";
 
@@ -106,6 +107,7 @@ export class MeshPanel {
     byId("mesh-step").textContent = "";
     this.note(this.cannot ?? "Reading the mesh …");
     this.scene?.show({ dimension: 2, points: new Float32Array(), quality: new Float32Array(), triangles: [], owners: [], inner: [], edges: [], outline: [], threshold: 0 }, false);
+    for (const marks of this.scene ? [this.scene.worst, this.scene.enrichment] : []) this.scene.mark(marks, []);
     this.draw();
   }
 
@@ -125,7 +127,7 @@ export class MeshPanel {
       if (session === this.session.session) this.take(mesh);
       pause = Math.min(LONGEST_SECONDS, Math.max(SECONDS, (REST * (performance.now() - begun)) / 1000));
     } catch (error) {
-      this.note(error.message);
+      this.note(error.status === 404 && this.mesh ? "" : error.message); // the page tells that a session was discarded
       pause = RETRY_SECONDS;
       this.stale = ![400, 404].includes(error.status); // what is refused for what it is, is refused again
     }
@@ -159,6 +161,7 @@ export class MeshPanel {
   show(mesh) {
     this.scene.spacing = spacing(mesh);
     this.scene.show(mesh, this.inside);
+    this.lowest = centresDrawn(mesh, worstDrawn(mesh));
     this.marks();
     this.draw();
   }
@@ -192,7 +195,7 @@ export class MeshPanel {
     byId("enrichment-count").textContent = plural(count, "enrichment point");
     if (!this.mesh || !this.scene) return;
     this.scene.mark(this.scene.enrichment, this.enrichment.map((point) => this.place(point)));
-    this.scene.mark(this.scene.worst, this.worst.map((cell) => this.place(cell.centre)));
+    this.scene.mark(this.scene.worst, this.lowest);
     this.draw();
   }
 
@@ -222,8 +225,9 @@ export class MeshPanel {
 
   goTo(cell) {
     if (!this.mesh) return;
-    const size = Math.max(12 * this.spacingNear(this.place(cell.centre)), 1e-4);
-    this.camera.closeTo(this.place(cell.centre), Math.min(1, size));
+    const [place] = [...centresDrawn(this.mesh, [numberDrawn(this.mesh, cell)]), this.place(cell.centre)];
+    const size = Math.max(12 * this.spacingNear(place), 1e-4);
+    this.camera.closeTo(place, Math.min(1, size));
     this.said(`${cell.type} ${cell.cell} of partition ${cell.partition}: ${quality(cell.metric)} at ${coordinates(cell.centre)}`);
   }
 

@@ -139,7 +139,8 @@ class Page {
   /** Of a session that is not in the list (any more) what is known stays. */
   async without(chosen) {
     if (!chosen) return;
-    const isNew = await this.absent.look(chosen, this.known, this.sessions);
+    const known = this.known && this.detailed === chosen ? { ...this.known, step: this.stepOf(this.known, this.detail), minimum: this.detail.actual.min ?? null } : this.known;
+    const isNew = await this.absent.look(chosen, known, this.sessions);
     if (chosen !== this.chosen) return;
     byId("trouble").hidden = true;
     this.key = ""; // it may come back
@@ -191,11 +192,9 @@ class Page {
     const threshold = session.threshold ?? detail.built.settings?.quality_threshold;
     const low = (value) => (value !== undefined && value !== null && value < threshold ? "bad" : "");
     const { actual, corrected, standard, moved } = detail;
-    // a list comes later than this where the machine is busy; of a session that nobody holds a crash may have cost steps
-    const step = session.worker === "alive" ? Math.max(session.step, detail.step) : session.step;
     const correction = moved.correction ?? {};
     const tiles = [
-      ["step", whole(step), session.iteration ? `trial ${session.iteration}` : ""],
+      ["step", whole(this.stepOf(session, detail)), session.iteration ? `trial ${session.iteration}` : ""],
       ["minimum", quality(actual.min), "committed", low(actual.min)],
       ["1 %", quality(actual.p1), "committed", low(actual.p1)],
       ["predicted", quality(corrected.min), standard.min !== undefined && standard.min !== corrected.min ? `${quality(standard.min)} uncorrected` : "", low(corrected.min)],
@@ -204,6 +203,11 @@ class Page {
     ];
     const made = ([name, value, note, mark]) => element("div", { "data-tone": mark ?? "" }, element("dt", { text: name }), element("dd", { text: value }, note ? element("small", { text: ` ${note}` }) : ""));
     byId("figures").replaceChildren(...tiles.map(made));
+  }
+
+  /** A list comes later than the detail where the machine is busy; of a session that nobody holds a crash may have cost steps. */
+  stepOf(session, detail) {
+    return session.worker === "alive" ? Math.max(session.step, detail.step) : session.step;
   }
 
   tick() {
