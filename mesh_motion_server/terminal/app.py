@@ -18,9 +18,9 @@ from textual.binding import Binding, BindingType
 from textual.events import Click, Resize
 from textual.widgets import Static
 
-from mesh_motion_server.terminal.panels import WINDOWS, View, details_lines, help_lines, session_lines
+from mesh_motion_server.terminal.panels import WINDOWS, View, details_lines, gone_lines, help_lines, session_lines
 from mesh_motion_server.terminal.snapshot import named
-from mesh_motion_server.terminal.sources import Source
+from mesh_motion_server.terminal.sources import Details, SessionLine, Source
 from mesh_motion_server.terminal.text import clip, plain
 from mesh_motion_server.terminal.watcher import Look, Watcher
 
@@ -84,6 +84,7 @@ class MonitorApp(App[None]):
         self._where = plain(source.where)
         self._wanted = session
         self._chosen = ""
+        self._last: tuple[SessionLine, Details | None] | None = None  # the chosen one as it was seen last
         self._look = Look(trouble="looking …")
         self._window = 0
         self._alone = self._helps = self._is_shown = False
@@ -174,7 +175,10 @@ class MonitorApp(App[None]):
         place = named(look.lines, self._wanted) if self._wanted is not None else None
         if place is not None:
             self._chosen, self._wanted = names[place], None
-        if self._chosen not in names:
+        if self._chosen in names:
+            known = look.details if look.session == self._chosen else self._last[1] if self._last else None
+            self._last = look.lines[names.index(self._chosen)], known
+        elif self._last is None:  # a session that was looked at and is gone is told, not swapped for another one
             self._chosen = names[0] if names else ""
         self._watcher.choose(self._chosen)
         self._show()
@@ -186,7 +190,7 @@ class MonitorApp(App[None]):
     def _choose(self, place: int) -> None:
         lines = self._look.lines
         if lines:
-            self._wanted = None  # whoever chooses another one does not wait for it any more
+            self._wanted = self._last = None  # whoever chooses another one does not wait for it any more
             self._chosen = lines[min(max(place, 0), len(lines) - 1)].session
             self._watcher.choose(self._chosen)
             self._show()
@@ -248,7 +252,7 @@ class MonitorApp(App[None]):
             return help_lines()
         place = self._place()
         if place < 0:
-            return [Text()]
+            return [] if self._last is None else gone_lines(*self._last, view)
         line = self._look.lines[place]
         if self._look.session != line.session:
             return [Text(f"reading {plain(line.label) or line.session} …", style="dim")]

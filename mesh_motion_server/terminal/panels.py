@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from mesh_motion_server.terminal.chart import Curve, draw_chart, spark
 from mesh_motion_server.terminal.sources import Details, Message, SessionLine
 from mesh_motion_server.terminal.text import age, clip, number, plain
 
-__all__ = ["KEYS", "WINDOWS", "View", "details_lines", "help_lines", "session_lines"]
+__all__ = ["KEYS", "WINDOWS", "View", "details_lines", "gone_lines", "help_lines", "session_lines"]
 
 FloatArray = NDArray[np.float64]
 
@@ -95,6 +95,17 @@ def details_lines(line: SessionLine, details: Details | None, view: View) -> lis
     messages = _messages(details.messages, view, messages_room)
     chart = _chart(details, view, left - len(worst) - len(messages))
     return [*head, *chart, *below, *worst, *messages, *notes][: view.rows]
+
+
+def gone_lines(line: SessionLine, details: Details | None, view: View) -> list[Text]:
+    """Of a session that was shown and is in the list no more: that it is gone, and what was known of it."""
+    name = f"{plain(line.label)} ({line.session[:8]})" if line.label else line.session
+    told = [
+        Text(clip(f"{name} is there no more: it was discarded", view.columns), style="bold yellow"),
+        Text(clip("↑ ↓ choose another session; this was it:", view.columns), style="dim"),
+    ]
+    left = max(view.rows - len(told), 0)
+    return [*told, *details_lines(line, details, replace(view, rows=left))][: max(view.rows, 0)]
 
 
 def help_lines() -> list[Text]:

@@ -191,7 +191,13 @@ def test_sessions_and_the_folder_come_and_go(make_session: MakeSession, tmp_path
         make_session("second", steps=6)
         await until(app, "list", "second")
         assert "first" in text_of(app, "details")
-        shutil.rmtree(first)
+        first.rename(tmp_path / "discarded")  # at once, as the store does
+        gone = await until(app, "details", "first (")  # told, not swapped for another one
+        assert "is there no more: it was discarded" in gone
+        assert "step 5" in gone
+        await asyncio.sleep(0.3)
+        assert "first (" in text_of(app, "details")
+        await pilot.press("down")
         await until(app, "details", "second")
         shutil.rmtree(tmp_path / "state")
         await until(app, "head", "is not there")
