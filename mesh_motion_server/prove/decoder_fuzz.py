@@ -98,7 +98,7 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "fuzz",
     "{count} messages: decoded or a typed error, memory < +5 MB",
-    short=300_000,
+    short=200_000,
     full=10_000_000,
     seconds=30,
     run=run,

@@ -335,7 +335,7 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "power-loss",
     "without power, 3 levels: {count} disks, 0 lost or corrupt",
-    short=100_000,
+    short=50_000,
     full=1_000_000,
     seconds=40,
     run=run,

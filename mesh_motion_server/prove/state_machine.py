@@ -235,7 +235,7 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "state-machine",
     "{count} lives go as SPEC.md says, every state × operation",
-    short=150,
+    short=100,
     full=2000,
     seconds=20,
     run=run,
