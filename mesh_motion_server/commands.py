@@ -130,11 +130,16 @@ def _print_check(report: CheckReport) -> None:
     table.add_row("support radius", f"{chosen}{report.suggested_radius:g} suggested")
     table.add_row(
         "estimate",
-        f"{costs.memory_bytes / 2**20:.0f} MB; {costs.solver} factorization {costs.factorize_seconds:.2g} s, then "
-        f"{costs.evaluate_seconds:.2g} s a move, and what a correction needs",
+        f"{costs.memory_bytes / 2**20:.0f} MB; {costs.solver} factorization {_about(costs.factorize_seconds)}, then "
+        f"{_about(costs.evaluate_seconds)} a move, and what a correction needs",
     )
     _out.print(table)
     _out.print(f"usable{' as a case' if report.roles else ' as a mesh'}")
+
+
+def _about(seconds: float) -> str:
+    """Two digits of an estimate that is worth telling."""
+    return "under 1 ms" if seconds < 1e-3 else f"{seconds:.2g} s"
 
 
 # --- inspect ---------------------------------------------------------------------------------------------------------

@@ -183,6 +183,17 @@ def _check_vectors(path: Path, number: int, rigid: RigidMotion | None, dimension
         raise InvalidInput(f"{path}: motion {number}: in 2D the only axis is [0, 0, 1], got {rigid.axis}")
 
 
+#: What a missing key may look like.
+_WAYS_OUT = {
+    "mesh": 'add [mesh] with file = "mesh.msh"',
+    "mesh.file": 'add to [mesh] file = "mesh.msh"',
+    "patches": 'add [patches] with the role of each, such as wall = "moving"',
+    "motion": 'add [[motion]] with patch = "wall" and rigid = { translation = [0.0, 0.1] }',
+    "steps": "add [steps] with count = 1",
+    "steps.count": "add to [steps] count = 1",
+}
+
+
 def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
     """One line for the first error: file, key, value, what was expected."""
     first = error.errors(include_url=False)[0]
@@ -192,7 +203,7 @@ def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
         known = ", ".join(_known_keys(place[:-1]))
         return InvalidInput(f"{path}: unknown key {where}; known here are {known}", details={"key": where})
     if first["type"] == "missing":
-        return InvalidInput(f"{path}: {where} is missing", details={"key": where})
+        return InvalidInput(f"{path}: {where} is missing", hint=_WAYS_OUT.get(where, ""), details={"key": where})
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     got = "" if isinstance(first["input"], dict | list | BaseModel) else f", got {first['input']!r}"
     return InvalidInput(f"{path}: {where}: expected {message}{got}", details={"key": where})

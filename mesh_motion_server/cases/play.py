@@ -118,7 +118,7 @@ def play(
     MeshMotionError
         If the server refuses a step. The folder then holds no results.
     """
-    if folder.is_dir():
+    if folder.is_dir() and case_file.is_file():  # a misspelt name does not cost what an earlier run has left
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()

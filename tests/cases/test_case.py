@@ -58,6 +58,7 @@ def test_whole_numbers_serve_as_lengths_and_iterations_default_to_one(make_case)
     [
         ("support_radius", "suport_radius", "unknown key method.suport_radius; known here are basis, support_radius,"),
         ("[steps]", "[step]", "(unknown key step; known here are mesh|steps is missing)"),
+        ("[steps]\ncount = 2", "", r"steps is missing \(add \[steps\] with count = 1\)"),
         ("count = 2", "count = 0", r"steps.count: expected greater than or equal to 1, got 0"),
         ("count = 2", "count = 2.5", r"steps.count: expected a valid integer.*, got 2.5"),
         ("count = 2", "count = true", r"steps.count: expected a valid integer, got True"),

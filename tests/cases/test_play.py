@@ -240,6 +240,15 @@ def test_an_invalid_case_takes_old_results_away_and_makes_no_folder(make_case, s
     assert not (tmp_path / "new").exists()
 
 
+def test_a_misspelt_case_file_costs_no_old_results(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    stand_in()
+    play(make_case(), tmp_path / "out")
+    before = results(tmp_path / "out")
+    with pytest.raises(InvalidInput, match=r"cass\.toml: the case file cannot be read"):
+        play(tmp_path / "cass.toml", tmp_path / "out")
+    assert results(tmp_path / "out") == before != []
+
+
 def test_an_interrupt_leaves_nothing(make_case, stand_in: Plays, tmp_path: Path) -> None:
     stand_in()
 
