@@ -7,6 +7,7 @@ import json
 import logging
 import math
 import os
+import re
 import shutil
 import stat
 import time
@@ -668,7 +669,7 @@ def test_a_short_write_is_gone_on_with(kit: Any, store: SessionStore, monkeypatc
     assert BoundaryLog(folder_of(kit, store)).steps == 1
 
 
-def test_a_slow_disk_costs_one_slow_step_and_not_each(
+def test_a_slow_disk_costs_some_slow_steps_and_not_each(
     kit: Any, store: SessionStore, monkeypatch: pytest.MonkeyPatch, caplog: Any
 ) -> None:
     """Each write that a step waits for takes twice what is waited for."""
@@ -681,24 +682,49 @@ def test_a_slow_disk_costs_one_slow_step_and_not_each(
         return write(handle, data)
 
     monkeypatch.setattr("mesh_motion_server.session.history.segments.PATIENCE", 0.05)
+    monkeypatch.setattr("mesh_motion_server.session.history.segments.ALLOWANCE", 0.15)
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", hang)
         for step in range(2, 6):
             assert driver.advance(step)[-1].type == "COMMITTED"
-    assert len(slow) == 1
+    assert len(slow) in (2, 3)  # the events' and the boundary's are waited for apart
     (warning,) = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
-    assert "ends, the session goes on: the disk took 0.1 s for" in warning
-    assert told(kit, store) == ["built", "moved", "committed", "moved"]
+    assert re.search(r"ends, the session goes on: the disk has let steps wait for 0\.[23] s, now 0\.1 s", warning)
+    before = len(told(kit, store))
     driver.host.reclaim(kit.TOKEN)
     driver.join()
     driver.advance(6)  # it is tried again when the session is taken up
-    assert told(kit, store)[4:7] == ["committed"] * 3
+    assert told(kit, store)[before:].count("committed") >= 3  # what was not told meanwhile, and this one
     assert told(kit, store)[-1] == "committed"
+
+
+def test_a_pause_now_and_then_costs_no_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
+    """A machine that stands still for four seconds every ten minutes; then a disk that takes four seconds each time."""
+    now = [0.0]
+    timer = SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr("mesh_motion_server.session.history.segments.time", timer)
+    write = os.write
+
+    def pause(handle: int, data: bytes) -> int:
+        now[0] += 4.0
+        return write(handle, data)
+
+    monkeypatch.setattr(os, "write", pause)
+    history = History(tmp_path, 1 << 30)
+    for step in range(1, 1001):
+        history.tell("committed", step=step, quality={}, digest="00")
+        now[0] += 600.0
+    assert not caplog.records
+    while not caplog.records and step < 2000:
+        step += 1
+        history.tell("committed", step=step, quality={}, digest="00")
+    assert "the disk has let steps wait for" in caplog.records[0].getMessage()
 
 
 def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
     """The boundary of a million nodes is 24 MB: half a second of what the disk writes anyway."""
     monkeypatch.setattr("mesh_motion_server.session.history.segments.PATIENCE", 0.0)
+    monkeypatch.setattr("mesh_motion_server.session.history.segments.ALLOWANCE", 0.0)
     clock = iter(float(k) for k in range(100))
     timer = SimpleNamespace(monotonic=lambda: next(clock) * 0.7)
     monkeypatch.setattr("mesh_motion_server.session.history.segments.time", timer)
@@ -706,7 +732,7 @@ def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.Monk
     history.tell_input(1, lambda: BoundaryInput("committed", bytes(24 << 20), ""), 3)
     assert not caplog.records
     history.tell("committed", step=1, quality={}, digest="00")
-    assert "the disk took 0.7 s" in caplog.records[0].getMessage()
+    assert "now 0.7 s" in caplog.records[0].getMessage()
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("unforeseen"), ValueError()])

@@ -19,6 +19,9 @@ __all__ = ["Full", "Segments", "Slow", "list_segments", "require_room"]
 
 #: An append that takes longer, and so many seconds more for each byte, is of a disk that holds the session up.
 PATIENCE, _PER_BYTE = 1.0, 1 / (32 << 20)
+#: In all it may do so for so many seconds, and this share of the time: a pause of the machine now and then, which looks
+#: the same from here, costs no history.
+ALLOWANCE, _SHARE = 20.0, 0.01
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
@@ -27,7 +30,7 @@ class Full(Exception):
 
 
 class Slow(Exception):
-    """The disk took what it was given, but not in time."""
+    """The disk takes what it is given, but again and again not in time."""
 
 
 def list_segments(folder: Path, kind: str) -> list[Path]:
@@ -83,6 +86,7 @@ class Segments:
         self._used = sum(self._sizes.values())
         self._handle = -1
         self._keep, self._kept = keep, Path()
+        self._since, self._waited = time.monotonic(), 0.0
         if self._sizes:
             self._open(newest := next(reversed(self._sizes)), os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW)
             mend(self._handle)
@@ -101,15 +105,17 @@ class Segments:
         Full
             If they may not, and there is no room.
         Slow
-            If it took longer than :data:`PATIENCE`; it is written all the same.
+            If it took longer than :data:`PATIENCE`, and such waits exceed :data:`ALLOWANCE`; it is written anyway.
         OSError
             If the disk does not take it.
         """
         begin = time.monotonic()
         self._append(data, forget=forget)
-        seconds = time.monotonic() - begin
-        if seconds > PATIENCE + len(data) * _PER_BYTE:
-            raise Slow(f"the disk took {seconds:.1f} s for {len(data)} bytes, and a step waits for it")
+        now = time.monotonic()
+        if now - begin > PATIENCE + len(data) * _PER_BYTE:
+            self._waited += now - begin
+            if self._waited > ALLOWANCE + _SHARE * (now - self._since):
+                raise Slow(f"the disk has let steps wait for {self._waited:.1f} s, now {now - begin:.1f} s")
 
     def close(self) -> None:
         """Give the file back; idempotent."""
