@@ -13,8 +13,8 @@
 # make studies recomputes every table and figure of docs/thesis.md, beyond.md, explained.md and choosing.md (STUDY="name …" for some)
 # make docs   builds the documentation site into out/docs, without a warning, every link checked (open out/docs/index.html)
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
-# make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, ten minutes (adapters/kratos/README.md)
-# make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, ten minutes
+# make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, six minutes (adapters/kratos/README.md)
+# make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
 # make docker builds the images and runs server + mock fluid + mock solid; make docker-openfoam server + OpenFOAM + CalculiX
 #
 # Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the versions
