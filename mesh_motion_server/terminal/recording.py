@@ -52,7 +52,9 @@ class Said:
         elif name == "refused":
             hint = f" ({event['hint']})" if event.get("hint") else ""
             self._say(at, "refused", step, f"{event.get('request', '')}: {event.get('message', '')}{hint}")
-        elif name in ("rolled_back", "suspended", "joined", "closed", "resumed", "frozen", "failed"):
+        elif name == "rolled_back":  # as messages those of an implicit coupling would bury the refusals
+            self.trial = ""
+        elif name in ("suspended", "joined", "closed", "resumed", "frozen", "failed"):
             self.trial = ""
             self._say(at, name.replace("_", " "), step, event.get("message", ""))
 

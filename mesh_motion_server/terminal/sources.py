@@ -64,7 +64,7 @@ class Message:
     at : float
         Unix time.
     kind : str
-        warning, refused, failed, resumed, suspended, closed, rolled back.
+        warning, refused, failed, resumed, suspended, closed, frozen, joined.
     step : int or None
     text : str
     """
