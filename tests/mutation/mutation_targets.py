@@ -86,7 +86,7 @@ TARGETS: Mapping[str, Target] = MappingProxyType(
     | _targets(
         "mesh_motion_server.session",
         _SESSION,
-        {"replies": ("replies",), "state": ("state",), "session": ("session", "durability")},
+        {"replies": ("replies",), "state": ("state",), "session": ("session", "durability", "quality_report")},
     )
     | _targets(
         "mesh_motion_protocol",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
 from mesh_motion_server.prove.model_files import FailingFiles, ModelFiles
+from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
@@ -47,6 +49,20 @@ def test_coordinates_are_read_only_and_in_canonical_order(kit: Any, session: Ses
     reference = session.coordinates("reference")
     np.testing.assert_array_equal(reference[session.mesh.id_order], kit.grid_mesh().points)
     assert session.coordinates("committed")[session.mesh.moving, 0] == pytest.approx(0.1, abs=0)
+
+
+def test_what_the_boundary_did_is_recorded_and_its_file_given_back(session: Session, tmp_path: Path) -> None:
+    session.move("committed", right(0.1))
+    commit(session)
+    (folder,) = (tmp_path / "sessions").iterdir()
+    assert BoundaryLog(folder).read(1).rows.tolist() == right(0.1)[0].tolist()
+
+    def opened() -> list[str]:
+        return [name for name in map(os.path.realpath, Path("/proc/self/fd").iterdir()) if f"{folder}/history" in name]
+
+    assert len(opened()) == 1
+    session.close()
+    assert opened() == []
 
 
 def test_moving_nodes_are_bitwise_where_they_were_told_to_be(session: Session) -> None:
