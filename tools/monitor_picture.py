@@ -10,11 +10,12 @@ import argparse
 import base64
 import io
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,25 +33,29 @@ _SHOWN = (
 )
 #: A session may take this long to come so far, seconds.
 _PATIENCE = 900.0
-#: Animations and the mesh's first picture, seconds.
-_SETTLES = 2.0
+#: Animations, and what the page asks every three seconds: the mesh and its worst cells are of the last step then.
+_SETTLES = 6.0
 
 
 @contextmanager
-def played(case: str, endpoint: str, folder: Path) -> Iterator[None]:
-    """An example that is being played through the server, until the end of the block."""
+def played(case: str, endpoint: str, folder: Path) -> Iterator[Callable[[], None]]:
+    """An example that is being played through the server, until the end of the block; what holds it up."""
     file = ROOT / "examples" / case / "case.toml"
     order = ["play", str(file), "-o", str(folder / case), "--endpoint", endpoint, "-q"]
     player = subprocess.Popen([sys.executable, "-m", "mesh_motion_server", *order])
     try:
-        yield
+        yield lambda: player.send_signal(signal.SIGSTOP)
     finally:
+        player.send_signal(signal.SIGCONT)
         player.terminate()
         player.wait()
 
 
-def picture_of(url: str, step: int, *, width: int, height: int, scheme: str) -> bytes:
-    """PNG of the page, once the session has come to a step and its charts and mesh are there."""
+def picture_of(url: str, step: int, hold: Callable[[], None], *, width: int, height: int, scheme: str) -> bytes:
+    """PNG of the page, once the session has come to a step and its charts and mesh are there.
+
+    It is held up then: played to its end it would be discarded, and a fast machine is there before the picture is.
+    """
     from selenium import webdriver  # noqa: PLC0415
     from selenium.webdriver.chrome.service import Service  # noqa: PLC0415
 
@@ -67,6 +72,7 @@ def picture_of(url: str, step: int, *, width: int, height: int, scheme: str) -> 
         driver.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
         driver.get(url)
         wait_until(lambda: driver.execute_script(_SHOWN, step), f"step {step} is shown", _PATIENCE)
+        hold()
         time.sleep(_SETTLES)
         return base64.b64decode(driver.execute_cdp_cmd("Page.captureScreenshot", {})["data"])
     finally:
@@ -88,7 +94,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", nargs="?", type=Path, default=PICTURE)
     parser.add_argument("--case", default="turek_hron_flag", help="a folder of examples/")
-    parser.add_argument("--step", type=int, default=60, help="the picture is taken when it is committed")
+    parser.add_argument("--step", type=int, default=40, help="the picture is taken when it is committed")
     parser.add_argument("--width", type=int, default=1440)
     parser.add_argument("--height", type=int, default=1010)
     parser.add_argument("--scheme", choices=("light", "dark"), default="light")
@@ -98,8 +104,8 @@ def main() -> int:
         server.start()
         try:
             url = server.announced["monitor"].replace("tcp://", "http://")
-            with played(given.case, server.announced["endpoint"], Path(folder)):
-                made = picture_of(url, given.step, width=given.width, height=given.height, scheme=given.scheme)
+            with played(given.case, server.announced["endpoint"], Path(folder)) as hold:
+                made = picture_of(url, given.step, hold, width=given.width, height=given.height, scheme=given.scheme)
         finally:
             server.stop()
     made = smaller(made)

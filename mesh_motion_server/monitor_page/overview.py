@@ -72,6 +72,7 @@ class Overview:
     def __init__(self, state_folder: Path) -> None:
         self._sessions = Sessions(state_folder)
         self._briefs: dict[str, _Brief] = {}
+        self._stored: set[str] = set()  # at the last look, and those that still have a worker
 
     def listed(self, live: list[list[Any]]) -> list[dict[str, Any]]:
         """The sessions, the last changed first; where there are many, those with a worker are among them.
@@ -88,10 +89,11 @@ class Overview:
         views = [view for view in stored if view.session in chosen]
         self._briefs = {view.session: self._brief(view) for view in views}
         listed = [self._entry(view, known.get(view.session)) for view in views]
-        for view in stored:
-            known.pop(view.session, None)
-        # of those whose mesh is not built yet nothing is stored that a list could show
-        new = [_unbuilt(entry) for entry in known.values() if entry[1] != "dead"]
+        names = {view.session for view in stored}
+        self._stored = names | (self._stored & known.keys())
+        # Of those whose mesh is not built yet nothing is stored that a list could show. Of those that were stored there
+        # is nothing any more: they are being discarded, and their worker ends a moment later.
+        new = [_unbuilt(entry) for name, entry in known.items() if name not in self._stored and entry[1] != "dead"]
         return [*new, *listed]
 
     def _brief(self, view: SessionView) -> _Brief:

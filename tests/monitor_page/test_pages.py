@@ -76,6 +76,17 @@ def test_the_list_tells_what_folders_and_supervisor_know(tmp_path: Path) -> None
     assert asked.get("/api/sessions").json()["sessions"][0]["worker"] == "dead"
 
 
+def test_a_session_that_is_being_discarded_is_none_that_is_not_built_yet(tmp_path: Path) -> None:
+    """Its folder goes before its worker: for a moment it stood in the list without a label, and that stayed."""
+    stored(tmp_path, 1)
+    page = Page(tmp_path, BUILD)
+    page.hear({"missing": "", "sessions": [[SESSION, "alive", "READY", 1, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
+    assert [one["label"] for one in listed(page)] == ["", "wing"]
+    shutil.rmtree(tmp_path / "sessions" / SESSION)
+    assert [one["session"] for one in listed(page)] == ["f" * 32]
+    assert [one["session"] for one in listed(page)] == ["f" * 32]
+
+
 def append(state: Path, *events: dict[str, Any]) -> None:
     """Add events to the last segment of the session's history, each with the time now."""
     segment = max((state / "sessions" / SESSION / "history").glob("events-*"))
