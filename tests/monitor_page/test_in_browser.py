@@ -33,12 +33,6 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
         yield served
 
 
-@pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with chromium.opened(tmp_path_factory.mktemp("profile")) as opened:
-        yield opened
-
-
 def test_three_sessions_and_what_is_known_of_one(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     rows = tab.texts("#sessions li")
