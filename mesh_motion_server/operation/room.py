@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["DiskRoom", "available_memory", "disk_room", "resident_bytes"]
+__all__ = ["DiskRoom", "anonymous_bytes", "available_memory", "disk_room", "resident_bytes"]
 
 _PROC = Path("/proc")
 _CGROUPS = Path("/sys/fs/cgroup")
@@ -54,8 +54,19 @@ def available_memory(proc: Path = _PROC, cgroups: Path = _CGROUPS) -> int | None
 
 def resident_bytes(pid: int, proc: Path = _PROC) -> int:
     """Resident memory of a process, 0 when it is gone."""
+    return _pages(pid, proc)[0] * os.sysconf("SC_PAGE_SIZE")
+
+
+def anonymous_bytes(pid: int, proc: Path = _PROC) -> int:
+    """The part of it that no file backs: what the system cannot take back, nor bring in, behind the process's back."""
+    resident, of_files = _pages(pid, proc)
+    return (resident - of_files) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _pages(pid: int, proc: Path) -> tuple[int, int]:
+    """Resident ones, and those of them that are of files or shared; 0 and 0 of a process that is gone."""
     fields = _read(proc / str(pid) / "statm").split()
-    return int(fields[1]) * os.sysconf("SC_PAGE_SIZE") if len(fields) > 1 else 0
+    return (int(fields[1]), int(fields[2])) if len(fields) > 2 else (0, 0)
 
 
 def _machine(proc: Path) -> int | None:

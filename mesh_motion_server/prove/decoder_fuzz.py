@@ -17,7 +17,7 @@ from random import Random
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ERROR_CODES, ProtocolError
 
-from mesh_motion_server.operation.room import resident_bytes
+from mesh_motion_server.operation.room import anonymous_bytes
 from mesh_motion_server.prove.check import Budget, Check, Result, require
 from mesh_motion_server.prove.mutations import golden_frames, mutated
 from mesh_motion_server.transport.replies import undecodable
@@ -58,7 +58,7 @@ def memory_in_use() -> int:
     gc.collect()
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
-    return resident_bytes(os.getpid())
+    return anonymous_bytes(os.getpid())
 
 
 def _one(golden: list[list[bytes]], random: Random, number: int) -> str:

@@ -482,7 +482,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path: Path) -> None:
         write_moved(tmp_path / "m.npz", mesh, np.zeros((9, 3)))
     with pytest.raises(InvalidInput, match="not all finite"):
         write_moved(tmp_path / "m.npz", mesh, points * np.nan)
-    with pytest.raises(ResourceError, match="cannot be written"):
+    with pytest.raises(InvalidInput, match="there is no folder"):
         write_mesh(tmp_path / "none" / "m.su2", mesh)
 
 

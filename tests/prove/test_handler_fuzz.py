@@ -191,7 +191,7 @@ def test_memory_that_is_kept_of_refused_requests_is_found(monkeypatch: Patch) ->
 
     def hoarding(message: Any, **options: Any) -> Any:
         if message.type == "ERROR":
-            kept.append(bytearray(b"x") * 8192)
+            kept.append(bytearray(b"x") * 65536)
         return honest(message, **options)
 
     monkeypatch.setattr(worker, "encoded", hoarding)

@@ -6,6 +6,7 @@ import asyncio
 import shutil
 import time
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from textual.widgets import Static
 from mesh_motion_server.terminal.app import MonitorApp
 from mesh_motion_server.terminal.folder_source import FolderSource
 from mesh_motion_server.terminal.snapshot import named
+from mesh_motion_server.terminal.watcher import Look
 
 MakeSession = Callable[..., Path]
 Steps = Callable[[Pilot[None], MonitorApp], Awaitable[None]]
@@ -201,6 +203,20 @@ def test_sessions_and_the_folder_come_and_go(make_session: MakeSession, tmp_path
         await until(app, "details", "second")
         shutil.rmtree(tmp_path / "state")
         await until(app, "head", "is not there")
+
+    watch(tmp_path / "state", steps)
+
+
+def test_what_was_known_outlives_a_folder_that_goes_before_its_line(make_session: MakeSession, tmp_path: Path) -> None:
+    make_session("first", steps=5, live=False)
+
+    async def steps(pilot: Pilot[None], app: MonitorApp) -> None:
+        await until(app, "details", "step 5")
+        app._take(replace(app._look, details=None))
+        app._take(Look())
+        gone = text_of(app, "details")
+        assert "is there no more" in gone
+        assert "step 5" in gone
 
     watch(tmp_path / "state", steps)
 
