@@ -64,6 +64,11 @@ class Budget:
             return time.monotonic() - self._start < self.seconds
         return done < self.count
 
+    def warms_up(self, done: int, least: int) -> bool:
+        """Whether there is to be another one that comes first and is not counted: a tenth, and at least so many."""
+        share = done / self.count if self.seconds is None else (time.monotonic() - self._start) / self.seconds
+        return done < least or share < 0.1
+
 
 @dataclass(frozen=True)
 class Check:
@@ -93,6 +98,6 @@ class Check:
         """How many in the plan "short" or "full"."""
         return {"short": self.short, "full": self.full}[plan]
 
-    def target_of(self, count: int) -> str:
-        """The target with its count."""
-        return self.target.format(count=f"{count:,}".replace(",", " "))
+    def target_of(self, count: int | None) -> str:
+        """The target with its count; None: with n, for as many as fit in a time."""
+        return self.target.format(count="n" if count is None else f"{count:,}".replace(",", " "))

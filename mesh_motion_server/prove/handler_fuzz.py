@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -52,6 +53,8 @@ _MESSAGES = 250
 #: Before memory is looked at, every other scene with the numerics themselves: what is made once is made then.
 _LEAST_WARM_UP = 3000
 _MOST_GROWTH = 5 << 20
+#: Scenes from one look at the memory to the next, some 500 000 messages: proof.json tells whether it grows on.
+_SCENES_BETWEEN_LOOKS = 2000
 #: Seconds of processor time that one message may take: ten thousand times the usual.
 _MOST_SECONDS = 2.0
 _SETTINGS = ServerSettings(stored_replies=4, max_sessions=4)
@@ -270,18 +273,21 @@ def run(seed: int, budget: Budget) -> Result:
 
 
 def _run(protection: Protection, seed: int, budget: Budget) -> Result:
-    totals = Totals()
-    warm_up = max(_LEAST_WARM_UP, budget.count // 10)
-    number = -1 - warm_up // _MESSAGES
-    while number < 0:
-        play(protection, seed, number, Totals())
-        number += 1
+    first, totals = Totals(), Totals()
+    for number in count(1):
+        if not budget.warms_up(first.messages, _LEAST_WARM_UP):
+            break
+        play(protection, seed, -number, first)
     before, start = memory_in_use(), time.monotonic()
-    while budget.admits(totals.messages):
+    growth: list[tuple[int, int]] = []
+    for number in count():
+        if not budget.admits(totals.messages):
+            break
+        if number % _SCENES_BETWEEN_LOOKS == 0:
+            growth.append((totals.messages, memory_in_use() - before))
         play(protection, seed, number, totals)
-        number += 1
     rate = totals.messages / (time.monotonic() - start)
-    growth = memory_in_use() - before
+    growth.append((totals.messages, memory_in_use() - before))
     return totals.result(rate, growth)
 
 
@@ -318,14 +324,16 @@ class Totals:
         self.states += scene.states
         self.slowest = max(self.slowest, scene.slowest)
 
-    def result(self, rate: float, growth: int) -> Result:
-        """With the messages of a second, and the bytes that the process has grown by."""
+    def result(self, rate: float, growths: Sequence[tuple[int, int]]) -> Result:
+        """With the messages of a second, and the bytes that the process had grown by after so many messages."""
+        growth = growths[-1][1]
         taken = sum(count for name, count in self.outcomes.items() if name not in ERROR_CODES)
         details = {
             "messages": self.messages,
             "taken": taken,
             "per_second": round(rate),
             "growth_bytes": growth,
+            "growth_bytes_by_messages": growths,
             "slowest_seconds": round(self.slowest, 4),
             "states": dict(sorted(self.states.items())),
             "outcomes": dict(sorted(self.outcomes.items())),

@@ -148,7 +148,7 @@ def line_of(outcome: Outcome) -> str:
 def _outcome(check: Check, plan: Plan, seconds: float | None, progress: Callable[[str], None]) -> Outcome:
     """Run one check."""
     count = check.count(plan.scale)
-    target = check.target_of(count)
+    target = check.target_of(count if seconds is None else None)
     budget = Budget(count, seconds, lambda done: progress(f"{check.name}: {done}" + (f" of {count}" * (not seconds))))
     start = time.monotonic()
     trace = ""

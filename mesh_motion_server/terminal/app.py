@@ -175,12 +175,12 @@ class MonitorApp(App[None]):
         place = named(look.lines, self._wanted) if self._wanted is not None else None
         if place is not None:
             self._chosen, self._wanted = names[place], None
-        if self._chosen in names:
+        if self._chosen not in names and self._last is None:
+            self._chosen = names[0] if names else ""
+        if self._chosen in names:  # one that was looked at and is gone is told, not swapped for another one
             before = self._last[1] if self._last else None
             known = look.details if look.session == self._chosen else None
             self._last = look.lines[names.index(self._chosen)], known or before  # its files go before its line does
-        elif self._last is None:  # a session that was looked at and is gone is told, not swapped for another one
-            self._chosen = names[0] if names else ""
         self._watcher.choose(self._chosen)
         self._show()
 

@@ -120,6 +120,16 @@ def test_time_instead_of_counts_is_shared_out(tmp_path: Path) -> None:
     assert Plan().seconds(GOOD, [GOOD]) is None
     _, _, proof = proved(tmp_path, GOOD, minutes=1e-4)
     assert proof["checks"][0]["details"]["done"] > 2  # in six milliseconds
+    assert proof["checks"][0]["target"] == "n of them"
+
+
+def test_what_is_not_counted_is_a_tenth_of_the_plan() -> None:
+    assert [Budget(100).warms_up(done, 3) for done in (9, 10)] == [True, False]
+    assert [Budget(10).warms_up(done, 3) for done in (2, 3)] == [True, False]
+    timed = Budget(1, 20.0)
+    assert [timed.warms_up(done, 3) for done in (2, 1000)] == [True, True]
+    timed._start -= 2.0
+    assert [timed.warms_up(done, 3) for done in (2, 3)] == [True, False]
 
 
 def test_progress_is_told(tmp_path: Path) -> None:
