@@ -80,8 +80,8 @@ def _draw_history(axes: Any, before: Snapshot, steps: Sequence[StepRecord], metr
         markersize=4, label="minimum",
     )  # fmt: skip
     if metric == "size-skew" and any(s.predicted_standard < s.predicted_min for s in steps):
-        standard = [s.predicted_standard for s in steps]
-        axes.plot(number[1:], standard, ":", marker=marker, color=_BEFORE, markersize=3, label="without correction")
+        standard = [before.quality.min(), *(s.predicted_standard for s in steps)]
+        axes.plot(number, standard, ":", marker=marker, color=_BEFORE, markersize=3, label="without correction")
     axes.set(title="size-skew over the steps", xlabel="step", xlim=(0, max(number)))
     axes.set_ylim(top=1.0)
     axes.legend(loc="best", frameon=False, fontsize=9)

@@ -27,6 +27,8 @@ FloatArray = NDArray[np.float64]
 _BINS = 1000
 #: So few steps are marked one by one.
 _FEW = 40
+#: What a run of a single step is drawn as: a dash of so many steps to either side.
+_HALF_DASH = 0.25
 #: A first step is cut off if it took so many times what any later one did: it makes the factorizations.
 _TALL = 3.0
 #: Heights, mm: of the quality panel, as a share of the width within limits, and of any other as a share of that.
@@ -73,7 +75,7 @@ def draw_history(
         panel.grid(visible=True, axis="y")
         panel.set_axisbelow(True)
     axes[-1].set_xlabel("step")
-    axes[-1].xaxis.get_major_locator().set_params(integer=True)
+    axes[-1].xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     low = min(int(run.step[0]) for run in shown if len(run.step))
     tried = [
         refused.step for run in shown for refused in run.refused
@@ -108,19 +110,18 @@ def _draw_quality(axes: Any, runs: Sequence[Run], page: Page) -> None:
 def _draw_one(axes: Any, run: Run, page: Page) -> None:
     """Everything that is known of one run."""
     theme, x = page.theme, run.step
-    marker = {"marker": "o", "markersize": 2.5} if len(x) <= _FEW else {}
     colour, mean = theme.runs[0], theme.runs[2]
     bands = (("p1", "p5", 0.26, "percentiles 1 to 5"), ("p5", "p50", 0.12, "5 to 50"))
     for low, high, opacity, label in bands:
         lower, upper = getattr(run.actual, low), getattr(run.actual, high)
         if np.isfinite(lower).any():
-            axes.fill_between(x, lower, upper, color=colour, alpha=opacity, linewidth=0, label=label)
+            axes.fill_between(*_dashed(x, lower, upper), color=colour, alpha=opacity, linewidth=0, label=label)
     _line(axes, x, run.predicted.mean, color=mean, linewidth=3.2, alpha=0.3)
     _line(axes, x, run.predicted.minimum, color=colour, linewidth=3.6, alpha=0.35, label="minimum, predicted")
     if np.any(run.standard < run.predicted.minimum - 1e-9):
         _line(axes, x, run.standard, color=theme.faint, linestyle=":", label="without correction")
     _line(axes, x, run.actual.mean, color=mean, linestyle=theme.dashes[1], label="mean")
-    _line(axes, x, run.actual.minimum, color=colour, label="minimum", **marker)
+    _line(axes, x, run.actual.minimum, color=colour, label="minimum", **_marks(x))
     if run.threshold is not None:
         axes.axhline(run.threshold, color=theme.ink, linewidth=0.7, linestyle=(0, (1, 2)), label="threshold")
 
@@ -134,7 +135,7 @@ def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
             "linestyle": theme.dashes[number % len(theme.dashes)],
         }
         _line(axes, run.step, run.actual.mean, **style, linewidth=0.7, alpha=0.75)
-        _line(axes, run.step, run.actual.minimum, **style, label=run.label)
+        _line(axes, run.step, run.actual.minimum, **style, label=run.label, **_marks(run.step))
     axes.plot([], [], color=theme.ink, linewidth=0.7, alpha=0.75, label="mean (thin)")
     thresholds = {run.threshold for run in runs}
     if len(thresholds) == 1 and None not in thresholds:
@@ -155,7 +156,21 @@ def _draw_refused(axes: Any, runs: Sequence[Run], page: Page) -> None:
 def _line(axes: Any, x: NDArray[np.int64], y: FloatArray, **style: Any) -> None:
     """A line of what is known; nothing, and no place in the legend, if that is nothing."""
     if np.isfinite(y).any():
-        axes.plot(x, y, **style)
+        axes.plot(*_dashed(x, y), **style)
+
+
+def _dashed(x: NDArray[np.int64], *values: FloatArray) -> tuple[FloatArray, ...]:
+    """A single step as three points in a row, since a line through one is not seen; more as they are."""
+    if len(x) != 1:
+        return x.astype(float), *values
+    return x + _HALF_DASH * np.array([-1.0, 0.0, 1.0]), *(np.repeat(each, 3) for each in values)
+
+
+def _marks(x: NDArray[np.int64]) -> dict[str, Any]:
+    """How steps are marked one by one where they are few."""
+    if len(x) > _FEW:
+        return {}
+    return {"marker": "o", "markersize": 2.5} | ({"markevery": [1]} if len(x) == 1 else {})
 
 
 # --- the others ------------------------------------------------------------------------------------------------------
@@ -164,12 +179,12 @@ def _line(axes: Any, x: NDArray[np.int64], y: FloatArray, **style: Any) -> None:
 def _draw_counts(axes: Any, runs: Sequence[Run], page: Page, column: str, name: str) -> None:
     """A staircase of whole numbers a run."""
     for number, run in enumerate(runs):
-        values = getattr(run, column)
         colour = page.theme.runs[number % len(page.theme.runs)]
         style = page.theme.dashes[number % len(page.theme.dashes)]
-        axes.step(run.step, values, where="mid", color=colour, linestyle=style, linewidth=0.9)
+        steps, values = _dashed(run.step, getattr(run, column))
+        axes.step(steps, values, where="mid", color=colour, linestyle=style, linewidth=0.9)
         if len(runs) == 1:
-            axes.fill_between(run.step, values, step="mid", color=colour, alpha=0.18, linewidth=0)
+            axes.fill_between(steps, values, step="mid", color=colour, alpha=0.18, linewidth=0)
     axes.set_ylabel(name)
     axes.set_ylim(bottom=0)
     axes.yaxis.get_major_locator().set_params(integer=True)
@@ -191,7 +206,8 @@ def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
     if len(runs) == 1:
         colours = [page.theme.runs[i] for i in (0, 5, 1, 2)]
         parts = [np.nan_to_num(runs[0].seconds[phase]) * factor for phase in PHASES]
-        axes.stackplot(runs[0].step, parts, labels=PHASES, colors=colours, alpha=0.85, linewidth=0)
+        steps, *parts = _dashed(runs[0].step, *parts)
+        axes.stackplot(steps, parts, labels=PHASES, colors=colours, alpha=0.85, linewidth=0)
         axes.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2,
             handlelength=0.9, handletextpad=0.4,
@@ -200,7 +216,7 @@ def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
         for number, (run, total) in enumerate(zip(runs, totals, strict=True)):
             style = page.theme.dashes[number % len(page.theme.dashes)]
             colour = page.theme.runs[number % len(page.theme.runs)]
-            axes.plot(run.step, total * factor, color=colour, linestyle=style, linewidth=0.9)
+            _line(axes, run.step, total * factor, color=colour, linestyle=style, linewidth=0.9)
     axes.set_ylabel(f"server, {unit}")
     axes.set_ylim(0, 1.08 * factor * largest if largest > 0 else 1.0)
     cut = [float(total[0]) for total in totals if len(total) and total[0] > 1.08 * largest]

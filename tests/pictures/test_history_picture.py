@@ -15,6 +15,9 @@ from mesh_motion_server.pictures.runs import Quality, Refused, Run, read_played
 
 pytest.importorskip("matplotlib")
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+
 from mesh_motion_server.pictures.history import draw_history, panels_of
 from mesh_motion_server.pictures.page import Page, styled
 from mesh_motion_server.pictures.palette import DARK
@@ -86,6 +89,34 @@ def test_several_runs_have_a_colour_and_a_dash_each(played: MakePlayed) -> None:
     assert lines[0].get_color() != lines[1].get_color()
     assert lines[0].get_linestyle() != lines[1].get_linestyle()
     assert figure.get_suptitle() == ""
+
+
+def inked(axes: Any, colour: Any) -> int:
+    """Pixels of a colour within a panel, as it comes out."""
+    axes.figure.set_dpi(300)
+    canvas = FigureCanvasAgg(axes.figure)
+    canvas.draw()
+    box, image = axes.get_window_extent(), np.asarray(canvas.buffer_rgba())[::-1]
+    part = image[int(box.y0) : int(box.y1), int(box.x0) : int(box.x1), :3].astype(int)
+    return int((np.abs(part - [round(255 * c) for c in to_rgb(colour)]).sum(axis=2) < 60).sum())
+
+
+def test_a_run_of_a_single_step_is_seen(played: MakePlayed) -> None:
+    run = read_played(played("once", steps=1))
+    _, panels = drawn([run])
+    quality, seconds = panels["size-skew"], panels["server, ms"]
+    for label in ("minimum", "mean", "without correction"):
+        assert inked(quality, line(quality, label).get_color()) > 20, label
+    *colour, opacity = seconds.collections[0].get_facecolor()[0]
+    assert inked(seconds, [opacity * part + 1.0 - opacity for part in colour]) > 500
+    assert [tick for tick in quality.get_xticks() if 0.5 <= tick <= 1.5] == [1.0]
+
+
+def test_a_run_of_a_single_step_is_seen_beside_a_long_one(played: MakePlayed) -> None:
+    runs = read_runs([played("long", steps=30), played("once", steps=1)])
+    _, panels = drawn(runs)
+    colour = line(panels["size-skew"], "once").get_color()
+    assert inked(panels["size-skew"], colour) > 5
 
 
 def test_runs_of_one_name_are_told_apart(played: MakePlayed, tmp_path: Path) -> None:
