@@ -137,7 +137,7 @@ def _fields(columns: int) -> list[tuple[str, int]]:
 
 
 def _values(line: SessionLine, now: float) -> dict[str, str]:
-    changed = f"{age(now - line.changed_at)} ago" if line.changed_at else ""
+    changed = f"{age(now - line.changed_at, short=True)} ago" if line.changed_at else ""
     return {
         "label": plain(line.label) or line.session[:8],
         "state": plain(line.state),

@@ -45,11 +45,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return "–" if value is None or math.isnan(value) else f"{value:.{digits}f}"
 
 
-def age(value: float) -> str:
-    """How long ago something was, in one or two units."""
+def age(value: float, *, short: bool = False) -> str:
+    """How long ago something was, in one or two units; short: in one."""
     whole = max(int(value), 0)
     for unit, size, smaller, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
         if whole >= size:
             rest = whole % size // part
-            return f"{whole // size} {unit}" + (f" {rest} {smaller}" if rest and whole < 10 * size else "")
+            return f"{whole // size} {unit}" + (f" {rest} {smaller}" if rest and whole < 10 * size and not short else "")
     return f"{whole} s"

@@ -39,6 +39,7 @@ def test_clipping_counts_columns() -> None:
 def test_numbers_and_ages() -> None:
     assert (number(None), number(float("nan")), number(0.12345)) == ("–", "–", "0.123")
     assert [age(s) for s in (-3, 59.9, 61, 3600, 86400 * 61)] == ["0 s", "59 s", "1 min 1 s", "1 h", "61 d"]
+    assert [age(s, short=True) for s in (59.9, 61, 405, 5000)] == ["59 s", "1 min", "6 min", "1 h"]
 
 
 def dots_of(rows: list[str]) -> list[list[bool]]:
