@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import mimetypes
 from collections import Counter
 from collections.abc import Callable
@@ -30,6 +31,9 @@ __all__ = ["STATIC", "Page"]
 STATIC = Path(__file__).with_name("static")
 _JSON = "application/json"
 _POINTS = 1500
+#: A longer answer goes compressed, at the level that costs least: a long history's is a quarter then, for who looks
+#: from elsewhere through a tunnel. A mesh is not: its coordinates hardly get smaller.
+_COMPRESSED_BYTES = 16 << 10
 #: Answers of one kind that are being made at a time; each kind has one thread.
 _WAITING = 24
 _STATUS = {"NOT_FOUND": 404, "INVALID_ARGUMENT": 400}
@@ -81,27 +85,27 @@ class Page:
     async def _index(self, _request: Request) -> Response:
         return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
 
-    async def _sessions(self, _request: Request) -> Response:
+    async def _sessions(self, request: Request) -> Response:
         news = self._news
         make = partial(self._archive.overview, news["sessions"])
         told = {"build": self._build, "missing": news["missing"]}
-        return _plain(await self._made(self._archive.lists, lambda: as_json(told | {"sessions": make()})))
+        return await self._json(request, self._archive.lists, lambda: as_json(told | {"sessions": make()}))
 
     async def _detail(self, request: Request) -> Response:
         archive, session = self._archive, request.path_params["session"]
-        return _plain(await self._made(archive.histories, lambda: archive.detail(session)))
+        return await self._json(request, archive.histories, lambda: archive.detail(session))
 
     async def _series(self, request: Request) -> Response:
         archive, session, asked = self._archive, request.path_params["session"], request.query_params
         first, last = (integer(asked.get(name), lambda: None) for name in ("first", "last"))
         points = max(1, integer(asked.get("points"), lambda: _POINTS))
-        return _plain(await self._made(archive.histories, lambda: archive.series(session, first, last, points)))
+        return await self._json(request, archive.histories, lambda: archive.series(session, first, last, points))
 
     async def _mesh(self, request: Request) -> Response:
         archive, session, asked = self._archive, request.path_params["session"], request.query_params
         have, seen = asked.get("have", ""), asked.get("seen", "")
         packed = await self._made(archive.meshes, lambda: archive.mesh(session, have, seen))
-        return _plain(packed, "application/octet-stream")
+        return Response(packed, media_type="application/octet-stream", headers={"cache-control": "no-store"})
 
     async def _overview(self) -> dict[str, Any]:
         archive, live = self._archive, self._news["sessions"]
@@ -116,6 +120,15 @@ class Page:
             self._trouble = said
             log().warning("page_list_failed", error=repr(error))
         return {"build": self._build, "missing": said, "sessions": self._listed}
+
+    async def _json(self, request: Request, thread: Executor, make: Callable[[], bytes]) -> Response:
+        """An answer that is JSON, compressed if it is long and the browser takes it so."""
+        headers = {"cache-control": "no-store", "vary": "accept-encoding"}
+        content = await self._made(thread, make)
+        if len(content) > _COMPRESSED_BYTES and "gzip" in request.headers.get("accept-encoding", ""):
+            content = await asyncio.to_thread(gzip.compress, content, 1)
+            headers["content-encoding"] = "gzip"
+        return Response(content, media_type=_JSON, headers=headers)
 
     async def _made(self, thread: Executor, make: Callable[[], bytes]) -> bytes:
         """An answer, made in its thread."""
@@ -153,10 +166,6 @@ class _Files(StaticFiles):
         response = await super().get_response(path, scope)
         response.headers["cache-control"] = "no-cache"
         return response
-
-
-def _plain(content: bytes, kind: str = _JSON) -> Response:
-    return Response(content, media_type=kind, headers={"cache-control": "no-store"})
 
 
 async def _refused(_request: Request, error: Exception) -> Response:

@@ -200,6 +200,18 @@ def test_series_are_thinned_to_minima_and_closer_within_a_window(client: Any) ->
     assert near["actual_min"] == whole["actual_min"][99:110]
 
 
+def test_long_answers_are_compressed_for_who_takes_them_so(client: Any) -> None:
+    series, detail = f"/api/sessions/{SESSION}/series?points=1500", f"/api/sessions/{SESSION}"
+    plain = client.get(series, headers={"accept-encoding": "identity"})
+    packed = client.get(series, headers={"accept-encoding": "br, gzip"})
+    assert "content-encoding" not in plain.headers
+    assert packed.headers["content-encoding"] == "gzip"
+    assert packed.headers["vary"] == "accept-encoding"
+    assert 3 * int(packed.headers["content-length"]) < int(plain.headers["content-length"])
+    assert packed.content == plain.content
+    assert "content-encoding" not in client.get(detail, headers={"accept-encoding": "gzip"}).headers
+
+
 def test_a_session_tells_its_worst_cells_and_what_was_refused(client: Any) -> None:
     told = client.get(f"/api/sessions/{SESSION}").json()
     assert (told["worst"]["of"], told["worst"]["step"], len(told["worst"]["cells"])) == ("committed", 600, 10)
