@@ -50,6 +50,6 @@ def age(value: float, *, short: bool = False) -> str:
     whole = max(int(value), 0)
     for unit, size, smaller, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
         if whole >= size:
-            rest = whole % size // part
-            return f"{whole // size} {unit}" + (f" {rest} {smaller}" if rest and whole < 10 * size and not short else "")
+            rest = 0 if short or whole >= 10 * size else whole % size // part
+            return f"{whole // size} {unit}" + (f" {rest} {smaller}" if rest else "")
     return f"{whole} s"
