@@ -170,7 +170,8 @@ def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArr
     cell, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
     block, row = cells.locate(cell)
     corners = points[block.nodes[row][block.type.corner_array]]
-    determinants = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    with np.errstate(divide="ignore"):  # numpy takes the logarithm of edges that are nearly nothing
+        determinants = np.linalg.det(corners[:, 1:] - corners[:, :1])
     size = block.type.size_factor * float(determinants.sum())
     raise InvalidInput(
         f"cell {cell} ({block.type.name}, nodes {block.nodes[row].tolist()}) is "

@@ -85,6 +85,12 @@ def test_an_inverted_cell_is_named_with_its_determinant(mesh):
     assert "mirrored" not in error.hint
 
 
+def test_a_cell_that_is_nearly_nothing_is_named_without_a_warning(mesh):
+    mesh.points = np.concatenate([mesh.points, [[0.0, 0.0], [5e-324, 0.0], [0.0, 5e-324]]])
+    mesh.cells["triangle"] = np.concatenate([mesh.cells["triangle"], [[25, 27, 26]]])
+    assert refused(mesh, r"cell 32 .*is inverted or degenerate").code == "INVALID_ARGUMENT.MESH_DEGENERATE"
+
+
 def test_a_mesh_with_all_cells_inverted_is_told_to_reverse_them(mesh):
     mesh.cells["triangle"] = mesh.cells["triangle"][:, ::-1]
     assert "reverse" in refused(mesh, r"\(32 such cells of 32\)").hint
