@@ -53,7 +53,7 @@ _MESSAGES = 250
 #: Before memory is looked at, every other scene with the numerics themselves: what is made once is made then.
 _LEAST_WARM_UP = 3000
 _MOST_GROWTH = 5 << 20
-#: Scenes from one look at the memory to the next, some 500 000 messages: proof.json tells whether it grows on.
+#: Scenes from one look at the memory to the next, some 290 000 messages: proof.json tells whether it grows on.
 _SCENES_BETWEEN_LOOKS = 2000
 #: Seconds of processor time that one message may take: ten thousand times the usual.
 _MOST_SECONDS = 2.0
