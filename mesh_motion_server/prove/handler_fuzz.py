@@ -9,10 +9,12 @@ file, nor the other session. Nothing is INTERNAL, nothing takes long, nothing is
 
 from __future__ import annotations
 
+import gc
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -250,12 +252,22 @@ def _ends_wait(answer: Any) -> bool:
 
 
 def _sent(frames: Sequence[bytes]) -> tuple[str, int]:
-    """Type and number of what was sent, as far as they can be read."""
+    """Type and number of what was sent, as far as they can be read; the rest is passed over, not made and interned."""
+    reader = msgpack.Unpacker(strict_map_key=True)
+    found: dict[str, Any] = {"type": None, "sequence": None}
     try:
-        header = msgpack.unpackb(frames[0], strict_map_key=True)
-        kind, number = header.get("type"), header.get("sequence")
+        reader.feed(frames[0])
+        for _ in range(reader.read_map_header()):
+            key = reader.unpack()
+            if key in found:
+                found[key] = reader.unpack()
+            else:
+                reader.skip()
     except Exception:
         return "", 0
+    if reader.tell() != len(frames[0]):
+        return "", 0
+    kind, number = found["type"], found["sequence"]
     good = type(number) is int and 0 < number < 2**63
     return kind if isinstance(kind, str) and kind in MESSAGES else "", number if good else 0
 
@@ -273,11 +285,28 @@ def run(seed: int, budget: Budget) -> Result:
 
 
 def _run(protection: Protection, seed: int, budget: Budget) -> Result:
-    first, totals = Totals(), Totals()
+    first = Totals()
     for number in count(1):
         if not budget.warms_up(first.messages, _LEAST_WARM_UP):
             break
         play(protection, seed, -number, first)
+    with _quick_collections():
+        return _counted(protection, seed, budget)
+
+
+@contextmanager
+def _quick_collections() -> Iterator[None]:
+    """Leave out of garbage collections what is there by now: modules and kernels, some 300 000 objects."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def _counted(protection: Protection, seed: int, budget: Budget) -> Result:
+    totals = Totals()
     before, start = memory_in_use(), time.monotonic()
     growth: list[tuple[int, int]] = []
     for number in count():
@@ -307,6 +336,10 @@ def play(protection: Protection, seed: int, number: int, totals: Totals) -> None
             raise
         totals.messages += 1
     totals.add(scene)
+    # A server and its sessions refer to each other, and the collector by itself comes after some hundred of them. What
+    # outlives such a heap holds its pages: 10 MB in 200 000 messages, and not a block more that is in use.
+    del scene
+    gc.collect()
 
 
 @dataclass

@@ -17,6 +17,16 @@ from mesh_motion_protocol.limits import CONTAINER_ITEMS, HEADER_BYTES, HEADER_DE
 
 __all__ = ["pack", "plain", "unpack"]
 
+_OTHER, _TEXT, _ARRAY, _MAP = range(4)
+#: What a value is by its first byte, as msgpack has it.
+_KINDS = bytes(
+    _MAP if byte >> 4 == 0x8 or byte in (0xDE, 0xDF)
+    else _ARRAY if byte >> 4 == 0x9 or byte in (0xDC, 0xDD)
+    else _TEXT if byte >> 5 == 0b101 or byte in (0xD9, 0xDA, 0xDB)
+    else _OTHER
+    for byte in range(256)
+)  # fmt: skip
+
 
 def pack(header: Mapping[str, Any]) -> bytes:
     """Pack a map of plain values.
@@ -47,24 +57,23 @@ def unpack(frame: bytes | memoryview) -> dict[str, Any]:
     """
     if len(frame) > HEADER_BYTES:
         raise _too_large(f"frame 0 must be at most {HEADER_BYTES} bytes, got {len(frame)}")
+    # Unpacker keeps a copy; as much as it is given is all that it makes room for
+    reader = msgpack.Unpacker(
+        None, read_size=len(frame), max_buffer_size=HEADER_BYTES, raw=False, ext_hook=_no_extension, max_ext_len=0
+    )
     try:
-        header = msgpack.unpackb(
-            frame,
-            raw=False,
-            strict_map_key=True,
-            object_pairs_hook=_unique,
-            ext_hook=_no_extension,
-            max_array_len=CONTAINER_ITEMS,
-            max_map_len=CONTAINER_ITEMS,
-            max_ext_len=0,
-        )
+        reader.feed(frame)
+        header = _value(reader, frame, 1)
     except ProtocolError:
         raise
-    except (ValueError, RecursionError, msgpack.UnpackException) as error:
+    except IndexError:
+        raise _malformed(f"frame 0 is not one msgpack map: it ends after {len(frame)} bytes") from None
+    except (ValueError, msgpack.UnpackException) as error:
         raise _malformed(f"frame 0 is not one msgpack map within the limits: {type(error).__name__}: {error}") from None
+    if reader.tell() != len(frame):
+        raise _malformed(f"frame 0 is one msgpack map, got {len(frame) - reader.tell()} bytes behind it")
     if not isinstance(header, dict):
         raise _malformed(f"frame 0 must be a msgpack map, got {type(header).__name__}")
-    _check_containers(header)
     return header
 
 
@@ -79,16 +88,41 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _unique(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
-    """Pairs → dict; a key that comes twice would let two readers see two messages."""
+def _value(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> Any:
+    """Read the next value; a map or an array is at this depth."""
+    kind = _KINDS[frame[reader.tell()]]
+    if kind == _MAP:
+        return _map(reader, frame, depth)
+    if kind == _ARRAY:
+        items = _admitted(reader.read_array_header(), depth)
+        return [_value(reader, frame, depth + 1) for _ in range(items)]
+    return reader.unpack()
+
+
+def _map(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> dict[str, Any]:
+    """Read a map, key by key.
+
+    ``unpackb`` interns keys, and an interned string is never given back by Python 3.12.0 to 3.12.6 and by builds
+    without the global lock: who sends ever new keys would fill the server's memory.
+    """
     mapping: dict[str, Any] = {}
-    for key, value in pairs:
-        if not isinstance(key, str):
-            raise _malformed(f"map keys must be text, got {type(key).__name__}")
-        if key in mapping:
+    for _ in range(_admitted(reader.read_map_header(), depth)):
+        if _KINDS[frame[reader.tell()]] != _TEXT:
+            raise _malformed(f"map keys must be text, got one with the first byte 0x{frame[reader.tell()]:02x}")
+        key = reader.unpack()
+        if key in mapping:  # two readers could see two messages
             raise _malformed(f"the key {key!r} comes twice")
-        mapping[key] = value
+        mapping[key] = _value(reader, frame, depth + 1)
     return mapping
+
+
+def _admitted(items: int, depth: int) -> int:
+    """Items of a map or array at this depth, before any of them is made."""
+    if depth > HEADER_DEPTH:
+        raise _malformed(f"the header must be nested at most {HEADER_DEPTH} deep")
+    if items > CONTAINER_ITEMS:
+        raise _malformed(f"a map or array in the header must have at most {CONTAINER_ITEMS} items, got {items}")
+    return items
 
 
 def _no_extension(code: int, _data: bytes) -> Any:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, StepsLost, connect
 
+from mesh_motion_server.failpoints import PLAN, VARIABLE
 from mesh_motion_server.prove.waiting import wait_until
 
 UP = np.array([[0.0, 1 / 64]] * 4)
@@ -40,24 +41,26 @@ def test_every_level_from_open_to_resume(server, mesh, level):
             assert len(set(digests)) == 5
 
 
-def test_steps_that_did_not_survive_are_said_and_can_be_done_again(server, mesh):
-    """Kill the worker right behind an answer until that was quicker than the disk."""
+def test_steps_that_did_not_survive_are_said_and_can_be_done_again(server_with, mesh, tmp_path, monkeypatch):
+    """Kill the worker behind answers that were quicker than the disk."""
+    points = tmp_path / "points"
+    points.mkdir(mode=0o700)
+    monkeypatch.setenv(VARIABLE, str(points))
+    server, unsynced = server_with(), "journal.commit.slot-unsynced"
     with connect(server.endpoint, timeout=20, compute_timeout=60) as client:
         session = client.open(mesh, durability="relaxed")
-        lost = None
-        for _ in range(20):
-            replies = [step(session) for _ in range(12)]
-            digests = {reply.step: reply.digest for reply in replies}
-            durable, last = session.durable_step, session.step
-            kill_worker(server, session)
-            try:
-                session.move(UP)
-            except StepsLost as error:
-                lost = error
-                break
-            session.rollback()
-        assert lost is not None
+        step(session)
+        wait_until(lambda: session.status().durable_step == 1, "the disk has it")
+        (points / PLAN).write_text(f"{unsynced}=sleep:60@{(points / unsynced).stat().st_size + 1}", encoding="ascii")
+        digests = {reply.step: reply.digest for reply in (step(session) for _ in range(12))}
+        durable, last = session.durable_step, session.step
+        kill_worker(server, session)
+        (points / PLAN).unlink()
+        with pytest.raises(StepsLost) as caught:
+            session.move(UP)
+        lost = caught.value
         assert lost.code == "ABORTED.STEPS_LOST"
+        assert durable == 1
         assert durable <= lost.step == session.step < last
         assert lost.lost == last - lost.step
         assert session.iteration == 0

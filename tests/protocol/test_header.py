@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import msgpack
 import pytest
 from mesh_motion_protocol.errors import ProtocolError
@@ -56,3 +58,45 @@ def test_no_extension_of_any_length(length: int) -> None:
     extended = b"\x81\xa1a" + b"\xc7" + bytes([length, 5]) + bytes(length)
     assert msgpack.unpackb(extended) == {"a": msgpack.ExtType(5, bytes(length))}
     assert refused(extended) == "INVALID_ARGUMENT.HEADER"
+
+
+@pytest.mark.parametrize(
+    "whole", [{"a": 1, "b": [{"c": None}], "d": {"e": b"f", "g": 0.5}}, {"a" * 40: {"b" * 300: []}}]
+)
+def test_a_header_that_ends_early_or_late_is_refused(whole: dict[str, object]) -> None:
+    packed = pack(whole)
+    for form in (packed, memoryview(packed)):
+        assert unpack(form) == whole
+    for length in range(len(packed)):
+        assert refused(packed[:length]) == "INVALID_ARGUMENT.HEADER"
+    assert refused(packed + b"\xc0") == "INVALID_ARGUMENT.HEADER"
+
+
+@pytest.mark.parametrize("frame", [b"", b"\x05", b"\xc1", b"\xa1a", b"\x91\x80", b"\x81\x05\x05", b"\x81\xc4\x01a\x05",
+                                   b"\x82\xa1a\x01\xa1a\x02", b"\x81\xa1\xff\x01", b"\xdf\xff\xff\xff\xff",
+                                   b"\x81\xa1a\xdd\xff\xff\xff\xff", b"\x81\xa1a\xdb\xff\xff\xff\xff"])  # fmt: skip
+def test_what_is_no_map_of_text_to_values_is_refused(frame: bytes) -> None:
+    assert refused(frame) == "INVALID_ARGUMENT.HEADER"
+
+
+def test_arrays_and_maps_of_every_form_of_length() -> None:
+    """Of up to 15 items, and of more with 2 bytes of length or, though it is not the shortest, 4."""
+    for items in (0, 1, 15, 16, CONTAINER_ITEMS):
+        header = {"a": list(range(items)), "b": {str(number): "x" * number for number in range(items)}}
+        assert unpack(msgpack.packb(header)) == header
+    assert unpack(b"\xdf\0\0\0\1\xdb\0\0\0\1a\xdd\0\0\0\1\xc3") == {"a": [True]}
+
+
+def test_no_key_is_interned_however_deep_it_is() -> None:
+    """Python 3.12.0 to 3.12.6 never gives an interned string back, so that ever new keys would fill the memory."""
+
+    def is_interned(text: str) -> bool:
+        return sys.intern("".join(text)) is text  # the one that is there already, or this copy
+
+    header = unpack(msgpack.packb({"outer key of a test": [{"inner key of a test": {"innermost key of a test": 1}}]}))
+    (outer,) = header
+    (inner,) = header[outer][0]
+    (innermost,) = header[outer][0][inner]
+    again = msgpack.unpackb(msgpack.packb({"key of another test": 1}))
+    assert is_interned(next(iter(again)))  # why unpackb is not for what a client sends
+    assert not any(is_interned(key) for key in (outer, inner, innermost))
