@@ -337,7 +337,7 @@ def play(protection: Protection, seed: int, number: int, totals: Totals) -> None
         totals.messages += 1
     totals.add(scene)
     # A server and its sessions refer to each other, and the collector by itself comes after some hundred of them. What
-    # outlives such a heap holds its pages: 10 MB in 200 000 messages, and not a block more that is in use.
+    # outlives such a heap holds its pages: 10 MB in 200 000 messages, with no more of Python's blocks in use.
     del scene
     gc.collect()
 

@@ -6,7 +6,7 @@ UTF-8, one object and nothing behind it, and limits on size, items and depth tha
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgpack
@@ -94,7 +94,7 @@ def _value(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> A
     if kind == _MAP:
         return _map(reader, frame, depth)
     if kind == _ARRAY:
-        items = _admitted(reader.read_array_header(), depth)
+        items = _admitted(reader.read_array_header(), depth, _malformed)
         return [_value(reader, frame, depth + 1) for _ in range(items)]
     return reader.unpack()
 
@@ -106,7 +106,7 @@ def _map(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> dic
     without the global lock: who sends ever new keys would fill the server's memory.
     """
     mapping: dict[str, Any] = {}
-    for _ in range(_admitted(reader.read_map_header(), depth)):
+    for _ in range(_admitted(reader.read_map_header(), depth, _malformed)):
         if _KINDS[frame[reader.tell()]] != _TEXT:
             raise _malformed(f"map keys must be text, got one with the first byte 0x{frame[reader.tell()]:02x}")
         key = reader.unpack()
@@ -116,12 +116,12 @@ def _map(reader: msgpack.Unpacker, frame: bytes | memoryview, depth: int) -> dic
     return mapping
 
 
-def _admitted(items: int, depth: int) -> int:
-    """Items of a map or array at this depth, before any of them is made."""
+def _admitted(items: int, depth: int, too_many: Callable[[str], ProtocolError]) -> int:
+    """Items of a map or array at this depth; when it is read, before any of them is made."""
     if depth > HEADER_DEPTH:
         raise _malformed(f"the header must be nested at most {HEADER_DEPTH} deep")
     if items > CONTAINER_ITEMS:
-        raise _malformed(f"a map or array in the header must have at most {CONTAINER_ITEMS} items, got {items}")
+        raise too_many(f"a map or array in the header must have at most {CONTAINER_ITEMS} items, got {items}")
     return items
 
 
@@ -133,10 +133,7 @@ def _check_containers(value: Any, depth: int = 1) -> None:
     """Depth and items of nested maps and arrays."""
     if not isinstance(value, (Mapping, list)):
         return
-    if depth > HEADER_DEPTH:
-        raise _malformed(f"the header must be nested at most {HEADER_DEPTH} deep")
-    if len(value) > CONTAINER_ITEMS:
-        raise _too_large(f"a map or array in the header must have at most {CONTAINER_ITEMS} items, got {len(value)}")
+    _admitted(len(value), depth, _too_large)
     for item in value.values() if isinstance(value, Mapping) else value:
         _check_containers(item, depth + 1)
 

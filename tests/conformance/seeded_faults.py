@@ -291,8 +291,7 @@ def passes_over_what_follows_the_map(patch):
 
 @fault("4.9-13-levels", "4.9-257-items-in-a-map")
 def does_not_bound_the_header(patch):
-    patch.setattr(header, "_admitted", lambda items, depth: items)
-    patch.setattr(header, "_check_containers", nothing)
+    patch.setattr(header, "_admitted", lambda items, depth, too_many: items)
 
 
 @fault("4-client-of-15-bytes", "12-JOIN-token-of-31-bytes", "12-OPEN-dimension-above", "12-HELLO-agent-of-257-bytes")
