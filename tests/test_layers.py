@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -105,3 +107,22 @@ def test_imports_point_to_the_left(module: str, path: Path) -> None:
 )
 def test_the_walk_sees_a_seeded_offence(module: str, source: str) -> None:
     assert offences(module, source)
+
+
+#: What starts before any worker: the command, the supervisor with its store, the gateway and the attendants.
+STARTERS = (
+    "mesh_motion_server.cli",
+    "mesh_motion_server.transport.serve",
+    "mesh_motion_server.transport.gateway",
+    "mesh_motion_server.transport.monitor",
+    "mesh_motion_server.transport.authenticator",
+    "mesh_motion_server.session.store",
+)
+
+
+@pytest.mark.parametrize("module", STARTERS)
+def test_a_server_is_up_before_the_compiler_is_loaded(module: str) -> None:
+    """numba and scipy take most of a second and 90 MB, which only workers need."""
+    script = f"import sys, {module}; print(*sorted({{'numba', 'scipy'}} & set(sys.modules)))"
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == []

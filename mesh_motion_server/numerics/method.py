@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass, fields
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.reduction import REDUCTIONS
-from mesh_motion_server.numerics.sub_steps import SUB_STEPS
 
 __all__ = ["CHOICES", "Method"]
 
-#: The named choices and what may be chosen; ``basis`` is checked against the table of basis functions.
+#: The named choices and what may be chosen; ``basis`` is checked against the table of basis functions. The names stand
+#: here and not only at what they choose: settings are read by processes that need neither scipy nor the compiler.
 CHOICES: dict[str, tuple[str, ...]] = {
     "support_radius_choice": ("mesh", "motion"),
     "polynomial": ("auto", "none", "linear"),
@@ -22,12 +21,25 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "enrichment_placement": ("auto", "spread", "minima", "boundary", "middle"),
     "explicit_decomposition": ("eigen", "polar", "svd", "qr"),
     "correction_in_time": ("independent", "smooth"),
-    "sub_steps": SUB_STEPS,
+    "sub_steps": ("auto", "never", "always"),
     "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient", "sampled"),
     "quality_report": ("every-move", "first-and-commit"),
     "solver": ("auto", "dense", "sparse", "iterative", "two-scale"),
-    "reduction": ("none", *REDUCTIONS),
+    "reduction": (
+        "none",
+        "greedy",
+        "one-point",
+        "greedy-combined",
+        "error-peaks",
+        "incremental-lu",
+        "recurrence-cholesky",
+        "grouped-circular",
+        "multilevel-subspace",
+        "multi-step",
+        "multiscale",
+        "grid-clustering",
+    ),
     "volume_reduction": ("none", "enclosing-box", "wall-function", "background-grid"),
 }
 

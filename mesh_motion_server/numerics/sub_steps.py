@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
 
-__all__ = ["SUB_STEPS", "Leg", "Walk", "furthest_walk", "walk"]
+__all__ = ["Leg", "Walk", "furthest_walk", "walk"]
 
 Floats = NDArray[np.float64]
-
-SUB_STEPS = ("auto", "never", "always")
 
 _FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 64
 _MOST_TRIES = 48

@@ -14,25 +14,11 @@ from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.numbering import in_senders_numbers
 from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.state import Origin
 
-__all__ = ["Computed", "Origin", "compute"]
+__all__ = ["Computed", "compute"]
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Origin:
-    """What determines a motion beside mesh, settings and committed state.
-
-    Attributes
-    ----------
-    frame : {"committed", "reference"}
-    told : (k, d) array, mesh length unit
-        Displacements of the moving nodes in that frame, in the order of the mesh's ``moving``.
-    """
-
-    frame: str
-    told: Floats
 
 
 @dataclass(frozen=True, eq=False)

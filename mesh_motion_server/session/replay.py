@@ -26,9 +26,9 @@ from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.model import Model
-from mesh_motion_server.session.motions import Origin, compute
+from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions import MergedMesh
-from mesh_motion_server.session.state import CommittedState
+from mesh_motion_server.session.state import CommittedState, Origin
 
 __all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
 

@@ -28,13 +28,13 @@ from mesh_motion_server.session.history import History
 from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.merging import merge
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings, release
-from mesh_motion_server.session.motions import Origin, compute
+from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions import MergedMesh
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.standing import Built, CommitOutcome, MoveOutcome, Standing
-from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
+from mesh_motion_server.session.state import CommittedState, Operation, Origin, State, Trial, admit
 from mesh_motion_server.session.store import SessionFolder
 from mesh_motion_server.session.uploads import MeshUpload, Part
 from mesh_motion_server.settings import ServerSettings

@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import SessionError
-from mesh_motion_server.session.motions import Origin
 
-__all__ = ["TABLE", "CommittedState", "Operation", "Refusal", "State", "Trial", "admit"]
+__all__ = ["TABLE", "CommittedState", "Operation", "Origin", "Refusal", "State", "Trial", "admit"]
 
 
 class State(StrEnum):
@@ -176,6 +175,21 @@ class CommittedState:
 
     step: int
     points: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """What determines a motion beside mesh, settings and committed state.
+
+    Attributes
+    ----------
+    frame : {"committed", "reference"}
+    told : (k, d) array, mesh length unit
+        Displacements of the moving nodes in that frame, in the order of the mesh's ``moving``.
+    """
+
+    frame: str
+    told: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ class Server(ServerProcess):
 class Wire:
     """A DEALER that asks one question at a time."""
 
-    def __init__(self, context, endpoint, keys=None, routing_id=b""):
+    def __init__(self, context, endpoint, keys=None, routing_id=b"", *, at_once=True):
         self.socket = context.socket(zmq.DEALER)
         self.socket.setsockopt(zmq.LINGER, 0)
         if keys:
@@ -42,9 +42,14 @@ class Wire:
             self.socket.curve_publickey = zmq.curve_public(keys.secret.encode())
         if routing_id:
             self.socket.setsockopt(zmq.ROUTING_ID, routing_id)
-        self.socket.connect(endpoint)
+        self.socket.setsockopt(zmq.SNDTIMEO, int(1000 * PATIENCE))  # one without a peer would wait for ever
         self.endpoint = endpoint
         self.client, self.sequence = uuid.uuid4().bytes, 0
+        if at_once:
+            self.connect()
+
+    def connect(self):
+        self.socket.connect(self.endpoint)
 
     def send(self, kind, **fields):
         if "sequence" not in fields:
@@ -97,8 +102,8 @@ def connect():
     context = zmq.Context()
     wires = []
 
-    def connect(endpoint, keys=None, routing_id=b""):
-        wires.append(Wire(context, endpoint, keys, routing_id))
+    def connect(endpoint, keys=None, routing_id=b"", *, at_once=True):
+        wires.append(Wire(context, endpoint, keys, routing_id, at_once=at_once))
         return wires[-1]
 
     yield connect
