@@ -1,5 +1,6 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
-# make test   runs every test, two files at a time (JOBS=4 for more)
+# make test   runs the tests, two files at a time (JOBS=4 for more), in twenty minutes
+# make test-all runs those too that repeat whole runs: each page of the documentation, each proof in small, in half an hour
 # make manual writes docs/man anew after a change of a command
 # make lock   writes the exact versions and hashes of all packages anew (requirements/)
 # make release VERSION=x.y.z checks what a release must be, builds it twice, tries it and says what comes next
@@ -26,15 +27,16 @@ BIN := $(VENV)/bin
 DRIVERS := out/drivers
 # Tests of so many files at a time: half of them wait for other processes. Each file's tests stay together, with what they share.
 JOBS ?= 2
+PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 
 # The kernels' threads sleep while they wait, as the server's workers set it: on a busy machine spinning costs more.
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast release manual lock lint format prove prove-full drivers mutants peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast release manual lock lint format prove prove-full drivers mutants peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
 
 help:
-	@sed -n '1,21s/^# \{0,1\}//p' Makefile
+	@sed -n '1,22s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -59,7 +61,10 @@ demo: $(VENV)/.runtime
 	$(BIN)/mesh-motion demo --out out/demo
 
 test: $(VENV)/.development
-	$(BIN)/pytest -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
+	$(BIN)/pytest -m "not nightly" $(PYTEST)
+
+test-all: $(VENV)/.development
+	$(BIN)/pytest $(PYTEST)
 
 test-fast: $(VENV)/.development
 	$(BIN)/pytest -m "not slow"

@@ -14,6 +14,14 @@ import structlog
 from mesh_motion_server import failpoints
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m chooses among them
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whoever wants no slow tests wants no nightly ones."""
+    for item in items:
+        if item.get_closest_marker("nightly"):
+            item.add_marker("slow")
+
+
 @pytest.fixture(autouse=True)
 def broken_pipes_are_errors() -> Iterator[None]:
     """Gmsh lets the process end at a broken pipe from its start on; the next test expects Python's way, an error."""

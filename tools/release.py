@@ -190,7 +190,7 @@ def _release(options: argparse.Namespace) -> list[str]:
     if options.only_checks:
         return [f"{version} may be released"]
     if not options.no_tests:
-        _run(["make", "-s", "lint", "test"], root, "lint or tests fail: make lint test")
+        _run(["make", "-s", "lint", "test-all"], root, "lint or tests fail: make lint test-all")
     files = build_twice(root, root / "dist")
     if not options.no_install:
         try_wheel(root, next(path for path in files if path.suffix == ".whl"))

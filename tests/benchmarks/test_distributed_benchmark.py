@@ -91,7 +91,7 @@ def test_copies_stand_side_by_side(tmp_path: Path) -> None:
     assert three.boundary.max() < len(three.points)
 
 
-@pytest.mark.slow  # worker processes
+@pytest.mark.nightly  # worker processes
 def test_a_small_case_is_measured(tmp_path: Path) -> None:
     measure = pytest.importorskip("benchmarks.distributed.measure")
     found = list(measure.measured(load("M1", tmp_path), [1, 2], tmp_path, 1))

@@ -36,7 +36,7 @@ def test_a_case_is_measured(folder: Path, kind: str) -> None:
     assert figures.resident_bytes > 1e7
 
 
-@pytest.mark.slow  # processes of their own, and a server that has to come to rest
+@pytest.mark.nightly  # processes of their own, and a server that has to come to rest
 def test_the_command_line_measures_the_library_and_the_wire(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -188,7 +188,7 @@ def test_a_measurement_that_hangs_is_ended_with_its_children() -> None:
         measured_in_fresh_process("no_such_module", 1)
 
 
-@pytest.mark.slow  # processes of their own
+@pytest.mark.nightly  # processes of their own
 def test_a_short_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     jobs = [Job("library", "M1-steady", 5), Job("truth", "M1-large", 5), Job("peer", "M1-T1-1", 5, "dense-rbf")]
     monkeypatch.setitem(PLANS, "quick", jobs)

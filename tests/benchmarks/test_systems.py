@@ -22,12 +22,14 @@ from benchmarks.peers.report import markdown
 from benchmarks.peers.systems import SYSTEMS, PythonSystem, System
 from benchmarks.peers.task import Task, step_file
 
+LONG = ("ours-iterated", "ours-served", "ours-multiscale", "ours-one-scale", "ours-multi-step")
+
 
 def marks(name: str, system: System) -> list[pytest.MarkDecorator]:
-    """Skip what is not installed; a server takes its time to start and to rest."""
-    slow = [pytest.mark.slow] if name in ("ours-served", "ours-iterated") else []
+    """Skip what is not installed; whole runs of our own ways take longest, and their parts have tests of their own."""
+    nightly = [pytest.mark.nightly] if name in LONG else []
     reason = system.missing()
-    return [*slow, pytest.mark.skip(reason=reason)] if reason else slow
+    return [*nightly, pytest.mark.skip(reason=reason)] if reason else nightly
 
 
 #: Every code on triangles, the other systems on tetrahedra as well.

@@ -9,7 +9,7 @@ from mesh_motion_conformance.command import Subject, conform
 DRIVER = shlex.join([sys.executable, "-m", "mesh_motion_client.conformance"])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_every_scenario():
     lines = []

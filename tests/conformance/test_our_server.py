@@ -10,7 +10,7 @@ from mesh_motion_conformance.command import Subject, conform
 SKIPPED = {"8-COMMITTING", "8-FROZEN", "8-FAILED", "6-upload-larger-than-max-session-bytes"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(900)  # a minute of computing, on a machine that may be busy
 def test_every_case(our_server, tmp_path):
     lines = []

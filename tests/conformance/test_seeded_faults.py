@@ -28,6 +28,7 @@ def failing(endpoint, only=(), seconds=3.0):
     return [outcome.case.id for outcome in outcomes if outcome.verdict == "FAIL"]
 
 
+@pytest.mark.nightly
 def test_a_server_without_fault_fails_no_case(tmp_path):
     with in_process_server(tmp_path) as server:
         # a wrong server is caught by silence, soon; a right one may be as slow as the machine

@@ -52,7 +52,7 @@ def test_a_session_over_the_wire_answers_the_same_and_frees_the_workers(cluster:
         assert not held(watching)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_case_is_played_on_workers(cluster: Any, tmp_path: Path) -> None:
     body = MESHES["cube"]()
     cells = {f"cells_{block.type.name}": block.nodes for block in body.cells}

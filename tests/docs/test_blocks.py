@@ -41,7 +41,18 @@ BLOCKS = {
 HERE = [page for page, blocks in BLOCKS.items() if told(blocks) and not runner_of(page)]
 
 
-@pytest.mark.parametrize("page", HERE)
+#: Pages whose commands take twenty seconds and more; docs/start.md, which everybody follows, is played each time.
+LONG = {
+    *("docs/files.md", "docs/watching.md", "docs/tutorials/flag.md", "docs/tutorials/own_code_in_c.md"),
+    *("docs/tutorials/wing.md", "docs/howto/cluster.md", "docs/howto/refusals.md", "docs/howto/restart.md"),
+}
+
+
+def test_the_long_pages_are_there() -> None:
+    assert set(HERE) >= LONG
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.nightly] * (page in LONG)) for page in HERE])
 def test_a_page_is_as_it_says(page: str, tmp_path: Path) -> None:
     wrong = play(BLOCKS[page], tmp_path)
     assert not wrong, "\n".join(wrong)

@@ -60,7 +60,7 @@ def test_pruning_removes_the_histories_that_are_old_and_not_held(tmp_path: Path)
     assert left == {"new", "held"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_commands_run(tmp_path: Path) -> None:
     record(tmp_path / "sessions")
     _, script = blocks(PAGE, "bash")

@@ -18,7 +18,13 @@ from docs.studies.study import Outcome, Picture, Study, Table, save_picture
 ALL = [(page, name) for page in PAGES for name in names(page)]
 
 
-@pytest.mark.parametrize(("page", "name"), ALL)
+#: Those that take ten seconds and more.
+LONG = ("ceiling_2d", "table_5_3_parametric_study", "table_5_5_explicit_iterations", "section_2_2_reductions_compared")
+
+
+@pytest.mark.parametrize(
+    ("page", "name"), [pytest.param(*row, marks=[pytest.mark.nightly] * (row[1] in LONG)) for row in ALL]
+)
 def test_a_study_shows_what_is_claimed(page: str, name: str, tmp_path: Path) -> None:
     found = study_named(page, name)
     outcome = found.run(True)

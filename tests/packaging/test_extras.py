@@ -50,6 +50,7 @@ def test_no_command_starts_without_the_server_and_each_says_so(installed: Instal
         told(run("mesh-motion", *arguments), "server")
 
 
+@pytest.mark.nightly
 def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Installed, tmp_path: Path) -> None:
     run = installed("server")
     assert run("mesh-motion", "version").returncode == 0
@@ -70,6 +71,7 @@ def test_the_server_of_an_installation_keeps_a_promise_and_conforms(installed: I
     assert conformed.returncode == 0, conformed.stdout + conformed.stderr
 
 
+@pytest.mark.nightly
 def test_with_pictures(installed: Installed) -> None:
     run = installed("server", "plot")
     assert run("mesh-motion", "play", ROTATION, "--out", "out").stderr == ""

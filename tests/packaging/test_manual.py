@@ -161,7 +161,7 @@ class Shell:
         process.stdout.close()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(1200)  # the demo, a proof and more, on a machine that may be busy
 def test_every_example_works(shell: Shell) -> None:
     complaints = []

@@ -16,7 +16,7 @@ from mesh_motion_server.prove.check import BrokenPromise, Budget
 from mesh_motion_server.prove.processes import Usage, descendants, usage_of
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_few_attacks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attacked_server, "_STORM", 20)
     result = CHECK.run(3, Budget(80))

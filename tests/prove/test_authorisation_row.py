@@ -29,7 +29,7 @@ def stage(folder: Path) -> Iterator[Stage]:
         made.close()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_some_questions_and_all_that_is_beside_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = list(role_cells())
     monkeypatch.setattr(row, "_TIMED", 5)
@@ -90,7 +90,7 @@ def test_what_tells_strangers_is_found(seed: Seed, tmp_path: Path) -> None:
             require_same_time(times(control, existing, Random(1), 3))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_delay_that_begins_after_the_lookup_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("a lookup that takes its time after the delay began")
     with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:

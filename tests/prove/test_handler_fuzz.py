@@ -40,7 +40,7 @@ def protection(tmp_path: Path) -> Iterator[Protection]:
         yield allow_everybody_listed(tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_few_thousand_requests() -> None:
     result = CHECK.run(4, Budget(4000))
     assert result.passed, result.got

@@ -88,7 +88,7 @@ class NoPings:
         return {}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_row(monkeypatch: pytest.MonkeyPatch) -> None:
     """Times do not travel to a machine that runs tests: the harm is done and the figures are told."""
     monkeypatch.setattr(isolation, "_ROUNDS", 1)

@@ -24,7 +24,7 @@ def test_every_kth_byte_of_each_file(level: str) -> None:
     assert min(outcomes.count(-1), outcomes.count(STEPS)) > 100
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_whole_row() -> None:
     result = CHECK.run(1, Budget(1))
     assert result.passed

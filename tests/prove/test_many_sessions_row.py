@@ -26,7 +26,7 @@ def fleet(folder: Path, live: int, resting: int) -> Iterator[Fleet]:
         made.close()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_few_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(row, "_DONE_EACH", 15)
     monkeypatch.setattr(row, "_SWAPS", 10)

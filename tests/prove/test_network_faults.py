@@ -68,7 +68,7 @@ def test_each_kind(bare: Lane, kind: str, way: str) -> None:
     assert bare.driver.acknowledged == before + 3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_few_seeds() -> None:
     result = CHECK.run(5, Budget(12))
     assert result.passed
@@ -180,7 +180,7 @@ def test_a_server_that_executes_a_duplicate_is_found(faulty: Any) -> None:
         strike(lane, Fault("cut", "data", "out", FIRST, 0.5))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_resume_that_accepts_an_older_step_is_found(faulty: Any) -> None:
     with faulty("older step") as (lane,):
         lane.driver.step()
@@ -192,7 +192,7 @@ def test_a_resume_that_accepts_an_older_step_is_found(faulty: Any) -> None:
             lane.driver.resume()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_with_keys_no_changed_byte_goes_in(tmp_path: Path) -> None:
     """Whichever byte it is, of whichever unit, of the handshake too."""
     with lanes(tmp_path, [1]) as (lane,):

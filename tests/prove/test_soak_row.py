@@ -18,7 +18,7 @@ Seed = Callable[..., None]
 _MIB = 1 << 20
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_some_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(soak_module, "_RESOLUTION", 2 * _MIB)  # of so few steps
     result = CHECK.run(3, Budget(400))
@@ -42,7 +42,7 @@ def test_memory_and_descriptors_that_are_kept_are_found(seed: Seed, monkeypatch:
         judge(calm, soak.stored)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_replies_that_are_never_dropped_are_found(seed: Seed) -> None:
     seed("replies that are never dropped")
     with soaking(1) as soak:
@@ -79,7 +79,7 @@ def test_a_boundary_stays_where_it_is_however_long_the_soak() -> None:
             assert np.abs(still.boundary).max() < 1e-12
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_client_that_fails_says_why() -> None:
     with soaking(1) as soak, pytest.raises(BrokenPromise, match=r"(?s)ended by itself, after \d+ steps.*ValueError"):
         soak.go("some")  # type: ignore[arg-type]

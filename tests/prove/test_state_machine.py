@@ -49,7 +49,7 @@ def test_the_models_table_is_that_of_spec() -> None:
         assert set(operations.split()) == allowed, row
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_sixty_lives_visit_every_cell() -> None:
     result = CHECK.run(1, Budget(60))
     assert result.passed, result.got

@@ -33,7 +33,7 @@ def sources_of(tools, folder, name):
     return [*module, tools["source"] / folder / name]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_every_scenario_in_every_language(compiler, tools):
     written = {"driver.c": "gcc", "driver.cpp": "g++", "driver.f90": "gfortran"}

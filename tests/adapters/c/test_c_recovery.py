@@ -106,7 +106,7 @@ def server(tmp_path_factory):
         yield running
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_killed_again_and_again(installed, server):
     undisturbed = play(installed, server.endpoint, lambda *_: None)

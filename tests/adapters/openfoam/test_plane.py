@@ -171,7 +171,7 @@ def test_a_server_that_is_not_there(make_case, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("waits", "ranks"), [(False, 1), (True, 1), (True, 2)])
+@pytest.mark.parametrize(("waits", "ranks"), [(False, 1), pytest.param(True, 1, marks=pytest.mark.nightly), (True, 2)])
 def test_a_server_that_is_killed(make_case, waits, ranks):
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket

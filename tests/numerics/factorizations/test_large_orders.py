@@ -87,7 +87,7 @@ def test_two_scales_take_the_largest_radius(order: int) -> None:
 LARGE_TESTS = pytest.mark.skipif("MESH_MOTION_LARGE_TESTS" not in os.environ, reason="minutes, 1.4 GB")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("solver", [pytest.param("dense", marks=LARGE_TESTS), "auto"])
 def test_a_full_matrix_of_order_18_000(solver: str) -> None:
     points, moving = cloud(18_000)
