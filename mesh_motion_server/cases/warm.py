@@ -23,7 +23,7 @@ from mesh_motion_server.numerics.reduction import REDUCTIONS
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels
 
-__all__ = ["compile_kernels", "tiny_meshes"]
+__all__ = ["compile_kernels", "tiny_mesh", "tiny_meshes"]
 
 FloatArray = NDArray[np.float64]
 Mesh = tuple[FloatArray, CellTable]
@@ -66,7 +66,7 @@ def compile_kernels(told: Callable[[str], None] = lambda _: None) -> float:
 
 def _many_unknowns() -> None:
     """A correction of more nodes than are solved for directly."""
-    points, cells = dict(tiny_meshes(_MANY_ROWS))["triangle"]
+    points, cells = tiny_mesh("triangle", _MANY_ROWS)
     _move(points, cells, Method(support_radius=1.0, correction_target="maximum", quality_threshold=0.9), sliding=False)
 
 
@@ -78,17 +78,22 @@ def _far_field() -> None:
 
 
 def tiny_meshes(rows: int = 4) -> Iterator[tuple[str, Mesh]]:
-    """A unit interval, square or cube of ``rows`` cells along each axis, cut into cells of each type."""
-    for name, cuts in _CUTS.items():
-        dimension = _DIMENSION.get(name, 3)
-        corners = _CUBE[: 2**dimension, :dimension]
-        if name == "pyramid":
-            corners = np.vstack([corners, [[0.5, 0.5, 0.5]]])
-        cubes = np.array(list(product(range(rows), repeat=dimension)))
-        places = (cubes[:, None, :] + corners).reshape(-1, dimension)
-        points, numbers = np.unique(places, axis=0, return_inverse=True)
-        nodes = numbers.reshape(len(cubes), len(corners))[:, np.array(cuts)].reshape(-1, len(cuts[0]))
-        yield name, (points / rows, CellTable.from_arrays({name: nodes}))
+    """:func:`tiny_mesh` for each type of cell, with its name."""
+    for name in _CUTS:
+        yield name, tiny_mesh(name, rows)
+
+
+def tiny_mesh(name: str, rows: int = 4) -> Mesh:
+    """A unit interval, square or cube of ``rows`` cells along each axis, cut into cells of the type ``name``."""
+    dimension = _DIMENSION.get(name, 3)
+    corners = _CUBE[: 2**dimension, :dimension]
+    if name == "pyramid":
+        corners = np.vstack([corners, [[0.5, 0.5, 0.5]]])
+    cubes = np.array(list(product(range(rows), repeat=dimension)))
+    places = (cubes[:, None, :] + corners).reshape(-1, dimension)
+    points, numbers = np.unique(places, axis=0, return_inverse=True)
+    nodes = numbers.reshape(len(cubes), len(corners))[:, np.array(_CUTS[name])].reshape(-1, len(_CUTS[name][0]))
+    return points / rows, CellTable.from_arrays({name: nodes})
 
 
 def _methods(dimension: int) -> Iterator[Method]:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh_motion_server.cases.warm import tiny_meshes
+from mesh_motion_server.cases.warm import tiny_mesh, tiny_meshes
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.corner_kernels import CHUNK
 from mesh_motion_server.numerics.lowest_quality import LowestJudge, lowest_quality
@@ -15,7 +15,7 @@ from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, i
 from mesh_motion_server.numerics.simplex_kernels import tetra_all_above
 
 MESHES = dict(tiny_meshes(6))
-TETRA = dict(tiny_meshes(12))["tetra"]
+TETRA = tiny_mesh("tetra", 12)
 
 
 def assert_same(points: np.ndarray, cells: CellTable, sizes: np.ndarray, metric: str = "size-skew") -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from mesh_motion_server.cases.outputs import write_steps
 from mesh_motion_server.cases.records import StepRecord
-from mesh_motion_server.cases.warm import tiny_meshes
+from mesh_motion_server.cases.warm import tiny_mesh
 from mesh_motion_server.files import VtuSeries
 
 MakePlayed = Callable[..., Path]
@@ -55,7 +55,7 @@ def played(tmp_path: Path) -> MakePlayed:
         }
         (folder / "summary.json").write_text(json.dumps(summary))
         if mesh is not None:
-            points, cells = dict(tiny_meshes())[mesh]
+            points, cells = tiny_mesh(mesh)
             series = VtuSeries(folder, "mesh")
             for step in range(steps + 1):
                 moved = points.copy()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesh_motion_server.cases.warm import tiny_meshes
+from mesh_motion_server.cases.warm import tiny_mesh, tiny_meshes
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.pictures.snapshot import Plane, Snapshot
 
@@ -118,7 +118,7 @@ def test_facets_of_a_cube_that_face_the_viewer_cover_it(name: str, axis: int) ->
 
 def test_a_cell_that_is_inverted_is_so_in_every_metric() -> None:
     """The skew of a mirrored cell is that of its mirror image."""
-    points, cells = dict(tiny_meshes())["triangle"]
+    points, cells = tiny_mesh("triangle")
     mirrored = points * [-1.0, 1.0]
     before, after = pair_of(points, cells, points, mirrored, steps=(0, 1), metric="skew")
     assert after.quality.min() > 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mesh_motion_server.cases.warm import tiny_meshes
+from mesh_motion_server.cases.warm import tiny_mesh
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.far_field import evaluator as module
@@ -13,7 +13,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.roles import Patch
 
-POINTS, CELLS = dict(tiny_meshes(60))["triangle"]
+POINTS, CELLS = tiny_mesh("triangle", 60)
 
 
 def model(**choices):
