@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import permutations
 
 import numpy as np
+import pytest
 
 from benchmarks.peers.refinement import refined_tetrahedra
 from mesh_motion_server.numerics.boundary_facets import boundary_facets, boundary_nodes
@@ -32,6 +33,7 @@ def _skew(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return cell_quality(points, table, reference_sizes(points, table)).skew
 
 
+@pytest.mark.nightly
 def test_eight_cells_fill_each_cell_conformingly() -> None:
     points, cells = _cube()
     refined, parts = refined_tetrahedra(points, cells)

@@ -151,7 +151,7 @@ def test_the_work_of_a_step() -> None:
     assert [share.phase for share in shares(FIGURES, 3, RATES, 1)] == ["displace", "predict", "step"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_truth_is_near_what_two_scales_leave_at_the_wall(folder: Path) -> None:
     case = Case("M3", "large")
     exact, found = truth(case, folder), library.measured(case, folder, repeat=1)

@@ -345,6 +345,7 @@ def test_assignments() -> None:
             changes_of([wrong])
 
 
+@pytest.mark.nightly
 def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     comparison = replay_session(folder, out, assignments=(), variants=(), endpoint=server.endpoint, until=3)

@@ -170,6 +170,7 @@ def test_nobody_there_is_told_in_time():
     assert time.monotonic() - began < 5
 
 
+@pytest.mark.nightly
 def test_a_server_that_stays_away_ends_the_call_in_time(server, session):
     session.move(UP)
     server.kill()

@@ -27,7 +27,7 @@ def held(connection: Connection) -> int:
     return sum(key.startswith("mesh-motion-") for key in keys)
 
 
-@pytest.mark.slow  # a server of its own
+@pytest.mark.nightly  # a server of its own
 def test_a_session_over_the_wire_answers_the_same_and_frees_the_workers(cluster: Any) -> None:
     body = MESHES["cube"]()
     cells = {block.type.name: block.nodes for block in body.cells}

@@ -75,6 +75,7 @@ def test_a_quality_has_the_colour_that_it_has_in_pictures(tab: Browser, server: 
     assert tab.run(inverted) == INVERTED_COLOUR
 
 
+@pytest.mark.nightly
 def test_ten_thousand_steps_are_thinned_and_closer_where_one_looks(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, LONG)
     columns = "return globalThis.monitor.history.columns"

@@ -49,6 +49,7 @@ m.refresh();
 """
 
 
+@pytest.mark.nightly
 def test_a_look_elsewhere_while_the_mesh_comes_does_not_break_it(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     tab.run(HELD)
@@ -75,7 +76,9 @@ globalThis.fetch = async (path, options) => {
 """
 
 
-@pytest.mark.parametrize(("kind", "where"), [("/series", "#trouble"), ("/mesh", "#mesh-note")])
+@pytest.mark.parametrize(
+    ("kind", "where"), [("/series", "#trouble"), pytest.param("/mesh", "#mesh-note", marks=pytest.mark.nightly)]
+)
 def test_what_failed_is_asked_again(tab: Browser, server: ServerProcess, kind: str, where: str) -> None:
     show(tab, server, SHORT)
     tab.run(FAILING, kind)
@@ -162,6 +165,7 @@ def test_an_inverted_cell_is_pink_whatever_its_quality(tab: Browser, server: Ser
     assert tab.run(PAINTED)[colour] > 50
 
 
+@pytest.mark.nightly
 def test_more_tabs_than_a_browser_has_lines_are_all_filled(tab: Browser, server: ServerProcess) -> None:
     first = tab.driver.current_window_handle
     try:

@@ -11,6 +11,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 HERE = Path(__file__).parent
 
 TOY = '''
@@ -133,6 +135,7 @@ def test_what_is_explained_is_left_out(tmp_path: Path) -> None:
     assert (outcome["survived"], outcome["killed"], outcome["left"]) == ([MISNAMED], 8, 1)
 
 
+@pytest.mark.nightly
 def test_some_are_chosen_by_their_name_or_at_random(tmp_path: Path) -> None:
     _, outcome = tried(tmp_path, TOY, TESTS, like="described")
     assert (outcome["survived"], outcome["killed"], outcome["left"]) == ([MISNAMED], 1, 8)
@@ -146,6 +149,7 @@ def test_tests_that_fail_without_a_mutant_are_told(tmp_path: Path) -> None:
     assert problem == "without a mutant these fail: test_toy.py::test_it_counts"
 
 
+@pytest.mark.nightly
 def test_an_endless_loop_is_noticed(tmp_path: Path) -> None:
     toy = "def f(n):\n    while n > 0:\n        n -= 1\n    return n\n"
     tests = "import toy\n\ndef test_f():\n    assert toy.f(3) == 0\n"

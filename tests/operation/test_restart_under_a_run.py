@@ -81,6 +81,7 @@ def background() -> Iterator[Any]:
         thread.join(PATIENCE)
 
 
+@pytest.mark.nightly
 def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: Any) -> None:
     server = serve()
     mesh = small_mesh()
@@ -107,6 +108,7 @@ def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: 
     assert [line["event"] for line in server.events() if line["level"] == "error"] == []
 
 
+@pytest.mark.nightly
 def test_an_upload_is_begun_anew_at_the_next_server(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server, honest, opened = serve(), Session.upload, []
 

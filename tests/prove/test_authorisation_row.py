@@ -58,7 +58,7 @@ def found(stage: Stage, cell: Cell) -> str:
     return str(raised.value)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
     seed(
         "a monitor may close",
@@ -99,7 +99,7 @@ def test_a_delay_that_begins_after_the_lookup_is_found(seed: Seed, tmp_path: Pat
         require_same_time(seconds)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_user_who_names_himself_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("users who name themselves")
     made = Stage(tmp_path)

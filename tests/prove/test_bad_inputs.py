@@ -31,6 +31,7 @@ def test_every_bad_input_is_refused_as_its_row_says_and_leaves_no_trace() -> Non
     assert verdicts.right == verdicts.cases == len(BAD_INPUTS)
 
 
+@pytest.mark.nightly
 def test_the_row_of_the_table_says_how_many() -> None:
     result = CHECK.run(0, Budget(1))
     assert result.passed

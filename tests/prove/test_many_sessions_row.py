@@ -37,7 +37,7 @@ def test_a_few_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.details["tokens_tried"] == 2 * 4 + 5 * 2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_sessions_that_are_mixed_up_are_found(seed: Seed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "seeded").mkdir()
     monkeypatch.setenv("SEEDED_FOLDER", str(tmp_path / "seeded"))
@@ -63,7 +63,7 @@ class Polite(Random):
         return 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_workers_that_stay_are_found(seed: Seed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(row, "_PATIENCE", 2.0)
     monkeypatch.setattr("mesh_motion_server.prove.holder._PATIENCE", 2.0)
@@ -76,7 +76,7 @@ def test_workers_that_stay_are_found(seed: Seed, tmp_path: Path, monkeypatch: py
             row.require_calm(made)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_lists_and_limits_that_are_wrong_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with fleet(tmp_path, 1, 1) as made:
         row.require_full(made)

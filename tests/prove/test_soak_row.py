@@ -28,7 +28,7 @@ def test_some_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.details["done"]["rejoins"] > 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_memory_and_descriptors_that_are_kept_are_found(seed: Seed, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SEEDED_BYTES", "20000")  # of 400 steps; what 100 bytes are of some thousands
     seed("a list that grows with each commit", "a descriptor kept for each join")

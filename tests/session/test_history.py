@@ -783,7 +783,7 @@ def test_a_link_in_place_of_a_file_is_not_followed(kit: Any, store: SessionStore
 # --- kill -9 ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("level", DURABILITY_LEVELS)
 def test_all_that_was_acknowledged_before_a_kill_is_in_it(
     level: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -21,6 +21,7 @@ SQUARE = Mesh(
 )
 
 
+@pytest.mark.nightly
 def test_a_list_without_more_and_a_server_that_goes(tmp_path: Path) -> None:
     with connect(state=tmp_path) as server:
         source = EndpointSource(server.endpoint, timeout=10.0)
@@ -45,6 +46,7 @@ def test_a_list_without_more_and_a_server_that_goes(tmp_path: Path) -> None:
             source.close()
 
 
+@pytest.mark.nightly
 def test_a_session_that_nobody_moves_comes_to_rest_while_somebody_watches(tmp_path: Path) -> None:
     make_server_keys(tmp_path / "keys")
     for name, role in (("solver", "owner"), ("viewer", "monitor")):

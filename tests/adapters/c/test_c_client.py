@@ -90,7 +90,7 @@ def test_errors(compiler, endpoint, tools):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-@pytest.mark.parametrize("name", ["list.cpp", "list.f90"])
+@pytest.mark.parametrize("name", ["list.cpp", pytest.param("list.f90", marks=pytest.mark.nightly)])
 def test_sessions_are_listed(compiler, tools, tmp_path, name):
     tools["need"]("gfortran" if name.endswith(".f90") else "g++")
     module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")

@@ -90,7 +90,7 @@ def test_a_run_that_fails_is_told_with_its_last_words(monkeypatch, tmp_path, cap
     assert "Error: diverged" in said
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_short_benchmark(tmp_path, capsys):
     """1.2 s of it, coarse: both mesh solvers, the same histories."""
     if execution.missing_kratos():

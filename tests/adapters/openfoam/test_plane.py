@@ -85,7 +85,10 @@ def test_pimple_foam_with_outer_correctors(make_case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kept", "ranks"), [(True, 1), (False, 1), (True, 2)])
+@pytest.mark.parametrize(
+    ("kept", "ranks"),
+    [(False, 1), pytest.param(True, 1, marks=pytest.mark.nightly), pytest.param(True, 2, marks=pytest.mark.nightly)],
+)
 def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept, ranks):
     whole, parts = make_case("whole"), make_case("parts")
     # without enrichment and with a radius given, a session that begins with the deformed mesh goes the same way
@@ -114,7 +117,7 @@ def test_a_restart_goes_on_as_if_it_had_not_been(make_case, kept, ranks):
         np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=allowed)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_restart_from_an_earlier_time_begins_a_new_session(make_case):
     case = make_case()
     case.run("moveDynamicMesh")
@@ -171,7 +174,10 @@ def test_a_server_that_is_not_there(make_case, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("waits", "ranks"), [(False, 1), pytest.param(True, 1, marks=pytest.mark.nightly), (True, 2)])
+@pytest.mark.parametrize(
+    ("waits", "ranks"),
+    [(False, 1), pytest.param(True, 1, marks=pytest.mark.nightly), pytest.param(True, 2, marks=pytest.mark.nightly)],
+)
 def test_a_server_that_is_killed(make_case, waits, ranks):
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket

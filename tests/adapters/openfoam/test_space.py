@@ -101,7 +101,7 @@ def test_every_type_of_cell(make_case):
     np.testing.assert_allclose(case.points("0.1") - start, np.broadcast_to([0.1, 0.2, 0.3], start.shape), atol=1e-15)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_refined_mesh_has_long_faces_on_one_rank_and_on_two(make_space_case):
     serial, parallel = make_space_case("serial"), make_space_case("parallel")
     for case in (serial, parallel):

@@ -129,6 +129,7 @@ class Seeded(Participant):
 BUGS = sorted(set(vars(Seeded)) - set(vars(Participant)))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("bug", BUGS)
 def test_a_seeded_bug_is_found(bug, case, play, direct, monkeypatch):
     def seeded(*arguments):

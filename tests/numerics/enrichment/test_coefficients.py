@@ -74,6 +74,7 @@ def test_it_stops_at_the_target() -> None:
     assert found.iterations < best.iterations
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["-0.2, -0.2, +60°", "3D box 0.25 + bend"])
 def test_a_working_set_reaches_nearly_what_all_cells_do(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     everything = enriched(name)

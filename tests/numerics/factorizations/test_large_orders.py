@@ -60,9 +60,9 @@ def boundary_error(points: Floats, values: Floats, found) -> float:
         (18_000, "sparse", 20),
         (18_000, "iterative", 20),
         (18_000, "auto", 20),
-        pytest.param(100_000, "sparse", 8, marks=pytest.mark.slow),
+        pytest.param(100_000, "sparse", 8, marks=pytest.mark.nightly),
         (100_000, "iterative", 20),
-        (100_000, "auto", 60),
+        pytest.param(100_000, "auto", 60, marks=pytest.mark.nightly),
     ],
 )
 def test_a_short_radius_is_exact_at_the_boundary(order: int, solver: str, neighbours: int) -> None:
