@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 _SECONDS = 30.0
+_GREETING_BYTES = 64
 _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
 
 
@@ -87,7 +88,8 @@ def endless_message(endpoint: str, frame_bytes: int, most_bytes: int) -> int:
         Bytes that were taken, ``most_bytes`` if it never ended.
     """
     header = bytes([_FLAG_MORE | _FLAG_LONG]) + struct.pack(">Q", frame_bytes)
-    return _pour(endpoint, greeting(b"NULL") + ready(), header + bytes(frame_bytes), most_bytes)
+    # frames that come before the server has said that it is ready are taken for a broken handshake
+    return _pour(endpoint, greeting(b"NULL") + ready(), header + bytes(frame_bytes), most_bytes, _GREETING_BYTES + 1)
 
 
 def oversized_hello(endpoint: str, size: int) -> int:
@@ -102,14 +104,17 @@ def oversized_hello(endpoint: str, size: int) -> int:
     return _pour(endpoint, opening, bytes(1 << 20), size)
 
 
-def _pour(endpoint: str, opening: bytes, block: bytes, most_bytes: int) -> int:
-    """Send an opening, wait for the server's greeting, then the same block again and again."""
-    sent = 0
+def _pour(endpoint: str, opening: bytes, block: bytes, most_bytes: int, answer_bytes: int = 1) -> int:
+    """Send an opening, wait for so much of the server's answer, then the same block again and again."""
+    sent = answered = 0
     with connection(endpoint) as raw:
         raw.sendall(opening)
         with contextlib.suppress(ConnectionError, TimeoutError):
-            if not raw.recv(64):
-                return sent
+            while answered < answer_bytes:
+                part = raw.recv(_GREETING_BYTES)
+                if not part:
+                    return sent
+                answered += len(part)
             while sent < most_bytes:
                 raw.sendall(block)
                 sent += len(block)
