@@ -101,7 +101,7 @@ class DistributedEvaluator:
         ResourceError
             UNAVAILABLE without workers.
         """
-        if not self._is_mesh(points) or interpolant.weights.shape[1] != points.shape[1]:
+        if not self._is_mesh(points) or interpolant.components != points.shape[1]:
             return self._local.displacement(interpolant, points)
         told = self._versions.told(points)
         start, moved = self._versions.next(), self._versions.next()
@@ -131,7 +131,7 @@ class DistributedEvaluator:
             return told.to(nodes, whole=fresh), pack((interpolant,), told.box(number, nodes))
 
         answers = self._crew.ask(Question(gradient, "coefficients", "displacements", arguments))
-        out = np.empty((len(points), interpolant.weights.shape[1], points.shape[1]))
+        out = np.empty((len(points), interpolant.components, points.shape[1]))
         for number, own in enumerate(answers):
             out[self._own[number]] = own
         return out

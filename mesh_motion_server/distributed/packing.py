@@ -40,7 +40,9 @@ def unpack(packed: bytes) -> tuple[AnyInterpolant, ...]:
 def _packed(interpolant: AnyInterpolant, box: Floats) -> _Sum | _TwoScales:
     if isinstance(interpolant, TwoScaleInterpolant):
         levels = tuple(_Sum.of(level, box) for level in interpolant.levels)
-        return _TwoScales(_Spline.of(interpolant.spline, box), levels, interpolant.basis.name)
+        coarse = interpolant.coarse
+        packed = _Sum.of(coarse, box) if isinstance(coarse, Interpolant) else _Spline.of(coarse, box)
+        return _TwoScales(packed, levels, interpolant.basis.name)
     return _Sum.of(interpolant, box)
 
 
@@ -167,10 +169,10 @@ def _slices(within: Ints) -> tuple[slice, ...]:
 class _TwoScales:
     """A :class:`TwoScaleInterpolant`."""
 
-    spline: _Spline
+    coarse: _Spline | _Sum
     levels: tuple[_Sum, ...]
     basis: str
 
     def unpacked(self) -> TwoScaleInterpolant:
         levels: Any = tuple(level.unpacked() for level in self.levels)
-        return TwoScaleInterpolant(self.spline.unpacked(), levels, basis_named(self.basis), 0)
+        return TwoScaleInterpolant(self.coarse.unpacked(), levels, basis_named(self.basis), 0)

@@ -24,6 +24,7 @@ from mesh_motion_server.numerics.summation import sum_gradients, sum_values
 from mesh_motion_server.numerics.threads import checked_threads, threads_for
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.two_scale.near_operator import NearOperator
+from mesh_motion_server.numerics.two_scale.nested_grid import NestedSpline
 
 __all__ = ["Evaluator", "Judge", "LocalEvaluator", "NearOperators", "Prepared", "PreparingEvaluator"]
 
@@ -153,11 +154,10 @@ class LocalEvaluator:
         InvalidInput
             If the points' dimension is not the interpolant's.
         """
-        out = np.empty((len(points), interpolant.weights.shape[1]))
+        out = np.empty((len(points), interpolant.components))
         if isinstance(interpolant, TwoScaleInterpolant):
             near = prepared if isinstance(prepared, NearOperators) else self.prepare(interpolant, points)
-            with threads_for(_SPLINE_WORK * len(points), self._threads):
-                interpolant.spline.values(points, out)
+            self._coarse_values(interpolant.coarse, points, out)
             for level, operator in zip(interpolant.levels, near.operators, strict=True):
                 operator.add(level.weights, out, threads=self._threads)
             return out
@@ -165,6 +165,16 @@ class LocalEvaluator:
         if interpolant.polynomial is not None:
             out += interpolant.polynomial(points)
         return out
+
+    def _coarse_values(
+        self, coarse: NestedSpline | Interpolant, points: NDArray[np.float64], out: NDArray[np.float64]
+    ) -> None:
+        """Fill ``out`` (n, k) with a coarse field at (n, d) points."""
+        if isinstance(coarse, Interpolant):
+            out[:] = self.displacement(coarse, points)
+            return
+        with threads_for(_SPLINE_WORK * len(points), self._threads):
+            coarse.values(points, out)
 
     def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points.
@@ -175,11 +185,14 @@ class LocalEvaluator:
             If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
         """
         require_gradient(interpolant.basis)
-        out = np.empty((len(points), interpolant.weights.shape[1], interpolant.dimension))
+        out = np.empty((len(points), interpolant.components, interpolant.dimension))
         if isinstance(interpolant, TwoScaleInterpolant):
             _check_dimension(interpolant, points)
-            with threads_for(_SPLINE_WORK * len(points), self._threads):
-                interpolant.spline.gradients(points, out)
+            if isinstance(interpolant.coarse, Interpolant):
+                out[:] = self.gradient(interpolant.coarse, points)
+            else:
+                with threads_for(_SPLINE_WORK * len(points), self._threads):
+                    interpolant.coarse.gradients(points, out)
             for level in interpolant.levels:
                 near = level.layout.within_reach(points, threads=self._threads)
                 out[near] += self.gradient(level, points[near])

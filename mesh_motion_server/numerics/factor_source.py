@@ -147,6 +147,8 @@ def prepared_for(
     """
     if not isinstance(interpolant, TwoScaleInterpolant) or not isinstance(evaluator, PreparingEvaluator):
         return None
+    if not interpolant.levels:
+        return None
     digest = hashlib.sha256(point_digest(points))
     digest.update(point_digest(interpolant.levels[-1].control_points))
     digest.update(np.ascontiguousarray(unasked).data)

@@ -69,6 +69,11 @@ class Interpolant:
         """Space dimension d."""
         return int(self.control_points.shape[1])
 
+    @property
+    def components(self) -> int:
+        """k."""
+        return int(self.weights.shape[1])
+
 
 class Factorization(Protocol):
     """A prepared interpolation matrix."""

@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.centres import bounding_box
@@ -40,6 +41,7 @@ from mesh_motion_server.numerics.factor_source import (
     two_scale_factorization_of,
 )
 from mesh_motion_server.numerics.interpolant import Factorization
+from mesh_motion_server.numerics.kernels import basis_named
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion_field import MotionField, Stage
 from mesh_motion_server.numerics.paths import fit_rigid_motion, substeps
@@ -50,7 +52,7 @@ from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.roles import SLIDING_ROLES, BoundaryRoles, Patch
 from mesh_motion_server.numerics.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.stopwatch import Stopwatch
-from mesh_motion_server.numerics.two_scale.plans import TwoScalePlans
+from mesh_motion_server.numerics.two_scale.plans import TwoScalePlans, plan_for
 from mesh_motion_server.numerics.volume_reduction import Field, VolumeField, VolumeProblem, volume_reduction_named
 
 __all__ = ["StandardMotion", "StandardTrial"]
@@ -284,12 +286,20 @@ class StandardMotion:
         )
 
     def _all_factorized(self, points: Floats, controls: Indices, factors: FactorSource) -> tuple[Factorization, bool]:
-        """The factorization of all control nodes (c,) of the mesh ``points`` (n, d)."""
-        plan = self.plans.plan_for(controls)
-        if plan is None:
-            return factorization_of(points[controls], self.method, factors)
-        box = bounding_box(points)
-        return two_scale_factorization_of(points[controls], box, plan, factors)
+        """The factorization of all control nodes (c,) of the mesh ``points`` (n, d).
+
+        Where the boundary has changed so much that the reference mesh's plan does no longer, with a new one.
+        """
+        plan, box = self.plans.plan_for(controls), bounding_box(points)
+        try:
+            if plan is None:
+                return factorization_of(points[controls], self.method, factors)
+            return two_scale_factorization_of(points[controls], box, plan, factors)
+        except NumericalError:
+            if self.method.solver != "auto" or not basis_named(self.method.basis).compact:
+                raise
+        anew = plan_for(points, controls, self.roles, self.method)
+        return two_scale_factorization_of(points[controls], box, anew, factors)
 
     def _reduced_volume(
         self, points: Floats, controls: Indices, displacement: Floats, stage: Stage, factors: FactorSource

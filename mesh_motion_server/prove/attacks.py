@@ -27,10 +27,10 @@ __all__ = [
     "oversized_hello",
     "ready",
     "storm",
+    "until",
 ]
 
 _SECONDS = 30.0
-_GREETING_BYTES = 64
 _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
 
 
@@ -88,8 +88,7 @@ def endless_message(endpoint: str, frame_bytes: int, most_bytes: int) -> int:
         Bytes that were taken, ``most_bytes`` if it never ended.
     """
     header = bytes([_FLAG_MORE | _FLAG_LONG]) + struct.pack(">Q", frame_bytes)
-    # frames that come before the server has said that it is ready are taken for a broken handshake
-    return _pour(endpoint, greeting(b"NULL") + ready(), header + bytes(frame_bytes), most_bytes, _GREETING_BYTES + 1)
+    return _pour(endpoint, greeting(b"NULL") + ready(), b"READY", header + bytes(frame_bytes), most_bytes)
 
 
 def oversized_hello(endpoint: str, size: int) -> int:
@@ -101,20 +100,17 @@ def oversized_hello(endpoint: str, size: int) -> int:
         Bytes that were taken, ``size`` if all were.
     """
     opening = greeting(b"CURVE") + bytes([_FLAG_COMMAND | _FLAG_LONG]) + struct.pack(">Q", size) + b"\x05HELLO"
-    return _pour(endpoint, opening, bytes(1 << 20), size)
+    return _pour(endpoint, opening, greeting(b"CURVE")[:1], bytes(1 << 20), size)
 
 
-def _pour(endpoint: str, opening: bytes, block: bytes, most_bytes: int, answer_bytes: int = 1) -> int:
-    """Send an opening, wait for so much of the server's answer, then the same block again and again."""
-    sent = answered = 0
+def _pour(endpoint: str, opening: bytes, answer: bytes, block: bytes, most_bytes: int) -> int:
+    """Send an opening, wait for this within the server's answer, then send the same block again and again."""
+    sent = 0
     with connection(endpoint) as raw:
         raw.sendall(opening)
         with contextlib.suppress(ConnectionError, TimeoutError):
-            while answered < answer_bytes:
-                part = raw.recv(_GREETING_BYTES)
-                if not part:
-                    return sent
-                answered += len(part)
+            if answer not in until(raw, answer):
+                return sent
             while sent < most_bytes:
                 raw.sendall(block)
                 sent += len(block)
@@ -140,14 +136,14 @@ def forged_user(endpoint: str, user: bytes, frame: bytes) -> bytes:
         raw.settimeout(1.0)
         raw.sendall(greeting(b"NULL") + ready(User_Id=user))
         with contextlib.suppress(ConnectionError, TimeoutError):
-            back += _until(raw, b"READY")
+            back += until(raw, b"READY")
             raw.sendall(bytes([0, len(frame)]) + frame)
             while chunk := raw.recv(1 << 16):
                 back += chunk
     return back
 
 
-def _until(raw: socket.socket, word: bytes) -> bytes:
+def until(raw: socket.socket, word: bytes) -> bytes:
     """What comes, up to a word: a frame that is sent before the server's READY ends the connection."""
     back = b""
     while word not in back and (chunk := raw.recv(256)):
@@ -268,7 +264,7 @@ def _send(raw: socket.socket, data: bytes, *, patient: bool) -> None:
         return
     raw.settimeout(0.2)
     raw.sendall(opening)
-    _until(raw, b"READY")
+    until(raw, b"READY")
     raw.sendall(data[len(opening) :])
     raw.recv(256)
 

@@ -43,7 +43,7 @@ from mesh_motion_protocol.messages import (
     Uploaded,
 )
 
-from mesh_motion_server.prove.attacks import connection, greeting, ready
+from mesh_motion_server.prove.attacks import connection, greeting, ready, until
 from mesh_motion_server.prove.check import require
 from mesh_motion_server.prove.isolation_service import LARGE_ROWS
 
@@ -144,9 +144,7 @@ def _spoken(endpoint: str) -> socket.socket:
     """A connection whose handshake is done."""
     raw = connection(endpoint)
     raw.sendall(greeting(b"NULL") + ready(Identity=b""))
-    back = b""
-    while b"READY" not in back:
-        back += raw.recv(256)
+    until(raw, b"READY")
     return raw
 
 

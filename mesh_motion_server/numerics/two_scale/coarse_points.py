@@ -1,8 +1,9 @@
 """Which control points carry the motion into the volume.
 
-Farthest-first with distances measured in the local spacing of the boundary: the mesher put many nodes where detail
-matters, so a small body in a wide domain gets as large a share of the coarse points as of the nodes, and no part of any
-surface is left out.
+Of few control points all do that are far enough from each other for the matrix to bear it (:func:`separated_points`).
+Of many, farthest-first with distances measured in the local spacing of the boundary (:func:`coarse_points`): the mesher
+put many nodes where detail matters, so a small body in a wide domain gets as large a share of the coarse points as of
+the nodes, and no part of any surface is left out.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-__all__ = ["coarse_points"]
+__all__ = ["coarse_points", "separated_points"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -20,7 +22,37 @@ Mask = NDArray[np.bool_]
 _MOVING_SHARE = 0.6
 
 
-def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int) -> Indices:
+def separated_points(points: Floats, separation: float, first: Indices | None = None) -> Indices:
+    """Points (m,), ascending, of which no two are closer than the separation and to which every other one is.
+
+    Parameters
+    ----------
+    points : (n, 3) array, mesh length unit
+    separation : float, mesh length unit
+    first : (f,) int64 array, optional
+        Points that are taken if they are far enough from each other, before any other; otherwise the lower number.
+    """
+    order = np.arange(len(points))
+    if first is not None:
+        order = np.concatenate([first, np.setdiff1d(order, first, assume_unique=True)])
+    # one of each cell, the first, keeps the pairs few; cells are so small that those of one are too close to each other
+    cells = np.floor((points[order] - points.min(axis=0)) * (np.sqrt(3.0) / separation)).astype(np.int64)
+    candidates = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+    pairs = cKDTree(points[candidates]).query_pairs(separation, output_type="ndarray")
+    taken = np.full(len(candidates), True)
+    _drop_followers(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], taken)
+    return np.sort(candidates[taken])
+
+
+@njit(cache=True)
+def _drop_followers(pairs: Indices, taken: Mask) -> None:
+    """Clear ``taken`` of the second of every pair (p, 2) of which the first is taken; pairs in order of the first."""
+    for p in range(len(pairs)):
+        if taken[pairs[p, 0]]:
+            taken[pairs[p, 1]] = False
+
+
+def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int, separation: float = 0.0) -> Indices:
     """Choose up to ``count`` control points, if there are as many three moving ones to two at rest.
 
     The field is steepest between the moving body and what is near it; walls at rest need points only so that the field
@@ -32,6 +64,8 @@ def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int) -> 
     spacing : (n,) array, mesh length unit
     moving : (n,) bool array
     count : int
+    separation : float, mesh length unit
+        Least distance of two of them.
 
     Returns
     -------
@@ -44,30 +78,38 @@ def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int) -> 
     """
     body, rest = np.flatnonzero(moving), np.flatnonzero(~moving)
     share = min(max(round(_MOVING_SHARE * count), count - len(rest)), len(body))
-    chosen = [_farthest_first(points, spacing, body, share), _farthest_first(points, spacing, rest, count - share)]
-    return np.sort(np.concatenate(chosen))
+    chosen = _farthest_first(points, spacing, body, share, separation)
+    if separation > 0.0 and len(chosen):
+        rest = rest[cKDTree(points[chosen]).query(points[rest], distance_upper_bound=separation)[0] >= separation]
+    return np.sort(np.concatenate([chosen, _farthest_first(points, spacing, rest, count - share, separation)]))
 
 
-def _farthest_first(points: Floats, spacing: Floats, candidates: Indices, count: int) -> Indices:
+def _farthest_first(points: Floats, spacing: Floats, candidates: Indices, count: int, separation: float) -> Indices:
     """Numbers of up to ``count`` of the candidates."""
     chosen = np.empty(min(count, len(candidates)), dtype=np.int64)
-    if len(chosen) == len(candidates):
+    if len(chosen) == len(candidates) and separation == 0.0:
         return candidates
-    _choose(points[candidates], 1.0 / spacing[candidates] ** 2, chosen)
-    return candidates[chosen]
+    weights = 1.0 / np.maximum(spacing[candidates], separation) ** 2
+    return candidates[chosen[: _choose(points[candidates], weights, separation**2, chosen)]]
 
 
 @njit(cache=True, error_model="numpy")
-def _choose(points: Floats, weights: Floats, chosen: Indices) -> None:
-    """Fill ``chosen``: each next point has the largest weight × squared distance from those before; first is 0."""
+def _choose(points: Floats, weights: Floats, least: float, chosen: Indices) -> int:
+    """Fill ``chosen``: each next point has the largest weight × squared distance from those before; first is 0.
+
+    Returns how many there are until all others are at less than the squared distance ``least`` from one of them.
+    """
     nearest = np.full(len(points), np.inf)
     best = 0
     for rank in range(len(chosen)):
         chosen[rank] = best
         x, y, z = points[best, 0], points[best, 1], points[best, 2]
-        best, largest = 0, -1.0
+        best, largest = -1, -1.0
         for i in range(len(points)):
             dx, dy, dz = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
             nearest[i] = min(nearest[i], dx * dx + dy * dy + dz * dz)
-            if nearest[i] * weights[i] > largest:
+            if nearest[i] * weights[i] > largest and nearest[i] >= least and nearest[i] > 0.0:
                 best, largest = i, nearest[i] * weights[i]
+        if best < 0:
+            return rank + 1
+    return len(chosen)

@@ -17,13 +17,12 @@ Phys. 345 (2017) 732–751.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.assembly import sparse_rows
@@ -33,8 +32,9 @@ from mesh_motion_server.numerics.factorizations.preconditioner import SparseInve
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import basis_named
 from mesh_motion_server.numerics.sparse_products import in_lanes, nbytes, product
+from mesh_motion_server.numerics.two_scale.coarse_points import separated_points
 
-__all__ = ["BASIS", "CompactLevel", "CompactSystem", "compact_levels"]
+__all__ = ["BASIS", "CompactLevel", "CompactSystem", "compact_levels", "levels_below"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -44,6 +44,17 @@ BASIS = basis_named("wendland-c2")
 
 #: Support radius of a level in the smallest spacing it serves, and that of the level before in its own.
 _RADII, _RATIO = 3.0, 4.0
+#: The same of the few nodes that a coarse field of all others leaves out, by dimension. Wider is smoother, and few
+#: nodes are cheap: an aerofoil that bends in a C-grid turns the edges of its first cells by 1.2° with 16 or with one
+#: wide level of all nodes, and by 2.0° with 3.
+_FEW_RADII = {1: 16.0, 2: 16.0, 3: 6.0}
+#: Gaps between coarse points for each scale of the widest level, at least.
+_GAP = 6.0
+#: The last level joins nodes that are this much closer than its scale.
+_CLOSEST = 16.0
+#: Enough for spacings from the extent of a mesh down to its rounding.
+_MAX_LEVELS = 32
+_ROUNDING = 1e-9
 #: Least distance of a level's nodes in its spacing: a little less than the next radius, so that those that it does not
 #: join are all taken. The closer nodes would multiply the entries of every matrix and carry nothing further.
 _SEPARATION = 0.7
@@ -75,44 +86,69 @@ class CompactLevel:
     precondition: SparseInverse
 
 
-def compact_levels(points: Floats, spacing: Floats, moving: NDArray[np.bool_]) -> list[CompactLevel]:
-    """The levels for reference control points, widest first.
+def compact_levels(
+    points: Floats, spacing: Floats, moving: NDArray[np.bool_], *, coarse: Indices, gap: float
+) -> list[CompactLevel]:
+    """The levels of a boundary with many nodes, widest first, by the spacing of what moves.
 
     Parameters
     ----------
     points : (n, 3) array, mesh length unit
+        Distinct reference control points.
     spacing : (n,) array, mesh length unit
     moving : (n,) bool array
         Those whose spacings count. At nodes at rest little is left to correct, so setting them alone does no harm.
+    coarse : (c,) int64 array
+        Points of the coarse field.
+    gap : float, mesh length unit
+        Largest distance of a point from the nearest coarse one.
     """
     low, high = np.percentile(spacing[moving], [_CLOSE, _WIDE], method="nearest")
-    wider = max(math.ceil(math.log(high / low, _RATIO)) - 1, 0)
-    levels = []
-    for scale in float(low) * _RATIO ** np.arange(wider, 0, -1):
-        members = _separated(points, _SEPARATION * scale)
-        if 1 < len(members) < len(points):
-            levels.append(_level(points, members, _RADII * scale))
-    levels.append(_level(points, np.arange(len(points)), _RADII * float(low)))
+    wider = max(math.ceil(math.log(max(high, gap / _GAP) / low, _RATIO)) - 1, 0)
+    return _levels(points, spacing, _nested(points, float(low) * _RATIO**wider, coarse), float(low), _RADII)
+
+
+def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Indices) -> list[CompactLevel]:
+    """The levels for points that the coarse field leaves out because they are closer than the separation to its own.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+        Distinct reference control points.
+    spacing : (n,) array, mesh length unit
+    separation : float, mesh length unit
+    coarse : (c,) int64 array
+    """
+    radii = _FEW_RADII[points.shape[1]]
+    scale = separation / _RATIO
+    return _levels(padded(points), spacing, _nested(padded(points), scale, coarse), scale, radii)
+
+
+def _nested(points: Floats, widest: float, first: Indices) -> Iterator[tuple[float, Indices]]:
+    """Scales, each a quarter of the one before, and points (m,) as far apart; those of one are among the next ones."""
+    for level in range(_MAX_LEVELS):
+        scale = widest / _RATIO**level
+        first = separated_points(points, _SEPARATION * scale, first)
+        yield scale, first
+
+
+def _levels(
+    points: Floats, spacing: Floats, nested: Iterator[tuple[float, Indices]], low: float, radii: float
+) -> list[CompactLevel]:
+    """Levels until no two points are much closer than the scale: the last one has all points.
+
+    Above the scale ``low`` a level needs two points that are not all; below it, points that the one before had not.
+    """
+    levels: list[CompactLevel] = []
+    closest, before = float(spacing.min()), 0
+    for scale, members in nested:
+        if scale <= (1.0 + _ROUNDING) * low and scale <= _CLOSEST * closest:
+            break
+        if (1 < len(members) < len(points)) if scale > (1.0 + _ROUNDING) * low else (len(members) > before):
+            levels.append(_level(points, members, radii * scale))
+            before = len(members)
+    levels.append(_level(points, np.arange(len(points)), radii * scale))
     return levels
-
-
-def _separated(points: Floats, separation: float) -> Indices:
-    """Points (m,) of which no two are closer than the separation: the first one left, again and again."""
-    # one of each cell, first, keeps the pairs few; those further apart than its diagonal are all there
-    cells = np.floor((points - points.min(axis=0)) * (np.sqrt(3.0) / separation)).astype(np.int64)
-    candidates: Indices = np.sort(np.unique(cells, axis=0, return_index=True)[1])
-    pairs = cKDTree(points[candidates]).query_pairs(separation, output_type="ndarray")
-    taken = np.full(len(candidates), True)
-    _drop_followers(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], taken)
-    return np.asarray(candidates[taken])
-
-
-@njit(cache=True)
-def _drop_followers(pairs: Indices, taken: NDArray[np.bool_]) -> None:
-    """Clear ``taken`` of the second of every pair (p, 2) of which the first is taken; pairs in order of the first."""
-    for p in range(len(pairs)):
-        if taken[pairs[p, 0]]:
-            taken[pairs[p, 1]] = False
 
 
 def _level(points: Floats, members: Indices, radius: float) -> CompactLevel:
@@ -175,17 +211,26 @@ class CompactSystem:
         """Solution (m, k); all columns advance together."""
         if scale == 0.0:
             return np.zeros_like(right), 0
-        found = conjugate_gradients(
-            right,
-            apply=lambda vectors: product(self.matrix, vectors),
-            precondition=self.level.precondition,
-            done=lambda left: largest(left) <= tolerance * scale,
-            most=_MAX_ITERATIONS,
-        )
-        reached = largest(found.residual) / scale
-        if reached > max(_ACCEPTED, tolerance):
-            raise NumericalError(
-                f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",
-                hint="separate boundary nodes that nearly coincide, or take another solver than 'two-scale'",
+        taken = 0
+        for precondition in self._preconditioners():
+            found = conjugate_gradients(
+                right,
+                apply=lambda vectors: product(self.matrix, vectors),
+                precondition=precondition,
+                done=lambda left: largest(left) <= tolerance * scale,
+                most=_MAX_ITERATIONS,
             )
-        return found.solution, found.iterations
+            taken += found.iterations
+            reached = largest(found.residual) / scale
+            if reached <= max(_ACCEPTED, tolerance):
+                return found.solution, taken
+        raise NumericalError(
+            f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",
+            code="FAILED_PRECONDITION",
+            hint="separate boundary nodes that nearly coincide",
+        )
+
+    def _preconditioners(self) -> Iterator[SparseInverse]:
+        """The reference mesh's; where the boundary has changed too much for it, one of the boundary as it is."""
+        yield self.level.precondition
+        yield SparseInverse(padded(self.points), BASIS, self.level.radius, _NEIGHBOURS)

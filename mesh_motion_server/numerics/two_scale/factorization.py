@@ -1,12 +1,23 @@
 """The two scales joined: a :class:`TwoScalePlan` for a mesh, a :class:`TwoScaleFactorization` for each state of it.
 
-``S = spline(coarse) + Σ compact levels``: the coarse interpolation is exact at its own points, the spline on the grid
-nearly so, and the compact levels take what the spline leaves at all control points.
+``S = coarse + Σ compact levels``: the coarse interpolation is exact at its own points, and the compact levels take what
+it leaves at all control points. Of many control points few are coarse ones, and a spline on a grid stands for their
+sums. Of few control points all are coarse ones that the matrix bears: at points much closer than its support radius a
+smooth function takes the same values but for rounding, and the matrix becomes singular. The smallest eigenvalue of one
+of Wendland's C2 functions is about 25 (h/R)³ for points a spacing h apart.
+
+Control points at the same place (the two sides of a baffle, or of an interface) are one, which takes their mean.
+
+References
+----------
+H. Wendland, *Scattered Data Approximation*, Cambridge 2005, ch. 12 (stability). M. S. Floater, A. Iske, J. Comput.
+Appl. Math. 73 (1996) 65–78 (levels).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +30,13 @@ from mesh_motion_server.numerics.interpolant import AllCentreFactorization, fact
 from mesh_motion_server.numerics.kernels import Basis, basis_named
 from mesh_motion_server.numerics.spacing import local_spacing
 from mesh_motion_server.numerics.two_scale.boxes import nested_boxes
-from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points
-from mesh_motion_server.numerics.two_scale.compact_levels import CompactLevel, CompactSystem, compact_levels
+from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points, separated_points
+from mesh_motion_server.numerics.two_scale.compact_levels import (
+    CompactLevel,
+    CompactSystem,
+    compact_levels,
+    levels_below,
+)
 from mesh_motion_server.numerics.two_scale.grid_sums import on_grid
 from mesh_motion_server.numerics.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.two_scale.nested_grid import NestedGrid
@@ -30,11 +46,15 @@ __all__ = ["TwoScaleFactorization", "TwoScalePlan"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Coarse points by dimension. On the slab in a square 200 reach the quality of all 1300 boundary nodes to a hundredth,
-#: on the wing in a cube 500 that of all 17 900 near the wall to a twentieth, with more no better.
+#: Coarse points of many, by dimension. On the slab in a square 200 reach the quality of all 1300 boundary nodes to a
+#: hundredth, on the wing in a cube 500 that of all 17 900 near the wall to a twentieth, with more no better.
 _COARSE = {1: 100, 2: 200, 3: 500}
 #: Least support radius in gaps between them.
 _GAPS = 4.0
+#: Least distance of two coarse points in support radii: the matrix then keeps six digits.
+_SEPARATION = 2e-4
+#: Points closer than this share of their extent are at the same place.
+_SAME_PLACE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +66,15 @@ class TwoScalePlan:
     coarse : (m,) int64 array
         Control points of the coarse interpolation.
     gap : float, mesh length unit
-        Largest distance of a control point from the nearest coarse one.
+        Largest distance of a moving control point from the nearest coarse one.
     levels : list of CompactLevel
-        Widest first.
+        Widest first; numbers are those of :attr:`distinct`.
     basis, support_radius, polynomial
         Of the coarse interpolation, as in :func:`~mesh_motion_server.numerics.interpolant.factorize`.
+    gridded : bool
+        Whether a spline on a grid stands for the coarse sums.
+    place : (n,) int64 array
+        The first control point at the place of each one.
     """
 
     coarse: Indices
@@ -59,6 +83,8 @@ class TwoScalePlan:
     basis: str
     support_radius: float | None
     polynomial: str
+    gridded: bool
+    place: Indices
 
     @property
     def least_radius(self) -> float:
@@ -71,6 +97,21 @@ class TwoScalePlan:
         radius = self.support_radius
         return radius is None or radius >= self.least_radius or not basis_named(self.basis).compact
 
+    @property
+    def single(self) -> bool:
+        """Whether the coarse interpolation is that of all control points."""
+        return not self.gridded and len(self.coarse) == len(self.place)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it serves better than one scale with all control points."""
+        return self.joined if self.gridded else not self.single
+
+    @cached_property
+    def distinct(self) -> Indices:
+        """(c,) the first control point of each place, ascending."""
+        return np.flatnonzero(self.place == np.arange(len(self.place)))
+
     @classmethod
     def build(
         cls,
@@ -81,8 +122,9 @@ class TwoScalePlan:
         support_radius: float | None,
         polynomial: str = "auto",
         count: int | None = None,
+        gridded: bool = True,
     ) -> TwoScalePlan:
-        """Choose ``count`` coarse points and the levels.
+        """Choose the coarse points and the levels.
 
         Parameters
         ----------
@@ -91,12 +133,29 @@ class TwoScalePlan:
         moving : (n,) bool array
             Which of them move.
         count : int, optional
-            Coarse points; by default by the dimension.
+            Coarse points of a grid; by default by the dimension.
+        gridded : bool
+            Otherwise all that are far enough from each other are coarse points.
         """
-        points, spacing = padded(reference), local_spacing(reference)
-        chosen = coarse_points(points, spacing, moving, count or _COARSE[reference.shape[1]])
-        gap = float(cKDTree(points[chosen]).query(points)[0].max())
-        return cls(chosen, gap, compact_levels(points, spacing, moving), basis, support_radius, polynomial)
+        place = _places(reference)
+        distinct = np.flatnonzero(place == np.arange(len(place)))
+        points, moves = padded(reference[distinct]), moving[distinct]
+        spacing = local_spacing(reference[distinct])
+        compact = basis_named(basis).compact and support_radius is not None
+        separation = _SEPARATION * float(support_radius or 0.0) if compact else 0.0
+        if gridded:
+            chosen = coarse_points(points, spacing, moves, count or _COARSE[reference.shape[1]], separation)
+        else:
+            chosen = separated_points(points, separation) if separation > 0.0 else np.arange(len(points))
+        away = cKDTree(points[chosen]).query(points)[0]
+        if gridded:
+            levels = compact_levels(points, spacing, moves, coarse=chosen, gap=float(away.max()))
+        elif len(chosen) < len(points):
+            levels = levels_below(reference[distinct], spacing, separation, coarse=chosen)
+        else:
+            levels = []
+        gap = float(away[moves].max(initial=0.0))
+        return cls(distinct[chosen], gap, levels, basis, support_radius, polynomial, gridded, place)
 
     def factorize(self, points: Floats, low: Floats, high: Floats) -> TwoScaleFactorization:
         """Prepare the interpolation from control points (n, d) to places between ``low`` and ``high`` (d,).
@@ -110,10 +169,30 @@ class TwoScalePlan:
         coarse = factorize(
             chosen, basis=self.basis, support_radius=self.support_radius, polynomial=self.polynomial, solver="dense"
         )
-        corners = padded(np.stack([low, high]))
-        grid = NestedGrid(nested_boxes(padded(chosen), corners[0], corners[1]), corners[0], points.shape[1])
-        systems = [CompactSystem.build(level, points) for level in self.levels]
-        return TwoScaleFactorization(points, self.coarse, coarse, grid, systems)
+        grid = self._grid(padded(chosen), padded(np.stack([low, high])), points.shape[1]) if self.gridded else None
+        distinct = points[self.distinct]
+        systems = [CompactSystem.build(level, distinct) for level in self.levels]
+        return TwoScaleFactorization(points, self, coarse, grid, systems)
+
+    def _grid(self, chosen: Floats, corners: Floats, dimension: int) -> NestedGrid:
+        """The grid of a domain between two corners (2, 3), as far as the coarse points (m, 3) reach."""
+        if basis_named(self.basis).compact and self.support_radius is not None and self.polynomial != "linear":
+            corners[0] = np.maximum(corners[0], chosen.min(axis=0) - self.support_radius)
+            corners[1] = np.minimum(corners[1], chosen.max(axis=0) + self.support_radius)
+        return NestedGrid(nested_boxes(chosen, corners[0], corners[1]), corners[0], dimension)
+
+
+def _places(points: Floats) -> Indices:
+    """For each of (n, d) points the lowest number of those at its place."""
+    place = np.arange(len(points))
+    limit = _SAME_PLACE * float(np.ptp(points, axis=0).max(initial=0.0))
+    order = np.lexsort(points.T)  # identical points first: a tree of many takes quadratic time
+    same = np.r_[False, (points[order[1:]] == points[order[:-1]]).all(axis=1)]
+    place[order] = np.minimum.reduceat(order, np.flatnonzero(~same))[np.cumsum(~same) - 1]
+    distinct = np.flatnonzero(place == np.arange(len(points)))
+    for a, b in np.sort(cKDTree(points[distinct]).query_pairs(limit, output_type="ndarray"), axis=1):
+        place[place == distinct[b]] = place[distinct[a]]
+    return place
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,18 +202,18 @@ class TwoScaleFactorization:
     Attributes
     ----------
     control_points : (n, d) array, mesh length unit
-    chosen : (m,) int64 array
-        The coarse ones among them.
+    plan : TwoScalePlan
     coarse : AllCentreFactorization
-    grid : NestedGrid
+    grid : NestedGrid or None
+        None where the coarse sums are formed themselves.
     systems : list of CompactSystem
-        Widest first; the last has all control points.
+        Widest first; the last has all distinct control points.
     """
 
     control_points: Floats
-    chosen: Indices
+    plan: TwoScalePlan
     coarse: AllCentreFactorization
-    grid: NestedGrid
+    grid: NestedGrid | None
     systems: list[CompactSystem]
 
     @property
@@ -155,14 +234,13 @@ class TwoScaleFactorization:
         return self.coarse.nbytes + self.control_points.nbytes + sum(system.nbytes for system in self.systems)
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
-        """Interpolant of (n, k) values at the control points."""
-        values = np.ascontiguousarray(values, dtype=np.float64)
-        evaluator = LocalEvaluator()
-        coarse = self.coarse.solve(values[self.chosen])
-        spline = self.grid.spline(on_grid(coarse, self.grid, evaluator))
-        left = np.empty_like(values)
-        spline.values(self.control_points, left)
-        np.subtract(values, left, out=left)
+        """Interpolant of (n, k) values at the control points; the mean of those at one place."""
+        values = self._averaged(np.ascontiguousarray(values, dtype=np.float64))
+        evaluator, distinct = LocalEvaluator(), self.plan.distinct
+        field = self.coarse.solve(values[self.plan.coarse])
+        coarse = field if self.grid is None else self.grid.spline(on_grid(field, self.grid, evaluator))
+        points, wanted = self.control_points[distinct], values[distinct]
+        left = wanted - evaluator.displacement(TwoScaleInterpolant(coarse, (), self.basis, 0), points)
         levels, iterations, scale = [], 0, largest(values)
         for system in self.systems:
             last = system is self.systems[-1]
@@ -170,5 +248,14 @@ class TwoScaleFactorization:
             levels.append(level)
             iterations += taken
             if not last:
-                left -= evaluator.displacement(level, self.control_points)
-        return TwoScaleInterpolant(spline, tuple(levels), self.basis, iterations)
+                left -= evaluator.displacement(level, points)
+        return TwoScaleInterpolant(coarse, tuple(levels), self.basis, iterations)
+
+    def _averaged(self, values: Floats) -> Floats:
+        """The values (n, k) with their mean at the first of each place."""
+        place = self.plan.place
+        if len(self.plan.distinct) == len(place):
+            return values
+        total = np.zeros_like(values)
+        np.add.at(total, place, values)
+        return np.asarray(total[place] / np.bincount(place, minlength=len(place))[place, None])

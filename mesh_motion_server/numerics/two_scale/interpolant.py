@@ -1,11 +1,8 @@
-"""An interpolant in two scales."""
+"""An interpolant in two scales: a coarse field, and compact levels near the surfaces."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import Basis
@@ -16,12 +13,12 @@ __all__ = ["AnyInterpolant", "TwoScaleInterpolant"]
 
 @dataclass(frozen=True, eq=False)
 class TwoScaleInterpolant:
-    """``S(x) = spline(x) + Σ_l Σ_j a_lj φ(|x − x_j| / R_l)``, for k components.
+    """``S(x) = coarse(x) + Σ_l Σ_j a_lj φ(|x − x_j| / R_l)``, for k components.
 
     Attributes
     ----------
-    spline : NestedSpline
-        The coarse field.
+    coarse : NestedSpline or Interpolant
+        Of many control points a spline through the coarse interpolation, of few that itself.
     levels : tuple of Interpolant
         Compact, widest first.
     basis : Basis
@@ -30,20 +27,21 @@ class TwoScaleInterpolant:
         Of the conjugate gradients, all levels together.
     """
 
-    spline: NestedSpline
+    coarse: NestedSpline | Interpolant
     levels: tuple[Interpolant, ...]
     basis: Basis
     iterations: int
 
     @property
-    def weights(self) -> NDArray[np.float64]:
-        """(n, k) weights of the last level, which has all control points."""
-        return self.levels[-1].weights
+    def components(self) -> int:
+        """k."""
+        coarse = self.coarse
+        return int((coarse.weights if isinstance(coarse, Interpolant) else coarse.coefficients).shape[1])
 
     @property
     def dimension(self) -> int:
         """Space dimension d."""
-        return self.spline.dimension
+        return self.coarse.dimension
 
 
 AnyInterpolant = Interpolant | TwoScaleInterpolant

@@ -146,11 +146,13 @@ def test_the_same_question_has_the_same_answer_to_the_bit() -> None:
 
 def test_levels_follow_the_spacing() -> None:
     even = sphere(1500, 0.15)
-    assert len(compact_levels(even, local_spacing(even), np.full(len(even), True))) == 1
+    all_of = np.arange(len(even))
+    assert len(compact_levels(even, local_spacing(even), np.full(len(even), True), coarse=all_of, gap=0.0)) == 1
     points, moving = CASES["2D, spacing × 30"]
     points = np.hstack([points, np.zeros((len(points), 1))])
     spacing = local_spacing(points)
-    levels = compact_levels(points, spacing, moving)
+    coarse = coarse_points(points, spacing, moving, 200)
+    levels = compact_levels(points, spacing, moving, coarse=coarse, gap=0.0)
     assert len(levels) > 2
     assert len(levels[-1].members) == len(points)
     radii = [level.radius for level in levels]
