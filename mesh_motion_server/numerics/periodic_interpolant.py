@@ -8,6 +8,9 @@ which turns and repeats exactly as the domain does: s(R_k x + s_k) = R_k s(x). S
 periodic side as anywhere else. The matrix has as many unknowns as there are control points (times d where images
 turn), is symmetric, and positive definite with the basis. The support must be compact, so that finitely many images
 count: those that come closer than R to where the interpolant is evaluated.
+
+Control points that are closer than the matrix bears, to each other or to an image, are left to narrower levels, as
+those of other boundaries are (:mod:`.two_scale.factorization`).
 """
 
 from __future__ import annotations
@@ -18,11 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.assembly import dense_block, sparse_matrix
 from mesh_motion_server.numerics.centres import CentreLayout, padded
 from mesh_motion_server.numerics.control_points import checked_control_points
+from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource
 from mesh_motion_server.numerics.factorizations import LinearSolver
 from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
@@ -31,6 +36,10 @@ from mesh_motion_server.numerics.interpolant import Factorization, Interpolant
 from mesh_motion_server.numerics.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.rigid_transforms import Transform, generated_group
+from mesh_motion_server.numerics.two_scale.coarse_points import drop_followers
+from mesh_motion_server.numerics.two_scale.compact_levels import BASIS, CLOSEST, LEVEL_RADII, LEVEL_RATIO, MAX_LEVELS
+from mesh_motion_server.numerics.two_scale.factorization import SEPARATION
+from mesh_motion_server.numerics.two_scale.interpolant import TwoScaleInterpolant
 
 __all__ = ["PeriodicFactorization", "periodic_factorization_of"]
 
@@ -134,12 +143,95 @@ def _factorize(control_points: Array, generators: tuple[Transform, ...], box: Ar
     radius = checked_radius(method.support_radius, basis)
     points = checked_control_points(control_points)
     images = _near_images(points, generators, box, radius)
+    if method.solver != "auto":
+        return _level(points, images, basis, radius, method.solver)
+    tree = cKDTree(images.places)
+    pairs = images.owners[tree.query_pairs(SEPARATION * radius, output_type="ndarray")]
+    if not np.any(pairs[:, 0] != pairs[:, 1]):
+        return _level(points, images, basis, radius, "auto")
+    closest = _closest(images)
+    members = np.empty(0, dtype=np.int64)
+    levels: list[tuple[Integers, PeriodicFactorization]] = []
+    for scale in SEPARATION * radius * LEVEL_RATIO ** -np.arange(MAX_LEVELS, dtype=np.float64):
+        reach = radius if not levels else LEVEL_RADII[points.shape[1]] * scale
+        last = bool(levels) and scale <= CLOSEST * closest
+        found = np.arange(len(points)) if last else _separated(images, len(points), scale, members)
+        if len(found) > len(members):
+            members = found
+            own = points[members]
+            level = _level(own, _near_images(own, generators, box, reach), BASIS if levels else basis, reach, "auto")
+            levels.append((members, level))
+        if len(members) == len(points):
+            break
+    return PeriodicLevels(points, levels)
+
+
+def _closest(images: _Images) -> float:
+    """Least distance of a control point from another one or an image of another one."""
+    tree, count = cKDTree(images.places), int(np.bincount(images.owners).max()) + 1
+    distance, near = tree.query(images.places, k=min(count, len(images.owners)))
+    return float(distance[images.owners[near] != images.owners[:, None]].min())
+
+
+def _separated(images: _Images, count: int, separation: float, first: Integers) -> Integers:
+    """Of ``count`` control points those, ascending, that are near no other or its images; ``first`` (f,) first."""
+    rank = np.empty(count, dtype=np.int64)
+    rank[np.concatenate([first, np.setdiff1d(np.arange(count), first)])] = np.arange(count)
+    near = cKDTree(images.places).query_pairs(separation, output_type="ndarray")
+    pairs = np.unique(np.sort(rank[images.owners[near]], axis=1), axis=0)
+    taken = np.full(count, True)
+    drop_followers(pairs[pairs[:, 0] != pairs[:, 1]], taken)
+    return np.flatnonzero(taken[rank])
+
+
+def _level(points: Array, images: _Images, basis: Basis, radius: float, solver: str) -> PeriodicFactorization:
+    """The interpolation from all of some control points (nc, d)."""
     layout = CentreLayout.build(images.places, basis, radius)
     order = points.size if images.rotations is not None else len(points)
-    make = _sparse if method.solver == "sparse" or (method.solver == "auto" and order > _DENSE_ORDER) else _dense
+    make = _sparse if solver == "sparse" or (solver == "auto" and order > _DENSE_ORDER) else _dense
     return PeriodicFactorization(
         points, basis, radius, images, layout, make(points, images, layout, basis=basis, radius=radius)
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicLevels:
+    """Prepared matrices of periodic control points, widest first; a :class:`Factorization`.
+
+    Attributes
+    ----------
+    control_points : (nc, d) array, mesh length unit
+        One of each orbit.
+    levels : list of (members (m,), PeriodicFactorization)
+        The last has all control points.
+    """
+
+    control_points: Array
+    levels: list[tuple[Integers, PeriodicFactorization]]
+
+    @property
+    def basis(self) -> Basis:
+        return self.levels[0][1].basis
+
+    @property
+    def support_radius(self) -> float:
+        return self.levels[0][1].support_radius
+
+    @property
+    def solver(self) -> str:
+        return "two-scale"
+
+    @property
+    def nbytes(self) -> int:
+        return sum(level.nbytes for _, level in self.levels)
+
+    def solve(self, values: Array) -> TwoScaleInterpolant:
+        """Interpolant of (nc, d) values at the control points."""
+        evaluator, left, found = LocalEvaluator(), np.array(values, dtype=np.float64), []
+        for members, level in self.levels:
+            found.append(level.solve(left[members]))
+            left -= evaluator.displacement(found[-1], self.control_points)
+        return TwoScaleInterpolant(found[0], tuple(found[1:]), self.basis, 0)
 
 
 def _near_images(points: Array, generators: tuple[Transform, ...], box: Array, radius: float) -> _Images:

@@ -90,10 +90,15 @@ def test_the_fraction_of_a_refusal_is_accepted(
     assert accepted.corrected.metric.min >= (0.2 if refuse_below_threshold else 0.0)
 
 
-def test_a_radius_past_rounding_is_refused_with_the_radius_as_the_way_out() -> None:
-    model = model_of(support_radius=1e9)
+def test_a_radius_past_rounding_is_interpolated_in_levels_and_refused_where_one_matrix_is_asked_for() -> None:
+    wide, usual = model_of(support_radius=1e9), model_of()
+    targets = targets_of(wide, 5.0)
+    moved = wide.move(wide.points, targets)
+    np.testing.assert_array_equal(moved.points[wide.roles.moving], targets)
+    assert moved.standard.metric.min > 0.8 * usual.move(usual.points, targets).standard.metric.min
+    model = model_of(support_radius=1e9, solver="dense")
     with pytest.raises(NumericalError, match="matrix is singular to working precision") as refused:
-        model.move(model.points, targets_of(model, 5.0))
+        model.move(model.points, targets)
     assert refused.value.message == "the interpolation matrix is singular to working precision"  # no word of sub-steps
     assert refused.value.code == "FAILED_PRECONDITION"
     assert "smaller support radius" in refused.value.hint

@@ -10,10 +10,12 @@ from periodic_meshes import Mesh, periodic_box, sector, turn
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 
 def model_of(mesh: Mesh, **choices) -> MotionModel:
@@ -195,3 +197,26 @@ def test_it_is_bitwise_repeatable() -> None:
     mesh, shift = MESHES["a sector in space"]
     first, second = (moved(model_of(mesh, correction_target="maximum"), *shift).points for _ in range(2))
     assert first.tobytes() == second.tobytes()
+
+
+@pytest.mark.parametrize("name", ["row", "sector"])
+def test_a_body_with_edges_of_a_billionth_is_moved_with_nothing_set(name: str) -> None:
+    """One matrix of all its nodes is singular; in levels each node is met, pairs stay pairs, cells stay cells."""
+    points, cells, patches = sector("quad", 12) if name == "sector" else periodic_box("quad", 12)
+    flat, _, _ = periodic_box("quad", 12)
+    for axis in (0, 1):  # the lines next to the body's corners are drawn to them
+        lines = np.unique(flat[patches["body"].nodes, axis])
+        flat[flat[:, axis] == lines[1], axis] = lines[0] + 1e-9
+        flat[flat[:, axis] == lines[-2], axis] = lines[-1] - 1e-9
+    points = flat
+    if name == "sector":
+        angle, radius = points[:, 1] * np.pi / 3.0, 1.0 + points[:, 0]
+        points = np.column_stack([-radius * np.sin(angle), radius * np.cos(angle)])
+    model = MotionModel.build(points, cells, patches, Method(correction="none"))
+    motion = moved(model, 0.02, 0.03)
+    assert motion.corrected.inverted == 0
+    assert pair_error(model, motion.points) < 1e-12
+    body = model.roles.moving
+    trial = model.standard_motion.trial(points, points[body] + [0.02, 0.03], MakeEachTime(), Stopwatch())
+    assert trial.factorization.solver == "two-scale"
+    assert np.abs(trial.field.displacement(points[body]) - [0.02, 0.03]).max() < 0.03e-10

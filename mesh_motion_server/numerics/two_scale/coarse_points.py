@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-__all__ = ["coarse_points", "separated_points"]
+__all__ = ["coarse_points", "drop_followers", "separated_points"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -40,12 +40,12 @@ def separated_points(points: Floats, separation: float, first: Indices | None = 
     candidates = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
     pairs = cKDTree(points[candidates]).query_pairs(separation, output_type="ndarray")
     taken = np.full(len(candidates), True)
-    _drop_followers(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], taken)
+    drop_followers(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], taken)
     return np.sort(candidates[taken])
 
 
 @njit(cache=True)
-def _drop_followers(pairs: Indices, taken: Mask) -> None:
+def drop_followers(pairs: Indices, taken: Mask) -> None:
     """Clear ``taken`` of the second of every pair (p, 2) of which the first is taken; pairs in order of the first."""
     for p in range(len(pairs)):
         if taken[pairs[p, 0]]:

@@ -34,7 +34,17 @@ from mesh_motion_server.numerics.kernels import basis_named
 from mesh_motion_server.numerics.sparse_products import in_lanes, nbytes, product
 from mesh_motion_server.numerics.two_scale.coarse_points import separated_points
 
-__all__ = ["BASIS", "CompactLevel", "CompactSystem", "compact_levels", "levels_below"]
+__all__ = [
+    "BASIS",
+    "CLOSEST",
+    "LEVEL_RADII",
+    "LEVEL_RATIO",
+    "MAX_LEVELS",
+    "CompactLevel",
+    "CompactSystem",
+    "compact_levels",
+    "levels_below",
+]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -43,17 +53,17 @@ BASIS = basis_named("wendland-c2")
 """Compact, positive definite, with a gradient at its centres, whatever the basis of the coarse field is."""
 
 #: Support radius of a level in the smallest spacing it serves, and that of the level before in its own.
-_RADII, _RATIO = 3.0, 4.0
+_RADII, LEVEL_RATIO = 3.0, 4.0
 #: The same of the few nodes that a coarse field of all others leaves out, by dimension. Wider is smoother, and few
 #: nodes are cheap: an aerofoil that bends in a C-grid turns the edges of its first cells by 1.2° with 16 or with one
 #: wide level of all nodes, and by 2.0° with 3.
-_FEW_RADII = {1: 16.0, 2: 16.0, 3: 6.0}
+LEVEL_RADII = {1: 16.0, 2: 16.0, 3: 6.0}
 #: Gaps between coarse points for each scale of the widest level, at least.
 _GAP = 6.0
 #: The last level joins nodes that are this much closer than its scale.
-_CLOSEST = 16.0
+CLOSEST = 16.0
 #: Enough for spacings from the extent of a mesh down to its rounding.
-_MAX_LEVELS = 32
+MAX_LEVELS = 32
 _ROUNDING = 1e-9
 #: Least distance of a level's nodes in its spacing: a little less than the next radius, so that those that it does not
 #: join are all taken. The closer nodes would multiply the entries of every matrix and carry nothing further.
@@ -104,8 +114,8 @@ def compact_levels(
         Largest distance of a point from the nearest coarse one.
     """
     low, high = np.percentile(spacing[moving], [_CLOSE, _WIDE], method="nearest")
-    wider = max(math.ceil(math.log(max(high, gap / _GAP) / low, _RATIO)) - 1, 0)
-    return _levels(points, spacing, _nested(points, float(low) * _RATIO**wider, coarse), float(low), _RADII)
+    wider = max(math.ceil(math.log(max(high, gap / _GAP) / low, LEVEL_RATIO)) - 1, 0)
+    return _levels(points, spacing, _nested(points, float(low) * LEVEL_RATIO**wider, coarse), float(low), _RADII)
 
 
 def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Indices) -> list[CompactLevel]:
@@ -119,15 +129,15 @@ def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: 
     separation : float, mesh length unit
     coarse : (c,) int64 array
     """
-    radii = _FEW_RADII[points.shape[1]]
-    scale = separation / _RATIO
+    radii = LEVEL_RADII[points.shape[1]]
+    scale = separation / LEVEL_RATIO
     return _levels(padded(points), spacing, _nested(padded(points), scale, coarse), scale, radii)
 
 
 def _nested(points: Floats, widest: float, first: Indices) -> Iterator[tuple[float, Indices]]:
     """Scales, each a quarter of the one before, and points (m,) as far apart; those of one are among the next ones."""
-    for level in range(_MAX_LEVELS):
-        scale = widest / _RATIO**level
+    for level in range(MAX_LEVELS):
+        scale = widest / LEVEL_RATIO**level
         first = separated_points(points, _SEPARATION * scale, first)
         yield scale, first
 
@@ -142,7 +152,7 @@ def _levels(
     levels: list[CompactLevel] = []
     closest, before = float(spacing.min()), 0
     for scale, members in nested:
-        if scale <= (1.0 + _ROUNDING) * low and scale <= _CLOSEST * closest:
+        if scale <= (1.0 + _ROUNDING) * low and scale <= CLOSEST * closest:
             break
         if (1 < len(members) < len(points)) if scale > (1.0 + _ROUNDING) * low else (len(members) > before):
             levels.append(_level(points, members, radii * scale))

@@ -41,7 +41,7 @@ from mesh_motion_server.numerics.two_scale.grid_sums import on_grid
 from mesh_motion_server.numerics.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.two_scale.nested_grid import NestedGrid
 
-__all__ = ["TwoScaleFactorization", "TwoScalePlan"]
+__all__ = ["SEPARATION", "TwoScaleFactorization", "TwoScalePlan"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -51,8 +51,10 @@ Indices = NDArray[np.int64]
 _COARSE = {1: 100, 2: 200, 3: 500}
 #: Least support radius in gaps between them.
 _GAPS = 4.0
-#: Least distance of two coarse points in support radii: the matrix then keeps six digits.
-_SEPARATION = 2e-4
+#: Least distance of two coarse points in support radii, of many and of few: the matrix of the first keeps six digits.
+#: Weights of the second round off less: first cells of 1e-8 chords keep their height to 0.4 % when an aerofoil turns by
+#: 45°, with 2e-4 to 2 %.
+_OF_MANY, SEPARATION = 2e-4, 1e-3
 #: Points closer than this share of their extent are at the same place.
 _SAME_PLACE = 1e-13
 
@@ -142,7 +144,8 @@ class TwoScalePlan:
         points, moves = padded(reference[distinct]), moving[distinct]
         spacing = local_spacing(reference[distinct])
         compact = basis_named(basis).compact and support_radius is not None
-        separation = _SEPARATION * float(support_radius or 0.0) if compact else 0.0
+        share = _OF_MANY if gridded else SEPARATION
+        separation = share * float(support_radius or 0.0) if compact else 0.0
         if gridded:
             chosen = coarse_points(points, spacing, moves, count or _COARSE[reference.shape[1]], separation)
         else:
