@@ -60,7 +60,7 @@ class MethodSettings(_Strict):
     correction_in_time: str = "independent"
     sub_steps: str = "auto"
     enrichment_radius: _Length | None = None
-    quality_metric: str = "size-skew"
+    quality_metric: str = "relative-size-skew"
     quality_threshold: Annotated[float, Field(ge=-1, le=1)] = 0.2
     max_enrichment_points: Annotated[int, Field(ge=0, le=100_000)] = 20
     enrichment_function: str = "auto"

@@ -15,7 +15,7 @@ from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.metrics import QualitySummary, reference_sizes
+from mesh_motion_server.numerics.metrics import CellsAtRest, QualitySummary, cells_at_rest
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 __all__ = ["LocalWhenAlone"]
@@ -82,5 +82,5 @@ class LocalWhenAlone:
             return local()
 
     @cached_property
-    def _sizes(self) -> Floats:
-        return reference_sizes(self._points, self._cells)
+    def _sizes(self) -> CellsAtRest:
+        return cells_at_rest(self._points, self._cells)

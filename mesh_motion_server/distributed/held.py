@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from mesh_motion_server.distributed.split import MeshPartition
 from mesh_motion_server.distributed.summaries import PartialSummary, Questions, part_of
 from mesh_motion_server.numerics.centres import bounding_box
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.metrics import CellQuality, cell_quality
+from mesh_motion_server.numerics.metrics import CellQuality, CellsAtRest, cell_quality, cells_at_rest
 from mesh_motion_server.numerics.motion_field import Stage
 from mesh_motion_server.numerics.paths import RigidMotion
 
@@ -121,6 +122,11 @@ class HeldPartition:
     def __sizeof__(self) -> int:
         """For Dask, which places and spills by it: with three versions."""
         return self.mesh.nbytes + 3 * self.mesh.points.nbytes
+
+    @cached_property
+    def at_rest(self) -> CellsAtRest:
+        """The cells of the reference mesh."""
+        return cells_at_rest(self.mesh.points, self.mesh.cells, self.mesh.reference_sizes)
 
     def at(self, where: Positions) -> Floats:
         """(p, d) positions.
@@ -266,6 +272,6 @@ def _moved(held: HeldPartition, start: Positions, steps: tuple[Step, ...]) -> Fl
 
 
 def _judged(held: HeldPartition, points: Floats, metric: str) -> PartialSummary:
-    held.quality = cell_quality(points, held.mesh.cells, held.mesh.reference_sizes)
+    held.quality = cell_quality(points, held.mesh.cells, held.at_rest)
     centres: Callable[[Ints], Floats] = lambda numbers: held.mesh.cells.centres(points, numbers)  # noqa: E731
     return part_of(held.quality, held.mesh.cell_numbers, centres, metric=metric)

@@ -7,6 +7,9 @@ untangles well, but it is not the metric: a quad's skew asks for right angles, n
 
 with the corner terms f_k of :mod:`.corner_kernels`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
+Relative to the cells at rest, simplices have their own Jacobian at rest as W (the target matrix), so that only a rigid
+motion has L = 0, and the others have L less its value at rest.
+
 Derivatives go through the corners' Jacobians ``J = A P``. For the mean ratio P = W⁻¹. The angle form
 ``f = (w Π |A_i| / α)^(2/d)`` is the smallest mean ratio ``|A P|²_F / d · (w / det A P)^(2/d)`` over all diagonal P (the
 inequality of the means), reached at ``P = diag(1/|A_i|)``; so with this P, held while it is differentiated, value and
@@ -33,7 +36,7 @@ from mesh_motion_server.numerics import corner_kernels
 from mesh_motion_server.numerics.cells import CellTable, CellType
 from mesh_motion_server.numerics.curvature import add_curvature
 from mesh_motion_server.numerics.distortion import PNorm, cofactor, mean_of_measures
-from mesh_motion_server.numerics.metrics import shape_code
+from mesh_motion_server.numerics.metrics import AtRest, block_slices, shape_code, sizes_of, skews_of
 
 __all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cell_distortion"]
 
@@ -50,11 +53,17 @@ class CellGroup:
     type : CellType
     nodes : (m, k) int32 array
     reference_sizes : (m,) array, length^d
+    ideal : (1, d, d) or (m, d, d) array
+        W⁻¹ of all cells or of each, scaled to determinant 1; not used by the angle form.
+    offset : (1,) or (m,) array
+        What is added to L: 0, or the logarithm of the skew at rest.
     """
 
     type: CellType
     nodes: NDArray[np.int32]
     reference_sizes: NDArray[np.float64]
+    ideal: NDArray[np.float64]
+    offset: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -65,12 +74,6 @@ class CellGroup:
         return self.type.corner_array
 
     @cached_property
-    def ideal(self) -> NDArray[np.float64]:
-        """W⁻¹ (d, d), scaled to determinant 1; not used by the angle form."""
-        w = self.type.ideal_array
-        return np.asarray(np.linalg.inv(w) * abs(np.linalg.det(w)) ** (1 / len(w)))
-
-    @cached_property
     def sine(self) -> float:
         """w of the angle form; 0 says that the shape is the mean ratio."""
         w = self.type.ideal_array
@@ -78,12 +81,30 @@ class CellGroup:
         return float(np.linalg.det(w) / np.linalg.norm(w, axis=0).prod()) if angles else 0.0
 
 
-def cell_groups(cells: CellTable, reference_sizes: NDArray[np.float64]) -> tuple[CellGroup, ...]:
-    """The blocks of a table with their reference sizes (m,)."""
-    return tuple(
-        CellGroup(block.type, block.nodes.astype(np.int32), reference_sizes[first : first + len(block)])
-        for block, first in zip(cells, cells.offsets, strict=False)
-    )
+def cell_groups(cells: CellTable, at_rest: AtRest, ideals: NDArray[np.float64]) -> tuple[CellGroup, ...]:
+    """The blocks of a table; relative to the cells at rest where their skews are known.
+
+    Parameters
+    ----------
+    cells : CellTable
+    at_rest : (m,) array or CellsAtRest
+    ideals : (c, d, d) array
+        Of :func:`~mesh_motion_server.numerics.distortion.corner_simplices` of these cells.
+    """
+    groups, corner = [], 0
+    for block, rows in block_slices(cells):
+        own = ideals[corner : corner + len(block)]
+        corner += len(block) * len(block.type.corners)
+        sizes, skews = sizes_of(at_rest)[rows], skews_of(at_rest)
+        w = block.type.ideal_array
+        ideal = (np.linalg.inv(w) * abs(np.linalg.det(w)) ** (1 / len(w)))[None]
+        offset = np.zeros(1)
+        if skews is not None and block.type.is_simplex:
+            ideal = own * np.abs(np.linalg.det(own))[:, None, None] ** (-1 / len(w))
+        elif skews is not None:
+            offset = np.log(skews[rows])
+        groups.append(CellGroup(block.type, block.nodes.astype(np.int32), sizes, ideal, offset))
+    return tuple(groups)
 
 
 def mean_cell_distortion(
@@ -93,6 +114,7 @@ def mean_cell_distortion(
     measure = np.empty(sum(len(group) for group in groups))
     for group, rows in _rows(groups):
         _measure(points, *_arrays(group), norm.m, norm.size_weight, measure[rows])
+        measure[rows] += group.offset
     return mean_of_measures(measure, norm.p)
 
 
@@ -198,7 +220,8 @@ def _measure(points, nodes, corners, ideal, sine, references, m, a, out):  # typ
     for block in prange((n + BLOCK - 1) // BLOCK):
         work, long = np.empty((2, d, d)), np.empty((2, len(corners)))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            mean, tau = _sums(points, nodes[c], corners, ideal, sine, references[c], work, long[0], long[1])
+            own = ideal[min(c, len(ideal) - 1)]
+            mean, tau = _sums(points, nodes[c], corners, own, sine, references[c], work, long[0], long[1])
             if not tau > 0.0:
                 out[c] = np.inf
                 continue
@@ -228,11 +251,12 @@ def _gradients(  # type: ignore[no-untyped-def]
     for block in prange((n + BLOCK - 1) // BLOCK):
         work, long = np.empty((4, d, d)), np.empty((2, len(corners)))
         for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            mean, tau = _sums(points, nodes[c], corners, ideal, sine, references[c], work, long[0], long[1])
+            own = ideal[min(c, len(ideal) - 1)]
+            mean, tau = _sums(points, nodes[c], corners, own, sine, references[c], work, long[0], long[1])
             slope = a * math.tanh(m * math.log(tau))
             out[c] = 0.0
             for k in range(len(corners)):
-                alpha, det, q, _ = _corner(points, nodes[c], corners[k], ideal, sine, work[0], work[1])
+                alpha, det, q, _ = _corner(points, nodes[c], corners[k], own, sine, work[0], work[1])
                 cofactor(work[0], d, work[2])
                 omega, beta = long[0, k] / (mean * len(corners)), alpha / (tau * references[c])
                 h1 = (slope * beta - (2.0 / d) * omega) / det
@@ -255,14 +279,15 @@ def _blocks(  # type: ignore[no-untyped-def]
             if weights[c] < least_weight:
                 continue
             weight = weights[c] + floor
-            mean, tau = _sums(points, nodes[c], corners, ideal, sine, references[c], small[9:], long[0], long[1])
+            own = ideal[min(c, len(ideal) - 1)]
+            mean, tau = _sums(points, nodes[c], corners, own, sine, references[c], small[9:], long[0], long[1])
             tanh = math.tanh(law[1] * math.log(tau))
             slope = law[2] * tanh
             pulls[:], whole[:] = 0.0, 0.0
             for corner in range(len(corners)):
                 omega = long[0, corner] / (mean * len(corners))
                 beta = long[1, corner] / (tau * references[c])
-                _, det, q, _ = _corner(points, nodes[c], corners[corner], ideal, sine, small[0], small[10])
+                _, det, q, _ = _corner(points, nodes[c], corners[corner], own, sine, small[0], small[10])
                 _add_pulls(small, det, q, omega, beta, corners[corner], pulls)
                 h1 = (slope * beta - (2.0 / d) * omega) / det
                 terms = (omega, h1, (2.0 / d) * omega / (det * det), omega, -(2.0 / d) / det)

@@ -33,6 +33,7 @@ __all__ = [
     "LENGTH",
     "MEAN_RATIO",
     "METRIC_CODES",
+    "RELATIVE",
     "chosen_quality",
     "column_quality",
     "evaluate",
@@ -42,6 +43,7 @@ __all__ = [
     "node_extremes",
     "node_quality",
     "node_sizes",
+    "relative_skew",
     "transformed_quality",
 ]
 
@@ -53,7 +55,15 @@ Bools = NDArray[np.bool_]
 LENGTH, MEAN_RATIO, ANGLES = 0, 1, 2
 
 #: Number of each quality metric in the compiled kernels.
-METRIC_CODES = {"size": 0, "skew": 1, "size-skew": 2, "size-skew-root": 3, "size-skew-product": 4}
+METRIC_CODES = {
+    "size": 0,
+    "skew": 1,
+    "size-skew": 2,
+    "size-skew-root": 3,
+    "size-skew-product": 4,
+    "relative-size-skew": 5,
+}
+RELATIVE = METRIC_CODES["relative-size-skew"]
 
 #: Cells side by side: the corner Jacobians of 128 tetrahedra are 9 KiB, those of 128 hexahedra 72 KiB
 CHUNK = 128
@@ -239,19 +249,25 @@ def evaluate(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def metric_value(size: float, skew: float, code: int) -> float:
-    """One quality metric of one cell; -inf stays -inf."""
+    """One quality metric of one cell, of RELATIVE with its relative skew; -inf stays -inf."""
     if code == 0 or size == -np.inf:
         return size
     if code == 1:
         return skew
     value: float
-    if code == 2:
+    if code in (2, 5):
         value = np.sqrt(abs(size)) * skew
     elif code == 3:
         value = np.sqrt(abs(size) * skew)
     else:
         value = abs(size) * skew
     return value if size > 0.0 else -value
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def relative_skew(skew: float, rest: float) -> float:
+    """A cell's skew relative to that at rest: at most 1, what is better than at rest is as good."""
+    return min(skew / rest, 1.0)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -376,7 +392,7 @@ def column_quality(edges, columns, shape, ideal, reference, size, skew, inverted
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def node_extremes(  # type: ignore[no-untyped-def]
-    points, nodes, corners, shape, ideal, reference, code
+    points, nodes, corners, shape, ideal, reference, rest, code
 ):
     """Per work item: the smallest metric value, its cell, and the number of inverted cells. Nothing is stored."""
     m, d = nodes.shape[0], points.shape[1]
@@ -392,6 +408,8 @@ def node_extremes(  # type: ignore[no-untyped-def]
             gather(points, nodes, corners, first, count, jacobians)
             evaluate(jacobians, first, count, shape, ideal, reference, work, size, skew, inverted)
             for s in range(count):
+                if code == RELATIVE:
+                    skew[s] = relative_skew(skew[s], rest[first + s])
                 value = metric_value(size[s], skew[s], code)
                 count_inverted += inverted[s]
                 if value < lowest:

@@ -12,6 +12,7 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.enrichment.space import FUNCTIONS
 from mesh_motion_server.numerics.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolant import Factorization
+from mesh_motion_server.numerics.metrics import AtRest
 from mesh_motion_server.numerics.node_constraint import NodeConstraint
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime
 
@@ -62,7 +63,7 @@ class CorrectionProblem:
     held : (n,) bool array
         Nodes that no correction may move.
     cells : CellTable
-    reference_sizes : (m,) array, length^d
+    reference_sizes : (m,) array, length^d, or CellsAtRest
     factorization : Factorization
         Of the boundary at ``start``.
     evaluator : Evaluator
@@ -85,7 +86,7 @@ class CorrectionProblem:
     standard: Floats
     held: NDArray[np.bool_]
     cells: CellTable
-    reference_sizes: Floats
+    reference_sizes: AtRest
     factorization: Factorization
     evaluator: Evaluator
     reference: Floats | None = None
@@ -134,7 +135,7 @@ class CorrectionSettings:
     """
 
     correction: str = "optimised"
-    quality_metric: str = "size-skew"
+    quality_metric: str = "relative-size-skew"
     quality_threshold: float = 0.2
     target: str = "auto"
     enrichment_radius: float = 0.0

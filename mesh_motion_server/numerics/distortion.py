@@ -33,6 +33,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable, CellType
+from mesh_motion_server.numerics.metrics import AtRest, sizes_of, skews_of
 
 __all__ = [
     "CornerSimplices",
@@ -101,9 +102,7 @@ class CornerSimplices:
         return int(self.nodes.shape[1]) - 1
 
 
-def corner_simplices(
-    reference: NDArray[np.float64], cells: CellTable, reference_sizes: NDArray[np.float64]
-) -> CornerSimplices:
+def corner_simplices(reference: NDArray[np.float64], cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:
     """All corner simplices of some cells.
 
     Parameters
@@ -111,36 +110,47 @@ def corner_simplices(
     reference : (n, d) array, mesh length unit
         Nodes of the reference mesh: the ideal shape of quad, hexahedron, wedge and pyramid corners.
     cells : CellTable
-    reference_sizes : (m,) array, length^d
+    reference_sizes : (m,) array, length^d, or CellsAtRest
         Σ_k det A_k of each cell in the reference mesh: the ideal size.
 
     Notes
     -----
     A triangle or tetrahedron is measured against the equilateral simplex of its reference size, because its skew is
-    absolute. The others are measured against their own corners, because a boundary layer's flat quads are meant.
+    absolute; where the skews at rest are known, against itself at rest. The others are always measured against their
+    own corners, because a boundary layer's flat quads are meant.
     """
-    nodes, ideals = [], []
+    nodes, ideals, all_sizes = [], [], sizes_of(reference_sizes)
+    own = skews_of(reference_sizes) is not None
     for block, first in zip(cells, cells.offsets, strict=False):
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
-        sizes = reference_sizes[first : first + len(block)] / corners.shape[1]
+        sizes = all_sizes[first : first + len(block)] / corners.shape[1]
         nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32))
-        ideals.append(_ideal_maps(reference, nodes[-1], np.repeat(sizes, corners.shape[1]), block.type))
+        ideals.append(_ideal_maps(reference, nodes[-1], np.repeat(sizes, corners.shape[1]), block.type, own=own))
     return CornerSimplices(np.concatenate(nodes), np.concatenate(ideals))
 
 
 def _ideal_maps(
-    reference: NDArray[np.float64], corners: NDArray[np.int32], dets: NDArray[np.float64], cell_type: CellType
+    reference: NDArray[np.float64],
+    corners: NDArray[np.int32],
+    dets: NDArray[np.float64],
+    cell_type: CellType,
+    *,
+    own: bool,
 ) -> NDArray[np.float64]:
-    """(c, d, d) maps P of the corners (c, d + 1) of one cell type; dets (c,) their ideal determinants."""
+    """(c, d, d) maps P of the corners (c, d + 1) of one cell type; dets (c,) their ideal determinants.
+
+    A simplex' own Jacobian is the ideal only where ``own`` says so.
+    """
     w, d = cell_type.ideal_array, cell_type.dimension
     scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
     ideal: NDArray[np.float64] = scale[:, None, None] * np.linalg.inv(w)
-    if cell_type.is_simplex:
+    if cell_type.is_simplex and not own:
         return ideal
     edges = np.swapaxes(reference[corners[:, 1:]] - reference[corners[:, :1]], 1, 2)
     lengths = np.linalg.norm(edges, axis=1).prod(axis=1)
-    own = np.linalg.det(edges) > _DEGENERATE * lengths
-    ideal[own] = np.linalg.inv(edges[own])
+    least = 0.0 if cell_type.is_simplex else _DEGENERATE
+    proper = np.linalg.det(edges) > least * lengths
+    ideal[proper] = np.linalg.inv(edges[proper])
     return ideal
 
 

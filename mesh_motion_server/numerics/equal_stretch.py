@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.metrics import sizes_of
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["equal_stretch"]
@@ -36,7 +37,7 @@ def _chains(mesh: TrialMesh) -> list[tuple[NDArray[np.int64], NDArray[np.float64
     """Connected chains of nodes, and the places of their nodes by summed reference sizes."""
     nodes = np.concatenate([block.nodes for block in mesh.cells])
     order = np.argsort(mesh.reference[nodes[:, 0], 0], kind="stable")
-    nodes, sizes = nodes[order], mesh.reference_sizes[order]
+    nodes, sizes = nodes[order], sizes_of(mesh.reference_sizes)[order]
     breaks = np.flatnonzero(nodes[1:, 0] != nodes[:-1, 1]) + 1
     chains = []
     for part, lengths in zip(np.split(nodes, breaks), np.split(sizes, breaks), strict=True):

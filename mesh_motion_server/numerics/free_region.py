@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.cell_distortion import CellGroup, cell_groups
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.distortion import CornerSimplices, corner_simplices
+from mesh_motion_server.numerics.metrics import AtRest
 from mesh_motion_server.numerics.read_only import read_only
 
 __all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
@@ -106,7 +107,7 @@ class FreeRegion:
         Global numbers of the cells.
     cells : CellTable
         The same cells in local node numbers.
-    reference_sizes : (k) array, length^d
+    reference_sizes : (k) array, length^d, or CellsAtRest
     simplices : CornerSimplices
         Their corners, in local node numbers.
     adjacency : NodeAdjacency
@@ -116,14 +117,14 @@ class FreeRegion:
     n_free: int
     cell_numbers: NDArray[np.int64]
     cells: CellTable
-    reference_sizes: NDArray[np.float64]
+    reference_sizes: AtRest
     simplices: CornerSimplices
     adjacency: NodeAdjacency
 
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
         """The cells by type."""
-        return cell_groups(self.cells, self.reference_sizes)
+        return cell_groups(self.cells, self.reference_sizes, self.simplices.ideal)
 
     @cached_property
     def cell_adjacency(self) -> tuple[CellAdjacency, ...]:
@@ -163,7 +164,7 @@ def grow(cells: CellTable, marked: NDArray[np.bool_], rings: int) -> NDArray[np.
 def free_region(
     reference: NDArray[np.float64],
     cells: CellTable,
-    reference_sizes: NDArray[np.float64],
+    reference_sizes: AtRest,
     free: NDArray[np.bool_],
     *,
     chosen: NDArray[np.bool_] | None = None,
@@ -175,7 +176,7 @@ def free_region(
     reference : (n, d) array, mesh length unit
         Nodes of the reference mesh.
     cells : CellTable
-    reference_sizes : (m,) array, length^d
+    reference_sizes : (m,) array, length^d, or CellsAtRest
     free : (n,) bool array
         At least one node is free, and each belongs to a cell.
     chosen : (m,) bool array, optional

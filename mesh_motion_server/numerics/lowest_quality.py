@@ -23,15 +23,22 @@ from mesh_motion_server.numerics.corner_kernels import (
     CHUNK,
     MEAN_RATIO,
     METRIC_CODES,
+    RELATIVE,
     evaluate,
     gather,
     metric_value,
-    metric_values,
+    relative_skew,
 )
-from mesh_motion_server.numerics.metrics import as_positions, judged_blocks, metric_code, subset_quality
+from mesh_motion_server.numerics.metrics import (
+    AtRest,
+    as_positions,
+    judged_blocks,
+    metric_code,
+    rest_for,
+    subset_quality,
+)
 from mesh_motion_server.numerics.quality_summary import LowestQuality, Minimum, worst_cells
 from mesh_motion_server.numerics.quality_tally import PARTS
-from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.simplex_kernels import tetra_all_above
 
 __all__ = ["LowestJudge", "lowest_quality"]
@@ -58,13 +65,13 @@ def _keep(value, cell, values, cells):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def _lowest(  # type: ignore[no-untyped-def]
-    points, nodes, corners, shape, ideal, reference, rows, metric, values, numbers, inversions
+    points, nodes, corners, shape, ideal, reference, rest, rows, metric, values, numbers, inversions
 ):
     """Sort the cells of one block, numbers ``rows[0]`` … of ``rows[1]`` in all, into each part's lowest (PARTS, k)."""
     m, d = nodes.shape[0], points.shape[1]
     start, total = rows
     low = start * PARTS // total
-    by_powers = shape == MEAN_RATIO and corners.shape[0] == 1 and d == 3 and metric == _SIZE_SKEW
+    by_powers = shape == MEAN_RATIO and corners.shape[0] == 1 and d == 3 and metric in (_SIZE_SKEW, RELATIVE)
     for i in prange(min(PARTS, (start + m) * PARTS // total + 1) - low):
         part = low + i
         begin, end = max(part * total // PARTS - start, 0), min((part + 1) * total // PARTS - start, m)
@@ -74,11 +81,13 @@ def _lowest(  # type: ignore[no-untyped-def]
         for first in range(begin, end, CHUNK):
             count = min(CHUNK, end - first)
             gather(points, nodes, corners, first, count, jacobians)
-            if by_powers and tetra_all_above(jacobians, first, count, ideal, reference, kept[-1]):
+            if by_powers and tetra_all_above(jacobians, first, count, ideal, reference, rest, kept[-1]):
                 continue
             evaluate(jacobians, first, count, shape, ideal, reference, work, size, skew, inverted)
             for s in range(count):
                 found += inverted[s]
+                if metric == RELATIVE:
+                    skew[s] = relative_skew(skew[s], rest[first + s])
                 value = metric_value(size[s], skew[s], metric)
                 if value < kept[-1]:
                     _keep(value, start + first + s, kept, places)
@@ -88,7 +97,7 @@ def _lowest(  # type: ignore[no-untyped-def]
 def lowest_quality(
     points: NDArray[np.floating],
     cells: CellTable,
-    reference_sizes: Floats,
+    reference_sizes: AtRest,
     *,
     metric: str = "size-skew",
     worst: int = 10,
@@ -99,8 +108,8 @@ def lowest_quality(
     ----------
     points : (n, d) array, mesh length unit
     cells : CellTable
-    reference_sizes : (m,) array
-        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes`.
+    reference_sizes : (m,) array or CellsAtRest
+        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes` or :func:`.cells_at_rest`.
     metric : str
         One of :data:`~mesh_motion_server.numerics.metrics.QUALITY_METRICS`.
     worst : int
@@ -110,8 +119,8 @@ def lowest_quality(
     InvalidInput
         On an unknown metric.
     """
-    positions, code = as_positions(points, cells.dimension), metric_code(metric)
-    numbers, inverted = _lowest_numbers(positions, cells, reference_sizes, code, worst)
+    positions = as_positions(points, cells.dimension)
+    numbers, inverted = _lowest_numbers(positions, cells, reference_sizes, metric, worst)
     quality = subset_quality(positions, cells, reference_sizes, numbers)
     return LowestQuality(
         metric_name=metric,
@@ -129,11 +138,11 @@ class LowestJudge:
     Attributes
     ----------
     cells : CellTable
-    reference_sizes : (m,) array
+    reference_sizes : (m,) array or CellsAtRest
     """
 
     cells: CellTable
-    reference_sizes: Floats
+    reference_sizes: AtRest
 
     def summary(self, points: Floats, metric: str) -> LowestQuality:
         """What decides about the mesh with its nodes at ``points`` (n, d)."""
@@ -141,23 +150,24 @@ class LowestJudge:
 
 
 def _lowest_numbers(
-    positions: Floats, cells: CellTable, reference_sizes: Floats, metric: int, count: int
+    positions: Floats, cells: CellTable, reference_sizes: AtRest, metric: str, count: int
 ) -> tuple[Ints, int]:
     """Numbers of the ``count`` worst cells, worst first and of equal ones the lower, and how many are inverted."""
     values, numbers = np.empty((PARTS, count)), np.full((PARTS, count), len(cells))
     values[:] = _first_limit(positions, cells, reference_sizes, metric, count)
     inversions = np.zeros(PARTS, dtype=np.int64)
-    for rows, sort in judged_blocks(_lowest, positions, cells, reference_sizes):
-        sort((rows.start, len(cells)), metric, values, numbers, inversions)
+    code = metric_code(metric)
+    for rows, sort in judged_blocks(_lowest, positions, cells, rest_for(metric, reference_sizes)):
+        sort((rows.start, len(cells)), code, values, numbers, inversions)
     order = np.lexsort((numbers.ravel(), values.ravel()))[: min(count, len(cells))]
     return numbers.ravel()[order], int(inversions.sum())
 
 
-def _first_limit(positions: Floats, cells: CellTable, reference_sizes: Floats, metric: int, count: int) -> float:
+def _first_limit(positions: Floats, cells: CellTable, reference_sizes: AtRest, metric: str, count: int) -> float:
     """A number above the ``count`` lowest values: most chunks can be passed over from the beginning."""
     sample = np.arange(0, len(cells), max(1, len(cells) // _SAMPLE))
     if len(sample) < count:
         return np.inf
     quality = subset_quality(positions, cells, reference_sizes, sample)
-    values = metric_values(read_only(quality.size), read_only(quality.skew), metric)
+    values = quality.metric(metric)
     return float(np.nextafter(np.partition(values, count - 1)[count - 1], np.inf))

@@ -13,8 +13,23 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.corner_kernels import CHUNK, METRIC_CODES, evaluate, gather, metric_value
-from mesh_motion_server.numerics.metrics import as_positions, judged_blocks, metric_code, subset_quality
+from mesh_motion_server.numerics.corner_kernels import (
+    CHUNK,
+    METRIC_CODES,
+    RELATIVE,
+    evaluate,
+    gather,
+    metric_value,
+    relative_skew,
+)
+from mesh_motion_server.numerics.metrics import (
+    AtRest,
+    as_positions,
+    judged_blocks,
+    metric_code,
+    rest_for,
+    subset_quality,
+)
 from mesh_motion_server.numerics.quality_summary import QualitySummary, reported_metrics, summary_of
 from mesh_motion_server.numerics.quality_tally import PARTS, Tally, empty_tallies, tally_chunk, tally_three
 
@@ -27,7 +42,7 @@ _SIZE_SKEW = METRIC_CODES["size-skew"]
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def _judge(  # type: ignore[no-untyped-def]
-    points, nodes, corners, shape, ideal, reference, rows, metric, levels, counts, totals, inversions
+    points, nodes, corners, shape, ideal, reference, rest, rows, metric, levels, counts, totals, inversions
 ):
     """Add the cells of one block, numbers ``rows[0]`` … of ``rows[1]`` in all, to the tallies and inversions (PARTS,).
 
@@ -53,7 +68,10 @@ def _judge(  # type: ignore[no-untyped-def]
             tally_three(values, count, here, counts[part], totals[part])
             if levels.shape[0] > 3:
                 for s in range(count):
-                    values[3, s] = metric_value(values[0, s], values[1, s], metric)
+                    skew = values[1, s]
+                    if metric == RELATIVE:
+                        skew = relative_skew(skew, rest[first + s])
+                    values[3, s] = metric_value(values[0, s], skew, metric)
                 tally_chunk(values[3], count, here[3], counts[part, 3], totals[part, 3])
         inversions[part] += found
 
@@ -61,7 +79,7 @@ def _judge(  # type: ignore[no-untyped-def]
 def mesh_summary(
     points: NDArray[np.floating],
     cells: CellTable,
-    reference_sizes: Floats,
+    reference_sizes: AtRest,
     *,
     metric: str = "size-skew",
     worst: int = 10,
@@ -72,8 +90,8 @@ def mesh_summary(
     ----------
     points : (n, d) array, mesh length unit
     cells : CellTable
-    reference_sizes : (m,) array
-        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes`.
+    reference_sizes : (m,) array or CellsAtRest
+        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes` or :func:`.cells_at_rest`.
     metric : str
         One of :data:`~mesh_motion_server.numerics.metrics.QUALITY_METRICS`; ranks the worst cells.
     worst : int
@@ -85,7 +103,9 @@ def mesh_summary(
         On an unknown metric.
     """
     positions, code = as_positions(points, cells.dimension), metric_code(metric)
-    tallies, inverted = _judged(positions, cells, reference_sizes, len(reported_metrics(metric)), code)
+    tallies, inverted = _judged(
+        positions, cells, rest_for(metric, reference_sizes), len(reported_metrics(metric)), code
+    )
     return summary_of(
         dict(zip(reported_metrics(metric), tallies, strict=True)),
         inverted,
@@ -97,7 +117,7 @@ def mesh_summary(
 
 
 def _judged(
-    positions: Floats, cells: CellTable, reference_sizes: Floats, count: int, metric: int
+    positions: Floats, cells: CellTable, reference_sizes: AtRest, count: int, metric: int
 ) -> tuple[list[Tally], int]:
     """The first ``count`` tallies of size, skew, size-skew and the metric, and the number of inverted cells."""
     total = len(cells)

@@ -22,7 +22,14 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "explicit_decomposition": ("eigen", "polar", "svd", "qr"),
     "correction_in_time": ("independent", "smooth"),
     "sub_steps": ("auto", "never", "always"),
-    "quality_metric": ("size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
+    "quality_metric": (
+        "relative-size-skew",
+        "size-skew",
+        "size-skew-root",
+        "size-skew-product",
+        "size",
+        "skew",
+    ),
     "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient", "sampled"),
     "quality_report": ("every-move", "first-and-commit"),
     "solver": ("auto", "dense", "sparse", "iterative", "two-scale"),
@@ -75,6 +82,7 @@ class Method:
     enrichment_radius : float or None
         R_l, mesh length unit; None: the diameter of the largest ball between the boundaries, at most R.
     quality_metric : str
+        Against the cell at rest, or against an ideal one.
     quality_threshold : float
         A motion predicted below it is corrected.
     max_enrichment_points : int
@@ -127,7 +135,7 @@ class Method:
     correction_in_time: str = "independent"
     sub_steps: str = "auto"
     enrichment_radius: float | None = None
-    quality_metric: str = "size-skew"
+    quality_metric: str = "relative-size-skew"
     quality_threshold: float = 0.2
     max_enrichment_points: int = 20
     enrichment_function: str = "auto"

@@ -11,10 +11,16 @@ metric                  formula                            source
 ======================  =================================  =========================================
 ``size``                size                               thesis (2.13); its 2D tables use this one
 ``skew``                skew                               thesis (2.14)
-``size-skew``           sign(size) · √|size| · skew        thesis, text below (2.15); the default
+``size-skew``           sign(size) · √|size| · skew        thesis, text below (2.15)
 ``size-skew-root``      sign(size) · √(|size| · skew)      thesis (2.15)
 ``size-skew-product``   size · skew                        thesis (3.21), (3.24), (3.28), (3.30)
+``relative-size-skew``  size-skew with the skew relative   target matrices: Knupp (2012)
+                        to that of the cell at rest
 ======================  =================================  =========================================
+
+The last one compares both with the cell itself in the reference mesh, ``min(1, skew / skew at rest)``: 1 at rest and
+wherever the cell has only been carried along, whatever it looks like. A triangle of a boundary layer that is a thousand
+times as long as high has a skew of 1e-3 for ever; its relative skew falls when its height does.
 
 Skew is never negative. A cell whose corners are all inverted keeps the skew of its mirror image, so that size-skew
 tells a badly inverted cell from a slightly inverted one; a cell of which some corners are inverted has skew 0. A cell
@@ -25,13 +31,14 @@ Node indices are not checked here: :func:`~mesh_motion_server.numerics.mesh_chec
 References
 ----------
 P. M. Knupp, Algebraic mesh quality metrics for unstructured initial meshes, Finite Elements in Analysis and Design
-39 (2003) 217–241.
+39 (2003) 217–241. P. M. Knupp, Introducing the target-matrix paradigm for mesh optimization via node-movement,
+Engineering with Computers 28 (2012) 419–429.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -47,13 +54,19 @@ from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = [
     "QUALITY_METRICS",
+    "AtRest",
     "CellQuality",
+    "CellsAtRest",
     "Extremes",
     "QualitySummary",
     "cell_quality",
+    "cells_at_rest",
     "minimum_quality",
     "quality_extremes",
     "reference_sizes",
+    "rest_for",
+    "sizes_of",
+    "skews_of",
     "subset_quality",
     "summarize",
 ]
@@ -69,8 +82,10 @@ QUALITY_METRICS: dict[str, str] = {
     "size-skew": "sign(size) √|size| skew",
     "size-skew-root": "sign(size) √(|size| skew)",
     "size-skew-product": "size skew",
+    "relative-size-skew": "sign(size) √|size| min(1, skew / skew at rest)",
 }
 
+_NO_SKEWS = np.empty(0)
 _SHAPES = {
     "line": kernels.LENGTH,
     "triangle": kernels.MEAN_RATIO,
@@ -94,18 +109,22 @@ class CellQuality:
         In [0, 1]; -inf as above.
     inverted : (m,) bool array
         Any corner determinant ≤ 0 (or not a number).
+    rest : (m,) array, optional
+        Skew at rest, where it is known: what "relative-size-skew" needs.
     """
 
     size: Floats
     skew: Floats
     inverted: Bools
+    rest: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.size)
 
     def subset(self, numbers: Ints | slice) -> CellQuality:
         """Of the cells with the given numbers only, in that order."""
-        return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers])
+        rest = None if self.rest is None else self.rest[numbers]
+        return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
 
     def metric(self, name: str) -> Floats:
         """Values (m,) of one of :data:`QUALITY_METRICS`.
@@ -113,14 +132,66 @@ class CellQuality:
         Raises
         ------
         InvalidInput
-            On an unknown name.
+            On an unknown name, or one that needs the cells' skews at rest where they are not known.
         """
-        code = metric_code(name)
+        code, skew = metric_code(name), self.skew
         if name in ("size", "skew"):
             return self.size if name == "size" else self.skew
+        if code == kernels.RELATIVE:
+            skew = np.minimum(skew / _known(self.rest), 1.0)
         with threads_for(work_items(len(self))):
-            values: Floats = kernels.metric_values(read_only(self.size), read_only(self.skew), code)
+            values: Floats = kernels.metric_values(read_only(self.size), read_only(skew), code)
         return values
+
+
+@dataclass(frozen=True, eq=False)
+class CellsAtRest:
+    """What the cells of the reference mesh are measured by.
+
+    Attributes
+    ----------
+    sizes : (m,) array
+        Of :func:`reference_sizes`.
+    skews : (m,) array
+    """
+
+    sizes: Floats
+    skews: Floats
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+    def __getitem__(self, rows: Any) -> CellsAtRest:
+        return CellsAtRest(self.sizes[rows], self.skews[rows])
+
+
+#: Reference sizes alone, or with the skews at rest.
+AtRest = Floats | CellsAtRest
+
+
+def _known(rest: Floats | None) -> Floats:
+    """The skews at rest (m,), or an error."""
+    if rest is None:
+        raise InvalidInput("the metric 'relative-size-skew' needs the cells' skews at rest: give CellsAtRest")
+    return rest
+
+
+def sizes_of(rest: AtRest) -> Floats:
+    """(m,) reference sizes."""
+    return rest.sizes if isinstance(rest, CellsAtRest) else rest
+
+
+def skews_of(rest: AtRest) -> Floats | None:
+    """(m,) skews at rest, or None."""
+    return rest.skews if isinstance(rest, CellsAtRest) else None
+
+
+def rest_for(metric: str, rest: AtRest) -> AtRest:
+    """Of the cells at rest what a metric needs: the sizes alone, but for "relative-size-skew"."""
+    if metric_code(metric) != kernels.RELATIVE:
+        return sizes_of(rest)
+    _known(skews_of(rest))
+    return rest
 
 
 class Extremes(NamedTuple):
@@ -185,12 +256,15 @@ def work_items(cells: int) -> int:
 
 
 def judged_blocks(
-    kernel: Callable[..., Any], positions: Floats, cells: CellTable, reference_sizes: Floats
+    kernel: Callable[..., Any], positions: Floats, cells: CellTable, rest: AtRest
 ) -> Iterator[tuple[slice, Callable[..., Any]]]:
     """Each block's slice of cell numbers, and a kernel that judges cells with its first arguments: those of the block.
 
+    The last of these are the reference sizes and the skews at ``rest``, none of them where the sizes alone are given.
+
     The threads are those that the block is worth, until the next one is asked for.
     """
+    skews = skews_of(rest)
     for block, rows in block_slices(cells):
         with threads_for(work_items(len(block))):
             yield (
@@ -202,7 +276,8 @@ def judged_blocks(
                     block.type.corner_array,
                     shape_code(block.type),
                     ideal_corner(block.type.name),
-                    read_only(reference_sizes[rows]),
+                    read_only(sizes_of(rest)[rows]),
+                    read_only(_NO_SKEWS if skews is None else skews[rows]),
                 ),
             )
 
@@ -240,48 +315,62 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
     return out
 
 
-def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats) -> CellQuality:
+def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats | None = None) -> CellsAtRest:
+    """Sizes and skews of the cells of the reference mesh with nodes at ``points`` (n, d).
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+    sizes : (m,) array, optional
+        Of :func:`reference_sizes`, if they are known.
+    """
+    sizes = reference_sizes(points, cells) if sizes is None else sizes
+    return CellsAtRest(sizes, cell_quality(points, cells, sizes).skew)
+
+
+def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest) -> CellQuality:
     """Size, skew and validity of every cell.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
     cells : CellTable
-    reference_sizes : (m,) array
-        From :func:`reference_sizes` of the mesh that size is measured against; non-zero.
+    reference_sizes : (m,) array or CellsAtRest
+        From :func:`reference_sizes` or :func:`cells_at_rest` of the mesh that cells are measured against; non-zero.
     """
-    positions = as_positions(points, cells.dimension)
+    positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
     out = empty_quality(len(cells))
     for block, rows in block_slices(cells):
-        _block_quality(positions, block.type, block.nodes, reference_sizes[rows], out, rows)
-    return out
+        _block_quality(positions, block.type, block.nodes, sizes[rows], out, rows)
+    return replace(out, rest=skews_of(reference_sizes))
 
 
 def subset_quality(
-    points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, numbers: NDArray[np.integer]
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, numbers: NDArray[np.integer]
 ) -> CellQuality:
     """As :func:`cell_quality` for the cells with the given numbers (s,) only, in that order; cost follows s."""
     positions = as_positions(points, cells.dimension)
-    chosen = np.asarray(numbers, dtype=np.int64)
+    chosen, sizes, skews = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes), skews_of(reference_sizes)
     out = empty_quality(len(chosen))
     for block, rows in block_slices(cells):
         if len(cells.blocks) == 1:
-            _chosen_quality(positions, block, chosen, reference_sizes, out)
+            _chosen_quality(positions, block, chosen, sizes, out)
             break
         here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
         part = empty_quality(len(here))
-        _chosen_quality(positions, block, chosen[here] - rows.start, reference_sizes[rows], part)
+        _chosen_quality(positions, block, chosen[here] - rows.start, sizes[rows], part)
         out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
-    return out
+    return out if skews is None else replace(out, rest=skews[chosen])
 
 
 def quality_extremes(
-    points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, metric: str = "size-skew"
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
 ) -> Extremes:
     """Smallest value of a metric, its cell and the number of inverted cells, in one pass that stores nothing."""
     positions, code = as_positions(points, cells.dimension), metric_code(metric)
     best, inversions = (np.inf, 0), 0
-    for rows, extremes in judged_blocks(kernels.node_extremes, positions, cells, reference_sizes):
+    for rows, extremes in judged_blocks(kernels.node_extremes, positions, cells, rest_for(metric, reference_sizes)):
         least, where, inverted = extremes(code)
         first = int(np.argmin(least))
         best = min(best, (float(least[first]), rows.start + int(where[first])))
@@ -290,7 +379,7 @@ def quality_extremes(
 
 
 def minimum_quality(
-    points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, metric: str = "size-skew"
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
 ) -> float:
     """Smallest value of a metric over the mesh; stores nothing (see :func:`quality_extremes`)."""
     return quality_extremes(points, cells, reference_sizes, metric).minimum

@@ -36,7 +36,7 @@ from mesh_motion_server.numerics.mesh_check import checked_mesh
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.metrics import QualitySummary, summarize
+from mesh_motion_server.numerics.metrics import AtRest, QualitySummary, cells_at_rest, summarize
 from mesh_motion_server.numerics.motion_found import Motion
 from mesh_motion_server.numerics.prediction import predict
 from mesh_motion_server.numerics.quality_summary import Judgement
@@ -63,8 +63,8 @@ class MotionModel:
     roles : BoundaryRoles
     method : Method
         With both radii filled in.
-    reference_sizes : (m,) array
-        Summed corner determinants of the reference cells: the w of thesis (3.21).
+    reference_sizes : (m,) array or CellsAtRest
+        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews where these count.
     held : (n,) bool array
         Nodes on the boundary or on a patch, which no correction may move; nor may it move those of a boundary layer.
     standard_motion : StandardMotion
@@ -85,7 +85,7 @@ class MotionModel:
     cells: CellTable
     roles: BoundaryRoles
     method: Method
-    reference_sizes: NDArray[np.float64]
+    reference_sizes: AtRest
     held: NDArray[np.bool_]
     standard_motion: StandardMotion
     constraint: BoundaryConstraint | None
@@ -114,6 +114,7 @@ class MotionModel:
             When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
         warnings, sizes = checked_mesh(points, cells, patches)
+        at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
@@ -129,13 +130,13 @@ class MotionModel:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
         smooth, told = None, held_with(held, standard_motion.layer)
         if method.correction_in_time == "smooth" and not told.all():
-            smooth = SmoothInTime.build(TrialMesh(points, cells, sizes, told, method.quality_metric))
+            smooth = SmoothInTime.build(TrialMesh(points, cells, at_rest, told, method.quality_metric))
         return cls(
             points,
             cells,
             roles,
             method,
-            sizes,
+            at_rest,
             held,
             standard_motion,
             BoundaryConstraint.build(points, cells, patches, standard_motion.sliding, standard_motion.periodic),

@@ -23,7 +23,7 @@ Over many steps see :mod:`~mesh_motion_server.numerics.many_steps`; by groups of
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -33,6 +33,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics import corner_kernels as kernels
 from mesh_motion_server.numerics.cells import CellTable, CellType
 from mesh_motion_server.numerics.metrics import (
+    AtRest,
     CellQuality,
     as_positions,
     block_slices,
@@ -40,6 +41,8 @@ from mesh_motion_server.numerics.metrics import (
     empty_quality,
     ideal_corner,
     shape_code,
+    sizes_of,
+    skews_of,
     work_items,
 )
 from mesh_motion_server.numerics.read_only import read_only
@@ -103,7 +106,7 @@ class InterpolantField:
 
 
 def predict(
-    name: str, points: NDArray[np.floating], cells: CellTable, reference_sizes: Floats, field: DisplacementField
+    name: str, points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, field: DisplacementField
 ) -> CellQuality:
     """Quality of every cell after the displacement, without displacing a node.
 
@@ -114,8 +117,8 @@ def predict(
     points : (n, d) array, mesh length unit
         Current positions.
     cells : CellTable
-    reference_sizes : (m,) array
-        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes`.
+    reference_sizes : (m,) array or CellsAtRest
+        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes` or :func:`.cells_at_rest`.
     field : DisplacementField
         Displacement since ``points``.
 
@@ -126,7 +129,8 @@ def predict(
     """
     if name not in PREDICTORS:
         raise InvalidInput(f"unknown predictor {name!r}; known are {', '.join(PREDICTORS)}")
-    return PREDICTORS[name](as_positions(points, cells.dimension), cells, reference_sizes, field)
+    positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
+    return replace(PREDICTORS[name](positions, cells, sizes, field), rest=skews_of(reference_sizes))
 
 
 def centre_positions(points: Floats, cells: CellTable) -> Floats:

@@ -72,24 +72,39 @@ def tetra_quality(jacobians, first, count, ideal, reference, size, skew, inverte
         _finish(det, term, reference[first + s], s, size, skew, inverted)
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _surely_above(det, q, reference, ideal_det, bound):  # type: ignore[no-untyped-def]
+    """Whether the sixth power of a tetrahedron's size-skew is above the bound, for each of the ratios of its size."""
+    own, told = det * det * det, reference * reference * reference
+    t2 = det / ideal_det * (det / ideal_det)
+    above, least = 729.0 * t2 * t2, bound * (q * q * q) * (q * q * q)
+    grown, shrunk = above * told > least * own, above * own > least * told
+    return grown & shrunk & (least * own > _TINY) & (least * told > _TINY)
+
+
 @njit(cache=True, error_model="numpy")
-def tetra_all_above(jacobians, first, count, ideal, reference, limit):  # type: ignore[no-untyped-def]
+def tetra_all_above(jacobians, first, count, ideal, reference, rest, limit):  # type: ignore[no-untyped-def]
     """Whether every tetrahedron in the buffer certainly has a size-skew above ``limit``; no roots, no divisions.
 
     With ``v = √size · skew`` and ``skew³ = 27 (det/det W)² / q³`` (2.14), ``v⁶ > limit⁶`` is two comparisons, one for
     each of the ratios whose smaller one is the size. A margin far above rounding keeps the answer true of the values as
-    :func:`tetra_quality` computes them, from the same det and q; what leaves the range of numbers is never above.
+    :func:`tetra_quality` computes them, from the same det and q; what leaves the range of numbers is never above. Where
+    skews at ``rest`` are given, their relative size-skew: above the limit times that skew, and the size above limit².
     """
     a, ideal_det = jacobians[0], ideal[3, 0]
     bound = limit**6 * _MARGIN if limit > 0.0 else np.inf
     near = 0
+    if rest.size == 0:
+        for s in range(count):
+            det, q = _tetra_terms(a, s, ideal)
+            near += not _surely_above(det, q, reference[first + s], ideal_det, bound)
+        return near == 0
+    least = limit * limit * _MARGIN
     for s in range(count):
         det, q = _tetra_terms(a, s, ideal)
-        own, told = det * det * det, reference[first + s] * reference[first + s] * reference[first + s]
-        t2 = det / ideal_det * (det / ideal_det)
-        above, least = 729.0 * t2 * t2, bound * (q * q * q) * (q * q * q)
-        grown, shrunk = above * told > least * own, above * own > least * told
-        near += not (grown & shrunk & (least * own > _TINY) & (least * told > _TINY))
+        told, squared = reference[first + s], rest[first + s] * rest[first + s]
+        above = _surely_above(det, q, told, ideal_det, bound * squared * squared * squared)
+        near += not (above & (det > least * told) & (told > least * det))
     return near == 0
 
 

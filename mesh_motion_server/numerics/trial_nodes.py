@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.distortion import PNorm, determinants
 from mesh_motion_server.numerics.free_region import FreeRegion, free_region, grow, nodes_of_cells
-from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.metrics import AtRest, cell_quality
 from mesh_motion_server.numerics.newton import Accuracy, newton
 from mesh_motion_server.numerics.node_constraint import NodeConstraint, RegionConstraint, StepSolver
 from mesh_motion_server.numerics.region_measure import RegionMeasure
@@ -31,7 +31,14 @@ __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach", "untangle"]
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
-SIZE_WEIGHTS = {"size-skew": 0.5, "size-skew-root": 1.0, "size-skew-product": 1.0, "size": 1.0, "skew": 0.01}
+SIZE_WEIGHTS = {
+    "size-skew": 0.5,
+    "size-skew-root": 1.0,
+    "size-skew-product": 1.0,
+    "size": 1.0,
+    "skew": 0.01,
+    "relative-size-skew": 0.5,
+}
 """Weight of the size in the distortion, by the metric that judges; above 1, less is reached."""
 
 LAST_LEVEL = PNorm(1000, 100, of="cells")
@@ -73,7 +80,7 @@ class TrialMesh:
     reference : (n, d) array, mesh length unit
         Nodes of the reference mesh, the ideal shape of cells that are no simplices.
     cells : CellTable
-    reference_sizes : (m,) array, length^d
+    reference_sizes : (m,) array, length^d, or CellsAtRest
     held : (n,) bool array
         Nodes that must not move.
     metric : str
@@ -84,7 +91,7 @@ class TrialMesh:
 
     reference: NDArray[np.float64]
     cells: CellTable
-    reference_sizes: NDArray[np.float64]
+    reference_sizes: AtRest
     held: NDArray[np.bool_]
     metric: str = "size-skew"
     constraint: NodeConstraint | None = None
@@ -106,7 +113,7 @@ class TrialMesh:
 
 
 def signed_quality(
-    points: NDArray[np.float64], cells: CellTable, reference_sizes: NDArray[np.float64], metric: str
+    points: NDArray[np.float64], cells: CellTable, reference_sizes: AtRest, metric: str
 ) -> NDArray[np.float64]:
     """The metric (m,) of every cell; negative where any corner is inverted, whatever the metric says."""
     quality = cell_quality(points, cells, reference_sizes)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.observation.mesh_surface import Surface, cells_surface, sides_surface
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal_files import SLOTS, read_journal, verified_state
@@ -130,7 +130,7 @@ class StoredMesh:
         foundation = read_journal(folder, self._files).ledger.foundation
         _check_size(folder / "mesh.bin", most_bytes)
         self._mesh = merge(read_mesh(folder / "mesh.bin", self._files, foundation.mesh))
-        self._sizes = reference_sizes(self._mesh.points, self._mesh.cells)
+        self._sizes = cells_at_rest(self._mesh.points, self._mesh.cells)
         self._surface: Surface | None = None
 
     def look(self) -> MeshView:

@@ -25,7 +25,16 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.metrics import CellQuality, as_positions, block_slices, cell_quality, subset_quality
+from mesh_motion_server.numerics.metrics import (
+    AtRest,
+    CellQuality,
+    as_positions,
+    block_slices,
+    cell_quality,
+    sizes_of,
+    skews_of,
+    subset_quality,
+)
 from mesh_motion_server.numerics.paths import RigidMotion
 from mesh_motion_server.numerics.sampling.cell_bounds import bounded_quality
 from mesh_motion_server.numerics.sampling.expansion import EXPANDABLE, expand, third_order_norms
@@ -133,7 +142,7 @@ BOUNDS: dict[str, Callable[[ExpandableField, Groups], tuple[Floats, Floats]]] = 
 def predict_sampled(
     points: NDArray[np.floating],
     cells: CellTable,
-    reference_sizes: Floats,
+    reference_sizes: AtRest,
     field: ExpandableField | None,
     displacement: Callable[[Ints], Floats],
     *,
@@ -150,8 +159,8 @@ def predict_sampled(
     points : (n, d) array, mesh length unit
         Current positions.
     cells : CellTable
-    reference_sizes : (m,) array
-        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes`.
+    reference_sizes : (m,) array or CellsAtRest
+        From :func:`~mesh_motion_server.numerics.metrics.reference_sizes` or :func:`.cells_at_rest`.
     field : ExpandableField or None
         The displacement; None if it is no single interpolant, or one that cannot be expanded: all is evaluated in full.
     displacement : callable
@@ -198,7 +207,7 @@ def predict_sampled(
 
 
 def _all_in_full(
-    points: Floats, cells: CellTable, reference_sizes: Floats, displacement: Callable[[Ints], Floats], metric: str
+    points: Floats, cells: CellTable, reference_sizes: AtRest, displacement: Callable[[Ints], Floats], metric: str
 ) -> SampledQuality:
     """The exact prediction in the form of a sampled one."""
     quality = cell_quality(points + displacement(np.arange(len(points))), cells, reference_sizes)
@@ -208,7 +217,7 @@ def _all_in_full(
 def _by_groups(
     points: Floats,
     cells: CellTable,
-    reference_sizes: Floats,
+    reference_sizes: AtRest,
     groups: Groups,
     coefficients: Floats,
     remainder: Floats,
@@ -216,14 +225,22 @@ def _by_groups(
 ) -> tuple[CellQuality, Floats]:
     """Quality of all cells by the polynomials, and the least value of the metric."""
     size, skew, least = np.empty(len(cells)), np.empty(len(cells)), np.empty(len(cells))
-    group = groups.group_of
+    group, rest = groups.group_of, skews_of(reference_sizes)
     for block, rows in block_slices(cells):
         modelled, low = bounded_quality(
-            points, block.type, block.nodes, reference_sizes[rows], group[rows], groups, coefficients, remainder
+            points,
+            block.type,
+            block.nodes,
+            sizes_of(reference_sizes)[rows],
+            group[rows],
+            groups,
+            coefficients,
+            remainder,
         )
         size[rows], skew[rows] = modelled
-        least[rows] = CellQuality(low[0], low[1], np.zeros(len(block), dtype=bool)).metric(metric)
-    return CellQuality(size, skew, np.zeros(len(cells), dtype=bool)), least
+        own = None if rest is None else rest[rows]
+        least[rows] = CellQuality(low[0], low[1], np.zeros(len(block), dtype=bool), own).metric(metric)
+    return CellQuality(size, skew, np.zeros(len(cells), dtype=bool), rest), least
 
 
 @dataclass(eq=False)
@@ -232,7 +249,7 @@ class _FullEvaluation:
 
     points: Floats
     cells: CellTable
-    reference_sizes: Floats
+    reference_sizes: AtRest
     displacement: Callable[[Ints], Floats]
     metric: str
     quality: CellQuality
