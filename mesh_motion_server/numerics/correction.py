@@ -53,6 +53,7 @@ from mesh_motion_server.numerics.enrichment.placement import (
 )
 from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.equal_stretch import equal_stretch
+from mesh_motion_server.numerics.metrics import cell_quality
 from mesh_motion_server.numerics.smooth_in_time import SmoothInTime, travel
 from mesh_motion_server.numerics.trial_nodes import Polished, Stage, TrialMesh, polish, reach
 
@@ -71,6 +72,8 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 _WORST = 10  # cells that a refusal names
+#: Of the smallest relative skew and size, what a correction leaves of those that are not below the threshold.
+_KEPT = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +147,22 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
         with one_blas_thread():
             found = CORRECTIONS[settings.correction](problem, settings, mesh)
     corrected = mesh.quality(found.points)
-    if corrected.min() < quality.min():  # a method may fail; the mesh never gets worse by it
+    # a method may fail, or raise the minimum and spoil more than that: the mesh never gets worse by it
+    if corrected.min() < quality.min() or _spoils(found.points, p.begin, mesh, settings.quality_threshold):
         found, corrected = _Found(p.begin), quality
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
     return _judged(problem, settings, found, settings.correction, float(corrected.min()))
+
+
+def _spoils(corrected: Floats, begin: Floats, mesh: TrialMesh, threshold: float) -> bool:
+    """Whether positions (n, d) are worse than those before in relative skew or size, although neither was bad there."""
+    if mesh.metric != "relative-size-skew":
+        return False
+    before, after = (
+        cell_quality(points, mesh.cells, mesh.reference_sizes).relative_extremes() for points in (begin, corrected)
+    )
+    return any(own >= threshold and new < _KEPT * own for own, new in zip(before, after, strict=True))
 
 
 def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:

@@ -135,7 +135,7 @@ class CorrectionSettings:
     """
 
     correction: str = "optimised"
-    quality_metric: str = "relative-size-skew"
+    quality_metric: str = "size-skew"
     quality_threshold: float = 0.2
     target: str = "auto"
     enrichment_radius: float = 0.0

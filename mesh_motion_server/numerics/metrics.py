@@ -126,6 +126,11 @@ class CellQuality:
         rest = None if self.rest is None else self.rest[numbers]
         return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
 
+    def relative_extremes(self) -> tuple[float, float]:
+        """The smallest relative skew, 0 of an inverted cell, and the smallest size."""
+        relative = np.where(self.inverted, 0.0, np.minimum(self.skew / _known(self.rest), 1.0))
+        return float(relative.min()), float(self.size.min())
+
     def metric(self, name: str) -> Floats:
         """Values (m,) of one of :data:`QUALITY_METRICS`.
 

@@ -30,6 +30,7 @@ from mesh_motion_server.numerics.correction import CorrectionProblem, correct
 from mesh_motion_server.numerics.evaluation import Evaluator, Judge, LocalEvaluator
 from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.far_field.evaluator import FarFieldEvaluator
+from mesh_motion_server.numerics.layered_walls import LayeredWalls
 from mesh_motion_server.numerics.led_motion import boundary_of, led_motion, refuse_crossing
 from mesh_motion_server.numerics.lowest_quality import LowestJudge
 from mesh_motion_server.numerics.mesh_check import checked_mesh
@@ -49,6 +50,9 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 __all__ = ["MotionModel"]
+
+#: Of the minimum quality without a boundary layer, what a motion that keeps the layer must have.
+_AS_GOOD = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,8 @@ class MotionModel:
         What ``correction_in_time`` "smooth" prepares.
     judge : Judge or None
         What judges whole meshes; None: this machine.
+    layered : LayeredWalls or None
+        Walls whose layers move with them where interpolation would spoil these; None where the method says which do.
     """
 
     points: NDArray[np.float64]
@@ -94,6 +100,7 @@ class MotionModel:
     smooth: SmoothInTime | None = None
     other_radii: tuple[StandardMotion, ...] = ()
     judge: Judge | None = None
+    layered: LayeredWalls | None = None
 
     @classmethod
     def build(
@@ -147,6 +154,9 @@ class MotionModel:
             if method.support_radius_choice == "motion"
             else (),
             judge,
+            None
+            if method.boundary_layer_thickness is not None or standard_motion.periodic is not None
+            else LayeredWalls.build(points, cells, patches, standard_motion.sliding),
         )
 
     def without_distributions(self) -> MotionModel:
@@ -245,6 +255,19 @@ class MotionModel:
         watch, asked = Stopwatch(), self.standard_motion.layer
         if asked is None:
             return self._attempt_once(committed, targets, factors, watch, valid)
+        motion, left = self._attempt_with(asked, committed, targets, factors, watch, valid)
+        return replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
+
+    def _attempt_with(
+        self,
+        asked: BoundaryLayer,
+        committed: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        factors: FactorSource,
+        watch: Stopwatch,
+        valid: NDArray[np.float64] | None,
+    ) -> tuple[Motion, BoundaryLayer | None]:
+        """One motion with a boundary layer, and what is left of it."""
         moved = self.points.copy()
         moved[self.roles.moving] = targets
         with watch.phase("predict"):
@@ -254,8 +277,7 @@ class MotionModel:
         def move(layer: BoundaryLayer | None) -> Motion:
             return self._with_layer(layer)._attempt_once(committed, targets, factors, watch, valid)
 
-        motion, left = move_with_layer(fitting, move, self.method.quality_threshold)
-        return replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
+        return move_with_layer(fitting, move, self.method.quality_threshold)
 
     def _with_layer(self, layer: BoundaryLayer | None) -> MotionModel:
         """The model with another boundary layer; a correction that is smooth in time is then prepared when needed."""
@@ -286,6 +308,14 @@ class MotionModel:
 
         chosen = best_predicted([predicted_with(motion) for motion in (self.standard_motion, *self.other_radii)])
         standard = chosen.trial
+        bad = chosen.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
+        layer = None if self.layered is None else self.layered.needed_for(standard.points, corrected=bad)
+        if layer is not None:
+            unasked = replace(self, layered=None)
+            with_layer, _ = unasked._attempt_with(layer, committed, targets, factors, watch, valid)
+            least = min(self.method.quality_threshold, _AS_GOOD * chosen.quality.metric.min)
+            if with_layer.corrected.metric.min >= least:
+                return with_layer
         near = self._near(standard, committed, factors, watch) if valid is None else None
         exact = self.method.predictor == "trial-nodes"  # what judges the corrected mesh too
         with watch.phase("correct"):
