@@ -7,8 +7,8 @@ untangles well, but it is not the metric: a quad's skew asks for right angles, n
 
 with the corner terms f_k of :mod:`.corner_kernels`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
-Relative to the cells at rest, simplices have their own Jacobian at rest as W (the target matrix), so that only a rigid
-motion has L = 0, and the others have L less its value at rest.
+Relative to the cells at rest it is L less its value at rest; simplices that are flat at rest have their own Jacobian at
+rest as W (a target matrix), so that only a rigid motion has L = 0.
 
 Derivatives go through the corners' Jacobians ``J = A P``. For the mean ratio P = W⁻¹. The angle form
 ``f = (w Π |A_i| / α)^(2/d)`` is the smallest mean ratio ``|A P|²_F / d · (w / det A P)^(2/d)`` over all diagonal P (the
@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics import corner_kernels
 from mesh_motion_server.numerics.cells import CellTable, CellType
 from mesh_motion_server.numerics.curvature import add_curvature
-from mesh_motion_server.numerics.distortion import PNorm, cofactor, mean_of_measures
+from mesh_motion_server.numerics.distortion import CornerSimplices, PNorm, cofactor, mean_of_measures
 from mesh_motion_server.numerics.metrics import AtRest, block_slices, shape_code, sizes_of, skews_of
 
 __all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cell_distortion"]
@@ -81,26 +81,27 @@ class CellGroup:
         return float(np.linalg.det(w) / np.linalg.norm(w, axis=0).prod()) if angles else 0.0
 
 
-def cell_groups(cells: CellTable, at_rest: AtRest, ideals: NDArray[np.float64]) -> tuple[CellGroup, ...]:
+def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -> tuple[CellGroup, ...]:
     """The blocks of a table; relative to the cells at rest where their skews are known.
 
     Parameters
     ----------
     cells : CellTable
     at_rest : (m,) array or CellsAtRest
-    ideals : (c, d, d) array
-        Of :func:`~mesh_motion_server.numerics.distortion.corner_simplices` of these cells.
+    simplices : CornerSimplices
+        Of these cells.
     """
     groups, corner = [], 0
     for block, rows in block_slices(cells):
-        own = ideals[corner : corner + len(block)]
+        here = slice(corner, corner + len(block))
         corner += len(block) * len(block.type.corners)
         sizes, skews = sizes_of(at_rest)[rows], skews_of(at_rest)
         w = block.type.ideal_array
         ideal = (np.linalg.inv(w) * abs(np.linalg.det(w)) ** (1 / len(w)))[None]
         offset = np.zeros(1)
-        if skews is not None and block.type.is_simplex:
-            ideal = own * np.abs(np.linalg.det(own))[:, None, None] ** (-1 / len(w))
+        if skews is not None and simplices.offset is not None and block.type.is_simplex:
+            ideal, offset = simplices.ideal[here], simplices.offset[here]
+            ideal = ideal * np.abs(np.linalg.det(ideal))[:, None, None] ** (-1 / len(w))
         elif skews is not None:
             offset = np.log(skews[rows])
         groups.append(CellGroup(block.type, block.nodes.astype(np.int32), sizes, ideal, offset))

@@ -49,6 +49,7 @@ BLOCK = 512
 """Corners per block of the compiled loops: the unit of work of a thread and of every partial sum."""
 
 _NO_WEIGHT = 1e-12  # of the mean weight: less has no gradient
+_FLAT_SKEW = 0.3  # simplices of a lower skew at rest are meant to be as they are
 _DEGENERATE = 1e-6  # reference corners flatter than this (det / product of edge lengths) take the cell type's ideal
 
 
@@ -88,10 +89,13 @@ class CornerSimplices:
         Nodes (k, a, b[, c]) of each corner.
     ideal : (c, d, d) array
         P: the Jacobian from the ideal simplex is ``[x_a − x_k, …] P``, of determinant 1 where the size is unchanged.
+    offset : (c,) array or None
+        What is added to the distortions: the logarithm of the skew at rest, where it is measured relative to that.
     """
 
     nodes: NDArray[np.int32]
     ideal: NDArray[np.float64]
+    offset: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -116,17 +120,26 @@ def corner_simplices(reference: NDArray[np.float64], cells: CellTable, reference
     Notes
     -----
     A triangle or tetrahedron is measured against the equilateral simplex of its reference size, because its skew is
-    absolute; where the skews at rest are known, against itself at rest. The others are always measured against their
-    own corners, because a boundary layer's flat quads are meant.
+    absolute. Where the skews at rest are known, that is relative to its skew at rest, and one that is flat at rest is
+    measured against itself: to raise the skew of a boundary layer's cells would destroy the layer. The others are
+    always measured against their own corners, because a boundary layer's flat quads are meant.
     """
-    nodes, ideals, all_sizes = [], [], sizes_of(reference_sizes)
-    own = skews_of(reference_sizes) is not None
+    nodes, ideals, offsets = [], [], []
+    all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
     for block, first in zip(cells, cells.offsets, strict=False):
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
-        sizes = all_sizes[first : first + len(block)] / corners.shape[1]
+        rows, count = slice(first, first + len(block)), corners.shape[1]
         nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32))
-        ideals.append(_ideal_maps(reference, nodes[-1], np.repeat(sizes, corners.shape[1]), block.type, own=own))
-    return CornerSimplices(np.concatenate(nodes), np.concatenate(ideals))
+        itself, offset = np.full(len(block), not block.type.is_simplex), np.zeros(len(block))
+        if skews is not None and block.type.is_simplex:
+            itself = skews[rows] < _FLAT_SKEW
+            offset = np.where(itself, 0.0, np.log(skews[rows]))
+        sizes = np.repeat(all_sizes[rows] / count, count)
+        ideals.append(_ideal_maps(reference, nodes[-1], sizes, block.type, np.repeat(itself, count)))
+        offsets.append(np.repeat(offset, count))
+    return CornerSimplices(
+        np.concatenate(nodes), np.concatenate(ideals), None if skews is None else np.concatenate(offsets)
+    )
 
 
 def _ideal_maps(
@@ -134,23 +147,22 @@ def _ideal_maps(
     corners: NDArray[np.int32],
     dets: NDArray[np.float64],
     cell_type: CellType,
-    *,
-    own: bool,
+    itself: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """(c, d, d) maps P of the corners (c, d + 1) of one cell type; dets (c,) their ideal determinants.
+    """(c, d, d) maps P of the corners (c, d + 1) of one cell type.
 
-    A simplex' own Jacobian is the ideal only where ``own`` says so.
+    Those of the type's ideal with determinants ``dets`` (c,), or where ``itself`` (c,) says so of the reference corner.
     """
     w, d = cell_type.ideal_array, cell_type.dimension
     scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
     ideal: NDArray[np.float64] = scale[:, None, None] * np.linalg.inv(w)
-    if cell_type.is_simplex and not own:
+    if not itself.any():
         return ideal
     edges = np.swapaxes(reference[corners[:, 1:]] - reference[corners[:, :1]], 1, 2)
     lengths = np.linalg.norm(edges, axis=1).prod(axis=1)
     least = 0.0 if cell_type.is_simplex else _DEGENERATE
-    proper = np.linalg.det(edges) > least * lengths
-    ideal[proper] = np.linalg.inv(edges[proper])
+    itself = itself & (np.linalg.det(edges) > least * lengths)
+    ideal[itself] = np.linalg.inv(edges[itself])
     return ideal
 
 
@@ -163,6 +175,9 @@ def mean_distortion(
     """
     measure = np.empty(len(simplices))
     highest = _measure(points, simplices.nodes, simplices.ideal, norm.m, norm.epsilon, norm.size_weight, measure)
+    if simplices.offset is not None and math.isfinite(highest):
+        measure += simplices.offset
+        highest = float(measure.max())
     return _p_mean(measure, highest, norm.p)
 
 

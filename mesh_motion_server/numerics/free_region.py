@@ -124,7 +124,7 @@ class FreeRegion:
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
         """The cells by type."""
-        return cell_groups(self.cells, self.reference_sizes, self.simplices.ideal)
+        return cell_groups(self.cells, self.reference_sizes, self.simplices)
 
     @cached_property
     def cell_adjacency(self) -> tuple[CellAdjacency, ...]:

@@ -152,7 +152,7 @@ def _squares(points: Floats, ends: Indices) -> Floats:
 
 
 def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Indices, Floats, Floats]:
-    """For each node on the wall the end and the length of its shortest edge off it, and of its longest edge along it."""
+    """For each node on the wall the end and length of its shortest edge off it, and of its longest edge along it."""
     above, height = np.full(len(points), -1), np.full(len(points), np.inf)
     along = np.zeros(len(points))
     for block in cells:

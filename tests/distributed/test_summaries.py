@@ -11,7 +11,7 @@ from box_meshes import box_mesh
 from mesh_motion_server.distributed.held import HeldPartition, Positions, judge, questioned
 from mesh_motion_server.distributed.split import Split
 from mesh_motion_server.distributed.summaries import joined
-from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, summarize
+from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, summarize
 from mesh_motion_server.numerics.quality_summary import QualitySummary
 
 
@@ -38,7 +38,8 @@ def without_means(summary: QualitySummary) -> QualitySummary:
 def test_it_is_that_of_the_whole_mesh(metric: str, count: int, kind: str, shake: float) -> None:
     mesh = box_mesh(kind, 10)
     points = mesh.points + shake * np.random.default_rng(2).standard_normal(mesh.points.shape)
-    whole = summarize(cell_quality(points, mesh.cells, mesh.sizes), points, mesh.cells, metric=metric)
+    at_rest = cells_at_rest(mesh.points, mesh.cells)
+    whole = summarize(cell_quality(points, mesh.cells, at_rest), points, mesh.cells, metric=metric)
     merged = in_partitions(mesh, points, count, metric)
     assert without_means(merged) == without_means(whole)
     for name in ("metric", "size", "skew", "size_skew"):

@@ -7,17 +7,18 @@ from scipy.sparse import bsr_matrix
 
 from mesh_motion_server.numerics.cell_distortion import cell_groups, mean_cell_distortion
 from mesh_motion_server.numerics.distortion import PNorm, mean_distortion
-from mesh_motion_server.numerics.free_region import FreeRegion
-from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.free_region import FreeRegion, free_region
+from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.numerics.region_measure import MEASURES, region_measure
 
 NORMS = (PNorm(8, 2, of="cells"), PNorm(60, 8, of="cells", size_weight=1.0))
 
 
-def shaken(kind: str, size: float = 0.02) -> tuple[np.ndarray, FreeRegion]:
+def shaken(kind: str, size: float = 0.02, *, relative: bool = False) -> tuple[np.ndarray, FreeRegion]:
     """Local points of a small mesh with all of its interior free, and shaken."""
     mesh = box_mesh(kind, 5)
-    region = mesh.trial.free(~mesh.held)
+    sizes = cells_at_rest(mesh.points, mesh.cells) if relative else mesh.sizes
+    region = free_region(mesh.points, mesh.cells, sizes, ~mesh.held)
     points = mesh.points[region.nodes].copy()
     points[: region.n_free] += size * np.random.default_rng(1).normal(size=(region.n_free, points.shape[1]))
     return points, region
@@ -28,7 +29,7 @@ def test_it_is_the_logarithm_of_one_over_size_skew(kind: str) -> None:
     points, region = shaken(kind)
     values = cell_quality(points, region.cells, region.reference_sizes).metric("size-skew")
     assert values.min() > 0
-    groups = cell_groups(region.cells, region.reference_sizes)
+    groups = cell_groups(region.cells, region.reference_sizes, region.simplices)
     energy, weights = mean_cell_distortion(points, groups, PNorm(8, 1e4))
     # rounding |log τ| costs at most log 2 / 2m
     assert energy == pytest.approx(np.log(np.mean(values**-8.0)) / 8, abs=np.log(2) / 1e4)
@@ -36,9 +37,23 @@ def test_it_is_the_logarithm_of_one_over_size_skew(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)
+def test_relative_to_cells_at_rest_it_vanishes_for_a_rigid_motion(kind: str) -> None:
+    mesh = box_mesh(kind, 5)
+    rest = mesh.points * np.array([1.0, 0.02, 1.0])[: mesh.points.shape[1]]
+    rest += 1e-3 * np.random.default_rng(3).normal(size=rest.shape) * [1.0, 0.02, 1.0][: rest.shape[1]]
+    region = free_region(rest, mesh.cells, cells_at_rest(rest, mesh.cells), ~mesh.held)
+    turned = rest[region.nodes].copy()
+    turned[:, 0], turned[:, 1] = -rest[region.nodes, 1], rest[region.nodes, 0].copy()
+    energy, weights = mean_cell_distortion(turned, region.groups, PNorm(8, 1e4))
+    assert energy == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_allclose(weights, 1.0 / len(weights), rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
 @pytest.mark.parametrize("norm", NORMS, ids=str)
-def test_gradient_and_curvature(kind: str, norm: PNorm) -> None:
-    points, region = shaken(kind)
+@pytest.mark.parametrize("relative", [False, True])
+def test_gradient_and_curvature(kind: str, norm: PNorm, relative: bool) -> None:
+    points, region = shaken(kind, relative=relative)
     measure = MEASURES["cells"](region, norm)
     energy, weights = measure.mean(points)
     gradient = measure.gradient(points, weights)

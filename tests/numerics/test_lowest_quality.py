@@ -11,7 +11,14 @@ from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.corner_kernels import CHUNK
 from mesh_motion_server.numerics.lowest_quality import LowestJudge, lowest_quality
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, ideal_corner, reference_sizes
+from mesh_motion_server.numerics.metrics import (
+    QUALITY_METRICS,
+    CellsAtRest,
+    cell_quality,
+    cells_at_rest,
+    ideal_corner,
+    reference_sizes,
+)
 from mesh_motion_server.numerics.simplex_kernels import tetra_all_above
 
 MESHES = dict(tiny_meshes(6))
@@ -30,7 +37,7 @@ def assert_same(points: np.ndarray, cells: CellTable, sizes: np.ndarray, metric:
 @pytest.mark.parametrize("name", MESHES)
 def test_every_cell_type_and_metric(name, metric):
     points, cells = MESHES[name]
-    sizes = reference_sizes(points, cells)
+    sizes = cells_at_rest(points, cells)
     for seed, size in enumerate((0.0, 1e-9, 0.02, 0.1)):
         moved = points + np.random.default_rng(seed).uniform(-size, size, points.shape)
         assert_same(moved, cells, sizes, metric)
@@ -50,6 +57,8 @@ def test_pairs_of_motions_of_many_tetrahedra(seed, sizes, scale):
         near = np.exp(-((points - where) ** 2).sum(axis=1)[:, None] / 0.05)
         points = points + size * near * rng.uniform(-1, 1, points.shape)
         assert_same(scale * points, cells, reference_sizes(scale * TETRA[0], cells))
+        if scale > 1e-100:  # smaller cells have no skew that could be divided by
+            assert_same(scale * points, cells, cells_at_rest(scale * TETRA[0], cells), "relative-size-skew")
 
 
 @settings(max_examples=60, deadline=None)
@@ -62,9 +71,15 @@ def test_what_is_passed_over_is_above_the_limit(seed, stretch, offset):
     cells = CellTable.from_arrays({"tetra": np.arange(4 * CHUNK).reshape(-1, 4)})
     least = cell_quality(nodes, cells, reference).metric("size-skew").min()
     limit = least + offset * np.spacing(least)
-    above = tetra_all_above(edges[None], 0, CHUNK, ideal_corner("tetra"), reference, limit)
+    ideal, none = ideal_corner("tetra"), np.empty(0)
+    above = tetra_all_above(edges[None], 0, CHUNK, ideal, reference, none, limit)
     assert not (above and least <= limit)
-    assert tetra_all_above(edges[None], 0, CHUNK, ideal_corner("tetra"), reference, 0.999 * least) == (least > 0)
+    assert tetra_all_above(edges[None], 0, CHUNK, ideal, reference, none, 0.999 * least) == (least > 0)
+    rest = rng.uniform(0.2, 1.0, CHUNK)
+    relative = cell_quality(nodes, cells, CellsAtRest(reference, rest)).metric("relative-size-skew").min()
+    limit = relative + offset * np.spacing(relative)
+    assert not (tetra_all_above(edges[None], 0, CHUNK, ideal, reference, rest, limit) and relative <= limit)
+    assert tetra_all_above(edges[None], 0, CHUNK, ideal, reference, rest, 0.999 * relative) == (relative > 0)
 
 
 def test_equal_cells_are_named_in_order():

@@ -13,6 +13,7 @@ from mesh_motion_server.numerics.method import CHOICES
 from mesh_motion_server.numerics.metrics import (
     QUALITY_METRICS,
     cell_quality,
+    cells_at_rest,
     minimum_quality,
     quality_extremes,
     reference_sizes,
@@ -40,7 +41,7 @@ def one_cell(name: str) -> CellTable:
 
 def quality_of(name: str, points: np.ndarray, reference: np.ndarray | None = None):
     cells = one_cell(name)
-    return cell_quality(points, cells, reference_sizes(points if reference is None else reference, cells))
+    return cell_quality(points, cells, cells_at_rest(points if reference is None else reference, cells))
 
 
 def rotation(rng: np.random.Generator, d: int) -> np.ndarray:
@@ -153,7 +154,7 @@ def test_a_position_that_is_no_number_is_the_worst(name, value):
     cells = one_cell(name)
     for metric in QUALITY_METRICS:
         assert quality.metric(metric)[0] == -np.inf
-        assert quality_extremes(points, cells, reference_sizes(IDEAL[name], cells), metric) == (-np.inf, 0, 1)
+        assert quality_extremes(points, cells, cells_at_rest(IDEAL[name], cells), metric) == (-np.inf, 0, 1)
 
 
 @ALL_TYPES
@@ -170,7 +171,7 @@ def test_one_pass_over_a_mixed_mesh_agrees_with_the_stored_quality():
     cells = CellTable.from_arrays(
         {n: f + np.arange(CELL_TYPES[n].n_nodes)[None] for n, f in zip(names, first, strict=True)}
     )
-    sizes = reference_sizes(points, cells)
+    sizes = cells_at_rest(points, cells)
     moved = points + 0.3 * rng.normal(size=points.shape)
     quality = cell_quality(moved, cells, sizes)
     for metric in QUALITY_METRICS:
@@ -217,3 +218,27 @@ def test_unknown_names_and_wrong_shapes_are_refused_in_words():
 
 def test_a_method_offers_every_metric():
     assert set(CHOICES["quality_metric"]) == set(QUALITY_METRICS) == set(METRIC_CODES)
+
+
+@ALL_TYPES
+def test_relative_size_skew_is_one_at_rest_and_after_a_rigid_motion_whatever_the_cell_looks_like(name):
+    rng = np.random.default_rng(5)
+    d = CELL_TYPES[name].dimension
+    flat = IDEAL[name] * np.array([1.0, 1e-4, 1.0])[:d] + 1e-6 * rng.random((len(IDEAL[name]), d))
+    turn = rotation(rng, d)
+    for points in (flat, flat @ turn.T + 3.0):
+        quality = quality_of(name, points, reference=flat)
+        assert quality.metric("relative-size-skew")[0] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_relative_size_skew_of_a_flat_triangle_falls_with_its_height_and_needs_the_skews_at_rest():
+    flat = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 1e-3]])
+    lower = flat * [1.0, 0.25]
+    quality = quality_of("triangle", lower, reference=flat)
+    assert quality.metric("relative-size-skew")[0] == pytest.approx(0.5 * 0.25, rel=1e-4)
+    higher = quality_of("triangle", flat * [1.0, 2.0], reference=flat)
+    assert higher.metric("relative-size-skew")[0] == pytest.approx(np.sqrt(0.5), rel=1e-4)  # no better than at rest
+    cells = one_cell("triangle")
+    bare = cell_quality(flat, cells, reference_sizes(flat, cells))
+    with pytest.raises(InvalidInput, match="needs the cells' skews at rest"):
+        bare.metric("relative-size-skew")

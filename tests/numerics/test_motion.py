@@ -18,7 +18,9 @@ from mesh_motion_server.numerics.roles import Patch
 
 def model_of(mesh=None, **choices) -> MotionModel:
     points, cells, patches = mesh or square_frame()
-    return MotionModel.build(points, cells, patches, Method(**{"support_radius": 0.5, **choices}))
+    return MotionModel.build(
+        points, cells, patches, Method(**{"support_radius": 0.5, "quality_metric": "size-skew", **choices})
+    )
 
 
 def targets_of(model: MotionModel, degrees: float = 0.0, shift: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:

@@ -19,7 +19,9 @@ from mesh_motion_server.session.factors import FactorCache
 
 def model_of(outer: str = "fixed", **choices) -> MotionModel:
     points, cells, patches = square_frame(25, outer=outer)
-    method = Method(**{"support_radius": 2.5, "correction": "none", "allow_invalid": True, **choices})
+    method = Method(
+        **{"support_radius": 2.5, "correction": "none", "quality_metric": "size-skew", "allow_invalid": True, **choices}
+    )
     return MotionModel.build(points, cells, patches, method)
 
 

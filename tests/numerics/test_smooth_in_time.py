@@ -32,7 +32,7 @@ def block_model(**choices) -> MotionModel:
     mesh = stored("thesis_block")
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     chosen = {"support_radius": 0.5, "displacement": "absolute", "correction_in_time": "smooth", **choices}
-    return MotionModel.build(mesh.points, mesh.cells, patches, Method(**chosen))
+    return MotionModel.build(mesh.points, mesh.cells, patches, Method(**{"quality_metric": "size-skew", **chosen}))
 
 
 def turned(model: MotionModel, degrees: float) -> np.ndarray:
@@ -92,7 +92,9 @@ def test_a_motion_through_sub_steps_is_smooth_too() -> None:
 def test_the_flag_that_bends_and_returns() -> None:
     mesh = read_mesh(FLAG / "mesh.npz")
     patches = {name: Patch("moving" if name == "flag" else "fixed", nodes) for name, nodes in mesh.patches.items()}
-    method = Method(support_radius=0.4, displacement="absolute", correction_in_time="smooth")
+    method = Method(
+        support_radius=0.4, quality_metric="size-skew", displacement="absolute", correction_in_time="smooth"
+    )
     model = MotionModel.build(mesh.points, mesh.cell_table, patches, method)
     table = np.load(FLAG / "motion.npz")
     told = np.zeros((PERIOD, *mesh.points.shape))

@@ -25,7 +25,9 @@ from mesh_motion_server.numerics.sub_steps import Leg, furthest_walk, walk
 def box_model(kind: str = "quad", **choices) -> MotionModel:
     mesh = box_mesh(kind, 5 if kind == "tetra" else 10)
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    return MotionModel.build(mesh.points, mesh.cells, patches, Method(**{"support_radius": 0.5, **choices}))
+    return MotionModel.build(
+        mesh.points, mesh.cells, patches, Method(**{"support_radius": 0.5, "quality_metric": "size-skew", **choices})
+    )
 
 
 def turned(model: MotionModel, degrees: float, shift: float = 0.0) -> np.ndarray:
@@ -48,7 +50,7 @@ def passed(bodies: str, shift: float, **choices) -> tuple[MotionModel, np.ndarra
     names = {"outer": "fixed", "upper": "moving", "lower": "moving"}
     patches = {name: Patch(role, data[f"patch_{name}"]) for name, role in names.items()}
     cells = CellTable.from_arrays({"triangle": data["cells_triangle"]})
-    model = MotionModel.build(data["points"], cells, patches, Method(**choices))
+    model = MotionModel.build(data["points"], cells, patches, Method(**{"quality_metric": "size-skew", **choices}))
     points = model.points.copy()
     points[data["patch_upper"], 0] += shift
     points[data["patch_lower"], 0] -= shift
@@ -148,7 +150,7 @@ def test_a_squeeze_to_a_tenth_of_the_gap_is_valid_directly_and_in_sub_steps() ->
     mesh = stored("thesis_block")
     for sub_steps in ("never", "always"):
         patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-        method = Method(support_radius=0.5, sub_steps=sub_steps)
+        method = Method(support_radius=0.5, quality_metric="size-skew", sub_steps=sub_steps)
         model = MotionModel.build(mesh.points, mesh.cells, patches, method)
         gap = model.points[model.roles.moving, 0].min()
         motion = model.move(model.points, turned(model, 0.0, -0.9 * gap))
@@ -198,7 +200,7 @@ def test_from_the_reference_mesh_the_way_does_not_matter(in_time: str) -> None:
 def test_every_correction_goes_in_sub_steps(correction: str, at_least: float) -> None:
     mesh = stored("thesis_block")
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    method = Method(correction=correction, sub_steps="always")
+    method = Method(correction=correction, quality_metric="size-skew", sub_steps="always")
     model = MotionModel.build(mesh.points, mesh.cells, patches, method)
     motion = model.move(model.points, turned(model, 180.0))
     assert motion.sub_steps >= 3

@@ -13,7 +13,7 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import Interpolant, factorize
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.paths import fit_rigid_motion
 from mesh_motion_server.numerics.sampling import BOUNDS, ExpandableField, SampledQuality, predict_sampled
@@ -36,7 +36,7 @@ def moved_box(kind: str, *, size: float, radius: float = 0.8, n: int = 10) -> tu
 
 def sampled(points, cells, interpolant, **choices) -> tuple[SampledQuality, np.ndarray]:
     """The sampled prediction and the exact metric."""
-    moved, sizes = LocalEvaluator().displacement(interpolant, points), reference_sizes(points, cells)
+    moved, sizes = LocalEvaluator().displacement(interpolant, points), cells_at_rest(points, cells)
     field = ExpandableField(interpolant)
     exact = cell_quality(points + moved, cells, sizes).metric(choices.get("metric", "size-skew"))
     return predict_sampled(points, cells, sizes, field, lambda nodes: moved[nodes], **choices), exact
