@@ -25,6 +25,7 @@ from mesh_motion_server.cases.outputs import RESULTS
 from mesh_motion_server.cases.play import play
 from mesh_motion_server.errors import InvalidInput, NumericalError, ResourceError
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh, write_npz
+from mesh_motion_server.numerics.finite_volume import face_measures
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 
@@ -338,6 +339,11 @@ def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path)
     for step in played.steps:
         assert step.predicted_min == pytest.approx(step.min_size_skew, rel=1e-9)
         assert step.seconds > 0
+    for name, points in (("before", played.mesh.points), ("after", played.points)):
+        measured = face_measures(points, played.mesh.cell_table)
+        assert measured is not None
+        told = {key: value for key, value in played.steps[-1].faces[name].items() if key != "worst"}
+        assert told == pytest.approx(measured.numbers(), rel=1e-9)
     assert nothing_is_left(server)
     again = play(case_file, tmp_path / "again", endpoint=server.endpoint)
     np.testing.assert_array_equal(again.points, played.points)
