@@ -83,6 +83,7 @@ def play(
     mesh-motion play --from-journal ~/.local/state/mesh-motion/sessions/0123… -o out/again
     mesh-motion play --from-journal ~/.local/state/mesh-motion/sessions/0123… -o out/tuned --set support_radius=0.8
     """
+    from mesh_motion_server.cases.faces import faces_line
     from mesh_motion_server.cases.play import play as play_case
 
     if (case is None) == (from_journal is None):
@@ -131,6 +132,8 @@ def play(
             f"lowest size-skew {summary['min_size_skew']:.3f} in step {summary['worst_step']}, "
             f"{summary['inverted_cells']} inverted cells: {out}"
         )
+        if line := faces_line([step.faces for step in played.steps]):
+            _out.print(line)
 
 
 @contextmanager

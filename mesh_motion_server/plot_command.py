@@ -41,7 +41,11 @@ def plot(
     ] = None,
     panel: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="quality, iterations, seconds, enrichment; repeatable.", show_default=False),
+        typer.Option(
+            metavar="NAME",
+            help="quality, iterations, seconds, enrichment, non-orthogonality; repeatable.",
+            show_default=False,
+        ),
     ] = None,
     title: Annotated[str | None, typer.Option(metavar="TEXT", help='"" for none.', show_default=False)] = None,
     dark: Annotated[bool, typer.Option("--dark", help="Light lines on dark paper.")] = False,

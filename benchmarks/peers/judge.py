@@ -1,4 +1,4 @@
-"""One judge for all: the quality of the positions that a system left, by the server's own metric.
+"""One judge for all: the quality of the positions that a system left, by the server's own metric and by OpenFOAM's.
 
 Size is relative to the reference mesh, size-skew is √size · skew with the sign of size. A step counts as inverted where
 any corner determinant of a cell is not positive. The boundary error says whether a system moved the boundary as told.
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.task import Task
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 
 __all__ = ["Judge", "Verdict"]
@@ -39,6 +40,10 @@ class Verdict:
         Inverted cells in the worst step.
     boundary_error : float
         Largest distance, in any step, of a boundary node from where it was told to be; mesh length unit.
+    non_orthogonality, rest_non_orthogonality : float
+        Largest of the faces, at the end and at rest, degrees.
+    faces_above_65, faces_above_75 : int
+        Faces that are less orthogonal, at the end.
     """
 
     min_size_skew: float
@@ -49,6 +54,10 @@ class Verdict:
     inverted: int
     most_inverted: int
     boundary_error: float
+    non_orthogonality: float
+    rest_non_orthogonality: float
+    faces_above_65: int
+    faces_above_75: int
 
     def as_dict(self) -> dict[str, float]:
         """As plain values."""
@@ -62,6 +71,7 @@ class Judge:
         self.task = task
         self.cells = CellTable.from_arrays(task.cells)
         self.reference = reference_sizes(task.points, self.cells)
+        self._rest = self._faces(task.points)
         moving = np.isin(np.arange(len(task.points)), task.moving)
         self._touching = np.concatenate([moving[block.nodes].any(axis=1) for block in self.cells])
 
@@ -82,7 +92,7 @@ class Judge:
             errors.append(self._boundary_error(positions, step))
         if quality is None or len(inverted) != self.task.steps:
             raise ValueError(f"expected the positions after {self.task.steps} steps, got {len(inverted)}")
-        size_skew = quality.metric("size-skew")
+        size_skew, faces = quality.metric("size-skew"), self._faces(positions)
         return Verdict(
             min_size_skew=float(size_skew.min()),
             mean_size_skew=float(size_skew.mean()),
@@ -92,7 +102,17 @@ class Judge:
             inverted=inverted[-1],
             most_inverted=max(inverted),
             boundary_error=max(errors),
+            non_orthogonality=faces.max_non_orthogonality,
+            rest_non_orthogonality=self._rest.max_non_orthogonality,
+            faces_above_65=faces.faces_above_65,
+            faces_above_75=faces.faces_above_75,
         )
+
+    def _faces(self, positions: Floats) -> FaceMeasures:
+        """As a finite-volume code sees positions (n, d); all tasks are in a plane or in space."""
+        found = face_measures(positions, self.cells)
+        assert found is not None
+        return found
 
     def _boundary_error(self, positions: Floats, step: int) -> float:
         moving = positions[self.task.moving] - self.task.targets(step)

@@ -66,13 +66,28 @@ def page(evidence: Evidence) -> str:
 
 
 def front_table(evidence: Evidence) -> str:
-    """Lowest size-skew, inverted cells and seconds of a step, for the front page."""
+    """Lowest size-skew, inverted cells, seconds of a step, and the faces as OpenFOAM sees them, for the front page."""
     head = f"| | {' | '.join(_FRONT_CASES.values())} |\n|---|---|---|---|\n"
     lines = ""
     for label, systems in _FRONT_SYSTEMS.items():
         cells = " | ".join(_front_cell(evidence, case, systems) for case in _FRONT_CASES)
         lines += f"| {label} | {cells} |\n"
-    return head + lines
+    return f"{head}{lines}\n{_front_note(evidence)}\n"
+
+
+def _front_note(evidence: Evidence) -> str:
+    """What the second line of a cell says, and what it is at rest."""
+    rest = {
+        name: found.verdict.rest_non_orthogonality
+        for case, name in _FRONT_CASES.items()
+        for found in evidence.outcomes
+        if found.case == case and found.verdict
+    }
+    text = (
+        "Second line: the largest non-orthogonality, as OpenFOAM's `checkMesh` has it, and the faces above 65° and 75°."
+    )
+    before = "; ".join(f"{', '.join(name.split(', ')[:2])}: {angle:.1f}°" for name, angle in rest.items())
+    return f"{text} At rest ({before})." if before else text
 
 
 def _front_cell(evidence: Evidence, case: str, systems: tuple[str, ...]) -> str:
@@ -84,7 +99,9 @@ def _front_cell(evidence: Evidence, case: str, systems: tuple[str, ...]) -> str:
     minimum = f"{best.verdict.min_size_skew:.3f}".replace("-", "−")
     minimum = f"**{minimum}**" if best.system.startswith("ours") else minimum
     seconds = "" if case.endswith("-20") else f", {_seconds(best.measurement.step)} s"
-    return f"{minimum}, {best.verdict.inverted} inverted{seconds}"
+    verdict = best.verdict
+    faces = f"{verdict.non_orthogonality:.1f}°, {verdict.faces_above_65} and {verdict.faces_above_75} faces"
+    return f"{minimum}, {verdict.inverted} inverted{seconds}<br>{faces}"
 
 
 def _seconds(value: float) -> str:

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 from mesh_motion_client import Keys, Mesh, MeshMotionError, Patch, Session, connect
+from mesh_motion_client.session import Report
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import Case
@@ -37,6 +38,8 @@ class Reply:
     warnings : list of str
     sub_steps : int
         Legs in which the mesh was led there.
+    faces : dict of str to dict
+        What a finite-volume code sees ``before`` and ``after``; empty where it was not asked for.
     """
 
     displacement: FloatArray
@@ -47,6 +50,7 @@ class Reply:
     seconds: Mapping[str, float]
     warnings: list[str]
     sub_steps: int = 1
+    faces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 class Driver(Protocol):
@@ -60,8 +64,8 @@ class Driver(Protocol):
     def mesh_warnings(self) -> list[str]:
         """What the server noticed about the mesh."""
 
-    def move(self, displacement: FloatArray) -> Reply:
-        """Move the moving nodes (ascending) to their total displacement (k, d)."""
+    def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
+        """Move the moving nodes (ascending) to their total displacement (k, d); ``report`` as of MOVE."""
 
     def commit(self) -> None:
         """Commit the step."""
@@ -119,8 +123,8 @@ class _Session:
     def mesh_warnings(self) -> list[str]:
         return list(self._session.mesh_report.get("warnings", []))
 
-    def move(self, displacement: FloatArray) -> Reply:
-        moved = self._session.move(displacement, frame="reference")
+    def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
+        moved = self._session.move(displacement, frame="reference", report=report)
         return Reply(
             displacement=moved.displacement,
             predicted=float(moved.quality["corrected"]["metric"]["min"]),
@@ -130,6 +134,7 @@ class _Session:
             seconds=moved.seconds,
             warnings=list(moved.warnings),
             sub_steps=int(moved.correction.get("sub_steps", 1)),
+            faces=moved.faces,
         )
 
     def commit(self) -> None:

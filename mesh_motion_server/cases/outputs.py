@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.cases.faces import FACES
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import ResourceError
 
@@ -97,9 +98,9 @@ def write_points(folder: Path, points: NDArray[np.float64]) -> None:
 def write_steps(folder: Path, steps: Sequence[StepRecord]) -> None:
     """steps.csv."""
     with (folder / "steps.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, StepRecord.columns())
+        writer = csv.DictWriter(file, (*StepRecord.columns(), *FACES))
         writer.writeheader()
-        writer.writerows(step.as_dict() for step in steps)
+        writer.writerows(step.as_row() for step in steps)
 
 
 def _finite(value: Any) -> Any:

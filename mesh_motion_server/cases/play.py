@@ -18,11 +18,13 @@ from typing import Any
 import numpy as np
 from mesh_motion_client import Keys
 from mesh_motion_client import MeshMotionError as ClientError
+from mesh_motion_client.session import Report
 from numpy.typing import NDArray
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.driver import Driver, Reply, open_session
+from mesh_motion_server.cases.faces import faces_numbers
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import (
     SERIES,
@@ -192,7 +194,7 @@ class _Run:
         for iteration in range(1, iterations + 1):
             fraction = 1.0 if iteration == iterations else 1.0 - (1.0 - _RELAXATION) ** iteration
             wanted = target if fraction == 1.0 else before + fraction * (target - before)
-            moved = self._move(step, wanted)
+            moved = self._move(step, wanted, "faces" if iteration == iterations else "")
             seconds = add_seconds(seconds, moved.seconds)
         self._driver.commit()
         elapsed = time.perf_counter() - begin
@@ -214,12 +216,13 @@ class _Run:
             seconds_correct=seconds["correct"],
             seconds_displace=seconds["displace"],
             sub_steps=moved.sub_steps,
+            faces=faces_numbers(moved.faces),
         )
 
-    def _move(self, step: int, displacement: FloatArray) -> Reply:
+    def _move(self, step: int, displacement: FloatArray, report: Report) -> Reply:
         """One coupling iteration; an error says in which step."""
         try:
-            return self._driver.move(displacement)
+            return self._driver.move(displacement, report=report)
         except (MeshMotionError, ClientError) as error:
             error.message = f"step {step} of {self._program.count}: {error.message}"
             raise

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.cases.faces import FACES
 from mesh_motion_server.numerics.metrics import CellQuality
 from mesh_motion_server.observation.series import PHASES
 
-__all__ = ["StepRecord", "quality_numbers"]
+__all__ = ["StepRecord", "add_seconds", "quality_numbers"]
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepRecord:
-    """One committed step; the fields are the keys of summary.json's ``steps`` and the columns of steps.csv.
+    """One committed step; the fields are the keys of summary.json's ``steps``, the plain ones columns of steps.csv.
 
     Attributes
     ----------
@@ -43,6 +45,9 @@ class StepRecord:
         The server's phases, all iterations together.
     sub_steps : int
         Legs in which the server led the mesh there in the last iteration; 1 for a single step.
+    faces : dict of str to dict
+        What a finite-volume code sees ``before`` (the mesh at opening) and ``after`` the step: :data:`~.faces.FACES`,
+        which steps.csv has after the step as its last columns, and the worst face. Empty in one dimension.
     """
 
     step: int
@@ -63,15 +68,23 @@ class StepRecord:
     seconds_correct: float
     seconds_displace: float
     sub_steps: int = 1
+    faces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:
-        """Names of the fields, in order."""
-        return tuple(f.name for f in fields(cls))
+        """Names of the plain fields, in order."""
+        return tuple(f.name for f in fields(cls) if f.name != "faces")
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values by name."""
         return asdict(self)
+
+    def as_row(self) -> dict[str, Any]:
+        """The columns of steps.csv, NaN for faces that are not known."""
+        after = self.faces.get("after", {})
+        return {name: getattr(self, name) for name in self.columns()} | {
+            name: after.get(name, math.nan) for name in FACES
+        }
 
 
 def quality_numbers(quality: CellQuality) -> dict[str, Any]:

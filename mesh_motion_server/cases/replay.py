@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.comparison import Comparison, Replayed, write_comparison
+from mesh_motion_server.cases.faces import faces_numbers
 from mesh_motion_server.cases.outputs import (
     SERIES,
     remove_results,
@@ -49,7 +50,7 @@ Progress = Callable[[int, int, StepRecord], None]
 class Runner(Protocol):
     """An open session, as a client has it."""
 
-    def move(self, displacements: Any, *, frame: Any) -> Any:
+    def move(self, displacements: Any, *, frame: Any, report: Any) -> Any:
         """MOVED to the boundary's displacements (k, d)."""
 
     def commit(self) -> Any:
@@ -182,7 +183,7 @@ def replay_variant(
     for step in range(1, last + 1):
         boundary, found = recorded.log.read(step), StepFigures(step)
         try:
-            moved = runner.move(boundary.rows, frame=boundary.frame)
+            moved = runner.move(boundary.rows, frame=boundary.frame, report="faces")
         except (MeshMotionError, ClientError) as error:
             if not error.code.startswith("FAILED_PRECONDITION"):
                 raise
@@ -252,6 +253,7 @@ class _Output:
             seconds_correct=found.seconds["correct"],
             seconds_displace=found.seconds["displace"],
             sub_steps=int(moved.correction.get("sub_steps", 1)),
+            faces=faces_numbers(moved.faces),
         )
         self._records.append(record)
         if found.step == 1 or record.min_size_skew < float(self._worst.quality.min()):

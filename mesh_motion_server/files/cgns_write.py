@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.cell_facets import PatchFacets, facets_of_patches
 from mesh_motion_server.files.cgns import coordinate_nodes, the_zone
 from mesh_motion_server.files.cgns_elements import TYPES
 from mesh_motion_server.files.cgns_tree import Node
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile
 from mesh_motion_server.files.packages import load_h5py
+from mesh_motion_server.files.patch_facets import PatchFacets, facets_of_patches
 from mesh_motion_server.files.replace import replaced_by_name
 
 __all__ = ["add_node", "check_cgns", "check_move_cgns", "move_cgns", "new_cgns", "write_cgns"]

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.cell_facets import facets_of_patches
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile
+from mesh_motion_server.files.patch_facets import facets_of_patches
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.text_rows import integer_rows, real_rows
 

@@ -13,19 +13,23 @@ import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.cell_facets import CellFacets, PatchFacets, facets_of_patches, padded
 from mesh_motion_server.files.foam_file import FoamFile
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile
+from mesh_motion_server.files.patch_facets import PatchFacets, facets_of_patches
 from mesh_motion_server.files.polymesh import polymesh_folder, read_face_mesh
 from mesh_motion_server.files.polymesh_place import is_a_time, target_folder
 from mesh_motion_server.files.polymesh_plane import plane_axes, project
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.text_rows import real_rows
+from mesh_motion_server.numerics.cell_facets import CellFacets, padded
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.extrusion import extruded_cells, extruded_points
 
 __all__ = ["check_move_polymesh", "check_polymesh", "move_polymesh", "write_polymesh"]
 
@@ -40,7 +44,6 @@ _HEAD = """FoamFile
 
 """
 _REST, _EMPTY = "defaultFaces", "frontAndBack"
-_EXTRUDED = {"triangle": "wedge", "quad": "hexahedron"}
 _WORD = re.compile(r"[^\s\"'/;{}()]+")
 
 
@@ -72,9 +75,9 @@ class _Layout:
     """What goes into the files: points (p, 3), faces (f, 4), owner (f,), neighbour (i,), {patch: faces}."""
 
     points: FloatArray
-    faces: IntArray
-    owner: IntArray
-    neighbour: IntArray
+    faces: NDArray[np.integer[Any]]
+    owner: NDArray[np.integer[Any]]
+    neighbour: NDArray[np.integer[Any]]
     counts: dict[str, int]
 
 
@@ -86,8 +89,8 @@ def _laid_out(path: Path, mesh: MeshFile) -> _Layout:
     patches = {name: _faces(path, name, patch) for name, patch in facets_of_patches(mesh).items()}
     points, cells, empty = mesh.points, mesh.cell_table, np.empty((0, 4), dtype=np.int64)
     if mesh.dimension == 2:
-        points, cells, empty = _extruded(points, cells)
-        n = len(mesh.points)
+        n = len(points)
+        empty, points, cells = _planes(cells, n), extruded_points(points), extruded_cells(cells, n)
         patches = {name: np.column_stack([f[:, :2], f[:, 1::-1] + n]) for name, f in patches.items()}
     facets = CellFacets.of(cells)
     order, counts = _by_patch(path, facets, patches | ({_EMPTY: empty} if len(empty) else {}))
@@ -116,14 +119,9 @@ def _faces(path: Path, name: str, patch: PatchFacets) -> IntArray:
     return np.concatenate([np.empty((0, 4), dtype=np.int64), *parts])
 
 
-def _extruded(points: FloatArray, cells: CellTable) -> tuple[FloatArray, CellTable, IntArray]:
-    """Points and cells of one layer about as high as a cell is wide, and the faces on both planes."""
-    n = len(points)
-    height = float(np.sqrt(np.prod(np.ptp(points, axis=0)) / max(n, 1))) or 1.0
-    layers = [np.column_stack([points, np.full(n, z)]) for z in (0.0, height)]
-    blocks = {_EXTRUDED[block.type.name]: np.hstack([block.nodes, block.nodes + n]) for block in cells}
-    planes = [padded(block.nodes + shift) for block in cells for shift in (0, n)]
-    return np.concatenate(layers), CellTable.from_arrays(blocks), np.concatenate(planes)
+def _planes(cells: CellTable, count: int) -> IntArray:
+    """The faces of one layer of cells on both of its planes."""
+    return np.concatenate([padded(block.nodes + shift) for block in cells for shift in (0, count)])
 
 
 def _by_patch(path: Path, facets: CellFacets, patches: dict[str, IntArray]) -> tuple[IntArray, dict[str, int]]:
@@ -169,7 +167,7 @@ def _boundary(counts: dict[str, int], first: int) -> list[str]:
     return rows
 
 
-def _face_rows(faces: IntArray) -> Iterable[str]:
+def _face_rows(faces: NDArray[np.integer[Any]]) -> Iterable[str]:
     """``3(0 1 2)``, ``4(0 1 2 3)``."""
     sizes = (faces >= 0).sum(axis=1).tolist()
     return (f"{n}({' '.join(map(str, row[:n]))})" for n, row in zip(sizes, faces.tolist(), strict=True))

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.cell_facets import facets_of_patches
 from mesh_motion_server.files.mesh_file import FloatArray, MeshFile
+from mesh_motion_server.files.patch_facets import facets_of_patches
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.text_rows import integer_rows, real_rows
 from mesh_motion_server.numerics.cells import CELL_TYPES

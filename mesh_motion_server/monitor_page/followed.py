@@ -54,6 +54,7 @@ class Followed:
             "corrected": moved["quality"]["corrected"].get("metric", {}) if moved else {},
             "actual": self._committed["quality"].get("metric", {}) if self._committed else {},
             "enrichment_points": moved.get("enrichment_points", []),
+            "faces": moved.get("faces", {}),
             "worst": self._worst(),
             "standing": self._standing(),
             "notable": list(reversed(self._notable)),

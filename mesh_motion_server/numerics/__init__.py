@@ -8,7 +8,7 @@
     prediction          prediction.py, many_steps.py, sampling/
     correction          correction.py: enrichment/, trial_nodes.py with newton.py and distortion.py
     large motions       sub_steps.py, led_motion.py, paths.py, body_paths.py
-    quality             metrics.py, quality_summary.py, lowest_quality.py
+    quality             metrics.py, quality_summary.py, lowest_quality.py; in a solver's words finite_volume.py
     what is accepted    acceptance.py, boundary_crossing.py, boundary_orientation.py
 
 Modules named ``*_kernels.py``, ``*_maps.py`` and the loops of :mod:`.summation` are compiled by numba; :mod:`.blas` and

@@ -36,11 +36,12 @@ _COLUMNS = (
     "rollbacks",
     *(f"seconds_{name}" for name in PHASES),
     "seconds_total",
+    "non_orthogonality",
 )
 #: What stands for a group of steps where they are thinned out: counts are added up, of others the worst one counts, or
 #: a step of forty iterations would be seen by chance only.
 _SUMS = ("refusals", "rollbacks")
-_LARGEST = ("iterations", "inverted", *(f"seconds_{name}" for name in PHASES), "seconds_total")
+_LARGEST = ("iterations", "inverted", *(f"seconds_{name}" for name in PHASES), "seconds_total", "non_orthogonality")
 _LEAST = ("predicted_min", "standard_min", "reached")
 
 Columns = dict[str, NDArray[np.float64]]
@@ -54,7 +55,7 @@ class Series:
     told. Percentiles are those of the first Move of a step where ``quality_report`` is "first-and-commit", so that
     ``predicted_p1`` may lie below the ``predicted_min`` of a later one. ``iterations``, ``seconds_*``, ``refusals`` (of
     Moves) and ``rollbacks`` are of all Moves of the step together, those rolled back included. ``at`` is Unix time,
-    ``reached`` 1 or 0.
+    ``reached`` 1 or 0, ``non_orthogonality`` the largest of the faces, degrees, where the step's last Move asked.
 
     Steps that a crash has taken back (``relaxed``) are taken out when the session is resumed before them.
 
@@ -136,6 +137,7 @@ class Series:
         row["standard_min"] = _number(quality["standard"].get("metric", {}).get("min"))
         row["threshold"] = quality["threshold"]
         row["reached"] = float(correction["reached"])
+        row["non_orthogonality"] = _number(event.get("faces", {}).get("after", {}).get("max_non_orthogonality"))
         row["enrichment_points"], row["freed_nodes"] = correction["enrichment_points"], correction["freed_nodes"]
         row["iterations"] += 1
         row["seconds_total"] += event.get("seconds_total", 0.0)

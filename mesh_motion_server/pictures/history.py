@@ -1,4 +1,4 @@
-"""The history of one run, or of several over each other: quality, coupling iterations, seconds, enrichment points.
+"""The history of one run, or of several over each other: quality, iterations, seconds, enrichment points, faces.
 
 Of one run the quality panel has the minimum and the mean after each step, the percentiles as bands, what was predicted
 before any node moved as a wide pale line below (where it shows, the prediction was another), what the motion would have
@@ -23,7 +23,7 @@ __all__ = ["PANELS", "draw_history", "panels_of"]
 
 FloatArray = NDArray[np.float64]
 
-#: More steps than four times this are thinned: beyond it two lie on one pixel of a page.
+#: More steps than five times this are thinned: beyond it two lie on one pixel of a page.
 _BINS = 1000
 #: So few steps are marked one by one.
 _FEW = 40
@@ -198,6 +198,15 @@ def _draw_enrichment(axes: Any, runs: Sequence[Run], page: Page) -> None:
     _draw_counts(axes, runs, page, "enrichment_points", "enrichment\npoints")
 
 
+def _draw_orthogonality(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    """The largest non-orthogonality of each run."""
+    for number, run in enumerate(runs):
+        colour = page.theme.runs[number % len(page.theme.runs)]
+        style = page.theme.dashes[number % len(page.theme.dashes)]
+        _line(axes, run.step, run.non_orthogonality, color=colour, linestyle=style, linewidth=0.9)
+    axes.set_ylabel("non-\northogonality, °")
+
+
 def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
     """What the phases of one run took, one on the other; of several runs their sums."""
     totals = [np.nansum([*run.seconds.values()], axis=0) for run in runs]
@@ -241,4 +250,5 @@ PANELS: dict[str, tuple[_Drawing, Callable[[Run], bool]]] = {
     "iterations": (_draw_iterations, lambda run: bool(np.any(run.iterations > 1))),
     "seconds": (_draw_seconds, lambda run: any(bool(np.any(values > 0)) for values in run.seconds.values())),
     "enrichment": (_draw_enrichment, lambda run: bool(np.any(run.enrichment_points > 0))),
+    "non-orthogonality": (_draw_orthogonality, lambda run: bool(np.isfinite(run.non_orthogonality).any())),
 }

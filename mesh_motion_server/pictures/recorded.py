@@ -110,6 +110,7 @@ def _run(columns: Mapping[str, Any], label: str, metric: str, refused: tuple[Ref
         enrichment_points=np.nan_to_num(columns["enrichment_points"]),
         seconds={phase: columns[f"seconds_{phase}"] for phase in PHASES},
         total_seconds=columns["seconds_total"],
+        non_orthogonality=columns["non_orthogonality"],
         refused=refused,
     )
 

@@ -75,6 +75,8 @@ class Run:
     seconds : dict of str to (s,) arrays
         Of each phase, all iterations together.
     total_seconds : (s,) array
+    non_orthogonality : (s,) array
+        The largest of all faces, degrees; NaN where it is not known.
     refused : tuple of Refused
     """
 
@@ -89,6 +91,7 @@ class Run:
     enrichment_points: FloatArray
     seconds: dict[str, FloatArray]
     total_seconds: FloatArray
+    non_orthogonality: FloatArray
     refused: tuple[Refused, ...] = field(default=())
 
     def between(self, first: int | None, last: int | None) -> Run:
@@ -110,22 +113,23 @@ class Run:
         return replace(self._rows(kept), refused=tuple(r for r in self.refused if low <= r.step <= high))
 
     def thinned(self, bins: int) -> Run:
-        """At most some ``4 bins`` steps: the worst, the slowest, those of most iterations, the first of each bin.
+        """At most some ``5 bins`` steps: of each bin the first, the worst, the slowest, those of most iterations and of
+        the least orthogonal faces.
 
         Extremes stay, so that the picture of a long run does not hide what happened in one step.
         """
-        if len(self.step) <= 4 * bins:
+        if len(self.step) <= 5 * bins:
             return self
         edges = np.linspace(0, len(self.step), bins + 1).astype(np.int64)
         worst = np.nan_to_num(self.actual.minimum, nan=np.inf)
         chosen = [edges[:-1], np.array([len(self.step) - 1])]
-        for values in (-worst, np.nan_to_num(self.total_seconds), np.nan_to_num(self.iterations)):
+        for values in (-worst, *map(np.nan_to_num, (self.total_seconds, self.iterations, self.non_orthogonality))):
             chosen.append(np.array([a + np.argmax(values[a:b]) for a, b in pairwise(edges)]))
         return self._rows(np.unique(np.concatenate(chosen)))
 
     def _rows(self, chosen: IntArray | NDArray[np.bool_]) -> Run:
         """The columns of some steps."""
-        names = ("step", "standard", "iterations", "enrichment_points", "total_seconds")
+        names = ("step", "standard", "iterations", "enrichment_points", "total_seconds", "non_orthogonality")
         return replace(
             self,
             **{name: getattr(self, name)[chosen] for name in names},
@@ -173,6 +177,7 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
         enrichment_points=table["enrichment_points"],
         seconds={phase: table[f"seconds_{phase}"] for phase in PHASES},
         total_seconds=table["seconds"],
+        non_orthogonality=table.get("max_non_orthogonality", unknown),
     )
 
 

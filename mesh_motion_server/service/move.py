@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.service.reports import correction_report, move_quality, shortened
+from mesh_motion_server.service.reports import correction_report, faces_report, move_quality, shortened
 from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
@@ -48,10 +48,12 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
     """Compute the trial and give each partition its nodes' displacements."""
     del request_ids
     rows = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
-    outcome = session.move(requests[0].frame, rows)
+    report = "faces" if any(request.report == "faces" for request in requests) else ""
+    outcome = session.move(requests[0].frame, rows, report=report)
     failpoint("request.moved")
     motion = outcome.motion
     quality, correction = move_quality(motion, session), correction_report(motion)
+    faces = faces_report(outcome.faces, session.mesh)
     return [
         Moved(
             client=request.client,
@@ -63,6 +65,7 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
             caches=dict(motion.caches),
             seconds={name: float(value) for name, value in motion.seconds.items()},
             warnings=shortened(list(motion.warnings)),
+            faces=faces if request.report == "faces" else {},
             displacement=outcome.displacements[request.partition],
             enrichment_points=np.ascontiguousarray(motion.correction.enrichment_points, dtype=np.float64),
         )

@@ -7,7 +7,7 @@ from typing import Any
 from mesh_motion_server.session.partitions import MergedMesh
 from mesh_motion_server.session.session import Session
 
-__all__ = ["correction_report", "mesh_report", "move_quality", "summary_report", "worst_places"]
+__all__ = ["correction_report", "faces_report", "mesh_report", "move_quality", "summary_report", "worst_places"]
 
 #: Longest list of warnings or patches in a reply: the header holds at most 256 items each.
 _LONGEST = 100
@@ -52,6 +52,25 @@ def move_quality(motion: Any, session: Session) -> dict[str, Any]:
         "threshold": float(method.quality_threshold),
         "standard": standard,
         "corrected": standard if unchanged else summary_report(motion.corrected, session.mesh),
+    }
+
+
+def faces_report(faces: Any, mesh: MergedMesh) -> dict[str, Any]:
+    """A pair of FaceMeasures, of the reference mesh and of the answer, on the wire; empty where there is none."""
+    return {
+        name: measures.numbers()
+        | {
+            "worst": [
+                _place(mesh, face.cells[0])
+                | {
+                    "neighbour": _place(mesh, face.cells[1]),
+                    "centre": list(face.centre),
+                    "non_orthogonality": face.non_orthogonality,
+                }
+                for face in measures.worst
+            ]
+        }
+        for name, measures in zip(("before", "after"), faces or (), strict=False)
     }
 
 

@@ -132,6 +132,8 @@ class Teller:
 
 
 def _motion(moved: Moved) -> dict[str, Any]:
-    """What MOVED says, but the displacements."""
+    """What MOVED says, but the displacements and which faces are worst."""
     names = ("step", "iteration", "quality", "correction", "caches", "seconds", "warnings")
-    return {name: getattr(moved, name) for name in names} | {"enrichment_points": moved.enrichment_points.tolist()}
+    told = {name: getattr(moved, name) for name in names} | {"enrichment_points": moved.enrichment_points.tolist()}
+    faces = {name: {key: said[key] for key in said if key != "worst"} for name, said in moved.faces.items()}
+    return told | ({"faces": faces} if faces else {})

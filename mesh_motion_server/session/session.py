@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.numerics.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.session.durability import keeper_of, logged_failure
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.history import History
@@ -241,7 +242,7 @@ class Session:
         self._now = Standing(state, CommittedState(0, mesh.points))
         self.upload.clear()
 
-    def move(self, frame: str, displacements: Sequence[Floats]) -> MoveOutcome:
+    def move(self, frame: str, displacements: Sequence[Floats], *, report: str = "") -> MoveOutcome:
         """Compute a trial.
 
         Parameters
@@ -249,6 +250,8 @@ class Session:
         frame : {"committed", "reference"}
         displacements : one (k_p, d) array per partition, mesh length unit
             Of the moving nodes, since the frame's coordinates.
+        report : {"", "faces"}
+            What the outcome tells beside the quality.
 
         Raises
         ------
@@ -266,9 +269,10 @@ class Session:
         computed = compute(model, built.mesh, self.coordinates("committed"), origin, self.factors)
         judged = computed.motion.corrected if computed.exact and in_full else None
         trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, origin)
+        faces = _faces(built, trial.points) if report == "faces" else None
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial)
-        return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements)
+        return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements, faces)
 
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
         """Make the trial the committed state, durably as the session's level says.
@@ -406,3 +410,9 @@ class Session:
             raise
         failpoint("session.commit.durable")
         self._now = after
+
+
+def _faces(built: Built, points: Floats) -> tuple[FaceMeasures, FaceMeasures] | None:
+    """Of the reference mesh and of the mesh with its nodes at ``points`` (n, d); None in one dimension."""
+    before, after = built.faces, face_measures(points, built.mesh.cells)
+    return None if before is None or after is None else (before, after)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.session.keeper import Keeper
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions import MergedMesh
@@ -40,6 +42,11 @@ class Built:
     model: Model
     keeper: Keeper
 
+    @cached_property
+    def faces(self) -> FaceMeasures | None:
+        """Of the reference mesh; measured when somebody first asks."""
+        return face_measures(self.mesh.points, self.mesh.cells)
+
 
 @dataclass(frozen=True, eq=False)
 class MoveOutcome:
@@ -52,12 +59,15 @@ class MoveOutcome:
         Of the numerics.
     displacements : one (n_p, d) array per partition, mesh length unit
         Of all its nodes, in its own order and in the frame of the request.
+    faces : tuple of two FaceMeasures, or None
+        Of the reference mesh and of the trial, where they were asked for and the mesh has faces.
     """
 
     step: int
     iteration: int
     motion: Any
     displacements: list[Floats]
+    faces: tuple[FaceMeasures, FaceMeasures] | None = None
 
 
 @dataclass(frozen=True, eq=False)

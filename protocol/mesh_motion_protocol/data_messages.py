@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from mesh_motion_protocol.declarations import Choice
@@ -18,6 +18,7 @@ from mesh_motion_protocol.field_types import (
     Name,
     Outcome,
     Partition,
+    Report,
     Role,
     SessionId,
     Token,
@@ -133,6 +134,7 @@ class Move(SessionMessage):
     type: ClassVar[str] = "MOVE"
     step: Count  # committed step + 1
     frame: Frame = "committed"  # displacement since the "committed" state, or since the "reference" mesh (total)
+    report: Report = ""  # what MOVED tells more: "faces" for the mesh as a finite-volume code sees it
     displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
 
 
@@ -148,6 +150,7 @@ class Moved(Message):
     caches: dict[str, Any]  # {kind: "reused" | "made", "bytes": {kind: int}}
     seconds: dict[str, float]  # solve, predict, correct, displace, total
     warnings: list[str]  # for people
+    faces: dict[str, Any] = field(default_factory=dict)  # "before" and "after", where MOVE asked: section 15
     displacement: FloatNodes  # of all nodes of the partition, since the frame of the MOVE
     enrichment_points: FloatEnrichment  # where enrichment functions were added
 

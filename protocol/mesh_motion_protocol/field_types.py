@@ -21,6 +21,7 @@ __all__ = [
     "Name",
     "Outcome",
     "Partition",
+    "Report",
     "Role",
     "SessionId",
     "Token",
@@ -36,6 +37,7 @@ Name = Annotated[str, Length(at_most=256)]
 Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]
+Report = Annotated[str, Choice(("", "faces"))]
 Outcome = Annotated[str, Choice(("keep", "discard"))]
 Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "periodic"))]
 

@@ -33,6 +33,16 @@ def test_a_mesh_at_rest_has_size_one_and_the_skew_of_its_triangles() -> None:
     assert (verdict.inverted, verdict.most_inverted, verdict.boundary_error) == (0, 0, 0)
 
 
+def test_faces_are_judged_at_the_end_and_at_rest() -> None:
+    verdict = Judge(task((0, 0))).verdict([positions((0.5, 0.2))])
+    assert verdict.rest_non_orthogonality == pytest.approx(0.0, abs=1e-5)
+    # centroids (0.5, 0.2 / 3) and (2.5 / 3, 1.2 / 3); the edge leads from (1, 0) to (0.5, 0.2)
+    d, edge = np.array([1.0, 1.0]) / 3, np.array([-0.5, 0.2])
+    sine = abs(d @ edge) / np.linalg.norm(d) / np.linalg.norm(edge)
+    assert verdict.non_orthogonality == pytest.approx(np.degrees(np.arcsin(sine)))
+    assert (verdict.faces_above_65, verdict.faces_above_75) == (0, 0)
+
+
 def test_a_halved_cell_has_size_one_half() -> None:
     verdict = Judge(task((0, 0))).verdict([positions((0.5, 0.25))])
     assert verdict.min_size == pytest.approx(0.5)

@@ -19,11 +19,13 @@ from mesh_motion_server import __version__
 from mesh_motion_server.cases import play as play_module
 from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.driver import Reply
+from mesh_motion_server.cases.faces import FACES, faces_line
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import RESULTS
 from mesh_motion_server.cases.play import play
 from mesh_motion_server.errors import InvalidInput, NumericalError, ResourceError
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh, write_npz
+from mesh_motion_server.numerics.finite_volume import face_measures
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 
@@ -43,12 +45,14 @@ class StandIn:
         self.evaluate = wendland(mesh.points, mesh.points[control], radius)
         self.refuse_at = refuse_at
         self.moves: list[np.ndarray] = []
+        self.reports: list[str] = []
         self.commits: list[int] = []
         self.mesh_warnings = ["odd mesh"]
         self.settings: dict[str, Any] = case.content.method.model_dump()
 
-    def move(self, displacement: np.ndarray) -> Reply:
+    def move(self, displacement: np.ndarray, *, report: str = "") -> Reply:
         self.moves.append(displacement)
+        self.reports.append(report)
         if len(self.moves) == self.refuse_at:
             raise NumericalError("no valid mesh was found", hint="take a smaller step")
         values = np.zeros((len(self.control), displacement.shape[1]))
@@ -56,13 +60,22 @@ class StandIn:
         moved = self.evaluate @ np.linalg.solve(self.matrix, values)
         moved[self.control] = values
         seconds = {"solve": 1.0, "predict": 2.0, "correct": 3.0, "displace": 4.0, "total": 10.0}
-        return Reply(moved, 0.5, 0.25, 3, 7, seconds, [f"warning {len(self.moves)}", "always"])
+        faces = {"before": told_faces(20.0), "after": told_faces(60.0 + len(self.moves))} if report else {}
+        return Reply(moved, 0.5, 0.25, 3, 7, seconds, [f"warning {len(self.moves)}", "always"], faces=faces)
 
     def commit(self) -> None:
         self.commits.append(len(self.moves))
 
     def peak_memory_bytes(self) -> int:
         return 1 << 40
+
+
+def told_faces(angle: float) -> dict[str, Any]:
+    """What MOVED says of the faces of a mesh."""
+    worst = [{"cell": k, "centre": [0.5, 0.5], "non_orthogonality": angle - k} for k in range(10)]
+    above = {"faces_above_65": int(angle > 65), "faces_above_75": 0}
+    return {"faces": 40, "max_non_orthogonality": angle, "max_skewness": angle / 40, "min_volume_ratio": 0.5,
+            "worst": worst} | above  # fmt: skip
 
 
 def wendland(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
@@ -173,6 +186,29 @@ def test_all_results_and_every_promised_key(make_case, stand_in: Plays, tmp_path
     assert played.summary == summary
     rows = list(csv.DictReader((folder / "steps.csv").read_text().splitlines()))
     assert [float(row["min_size_skew"]) for row in rows] == [step["min_size_skew"] for step in summary["steps"]]
+
+
+def test_each_step_has_its_faces_in_the_solvers_words(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    sessions = stand_in()
+    played = play(make_case(("count = 2", "count = 2\niterations = 3")), tmp_path / "out")
+    assert sessions[0].reports == ["", "", "faces"] * 2  # of the Move that is committed
+    steps = json.loads((tmp_path / "out" / "summary.json").read_text())["steps"]
+    for step, angle in zip(steps, (63.0, 66.0), strict=True):
+        assert step["faces"]["before"]["max_non_orthogonality"] == 20.0
+        assert step["faces"]["after"]["max_non_orthogonality"] == angle
+        assert "worst" not in step["faces"]["before"]
+        assert [face["non_orthogonality"] for face in step["faces"]["after"]["worst"]] == [angle]
+    rows = list(csv.DictReader((tmp_path / "out" / "steps.csv").read_text().splitlines()))
+    assert list(rows[0])[-5:] == list(FACES)
+    assert [(float(row["max_non_orthogonality"]), int(row["faces_above_65"])) for row in rows] == [(63, 0), (66, 1)]
+    assert faces_line([step.faces for step in played.steps]) == (
+        "non-orthogonality at most 66.0° in step 2 (20.0° at rest), 1 face above 65°; skewness at most 1.65 (0.50), "
+        "volume ratio at least 0.50 (0.50)"
+    )
+
+
+def test_of_a_run_without_faces_there_is_no_line() -> None:
+    assert faces_line([{}, {}]) == ""
 
 
 def test_points_and_quality_are_those_of_the_last_step(make_case, stand_in: Plays, tmp_path: Path) -> None:
@@ -303,6 +339,11 @@ def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path)
     for step in played.steps:
         assert step.predicted_min == pytest.approx(step.min_size_skew, rel=1e-9)
         assert step.seconds > 0
+    for name, points in (("before", played.mesh.points), ("after", played.points)):
+        measured = face_measures(points, played.mesh.cell_table)
+        assert measured is not None
+        told = {key: value for key, value in played.steps[-1].faces[name].items() if key != "worst"}
+        assert told == pytest.approx(measured.numbers(), rel=1e-9)
     assert nothing_is_left(server)
     again = play(case_file, tmp_path / "again", endpoint=server.endpoint)
     np.testing.assert_array_equal(again.points, played.points)

@@ -111,9 +111,9 @@ class InProcess:
         settings = recorded.spec.settings.model_dump() | changes
         self._driver = new_driver(root, [mesh], **settings)
 
-    def move(self, displacements: Any, *, frame: Any) -> Any:
+    def move(self, displacements: Any, *, frame: Any, report: Any) -> Any:
         step = self._driver.host.step + 1
-        return self._replied(self._driver.all(Move, [displacements], step=step, frame=frame))
+        return self._replied(self._driver.all(Move, [displacements], step=step, frame=frame, report=report))
 
     def commit(self) -> Any:
         return self._replied(self._driver.all(Commit, step=self._driver.host.step + 1))

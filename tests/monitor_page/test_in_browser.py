@@ -11,6 +11,7 @@ import chromium
 import numpy as np
 import pytest
 from chromium import Browser
+from histories import largest_angle
 from matplotlib import colormaps
 from shown_page import PAINTED, serving, show, stored
 
@@ -42,6 +43,10 @@ def test_three_sessions_and_what_is_known_of_one(tab: Browser, server: ServerPro
     assert "trial" not in tab.text("#figures")
     assert len(tab.texts("#worst tbody tr")) == 10
     assert "triangle" in tab.texts("#worst tbody tr")[0]
+    assert tab.text("#faces-of") == "step 120"
+    told = tab.texts("#faces tbody tr")[0].split("\t")
+    assert told == ["largest non-orthogonality", "24.5°", f"{largest_angle(120):.1f}°"]
+    assert len(tab.texts("#faces tbody tr")) == 5
     assert any("refused" in line or "_" in line for line in tab.texts("#events .code"))
     assert "threshold 0.2" in tab.run("return document.querySelector('#quality .plot').getAttribute('aria-label')")
     tab.run("document.getElementById('as-table').open = true")

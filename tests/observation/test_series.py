@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from histories import lowest_quality, made_up_events, resumed_at
+from histories import largest_angle, lowest_quality, made_up_events, resumed_at
 
 from mesh_motion_server.observation.series import PHASES, Series
 
@@ -21,9 +21,18 @@ def test_each_step_has_what_was_told() -> None:
     corrected = columns["standard_min"] < 0.2
     assert corrected.any()
     assert (columns["enrichment_points"] == 3 * corrected).all()
+    np.testing.assert_allclose(columns["non_orthogonality"], [largest_angle(step) for step in range(1, 301)])
     for phase in PHASES:
         assert (columns[f"seconds_{phase}"] >= 0).all()
     assert (np.diff(columns["at"]) > 0).all()
+
+
+def test_faces_are_those_of_the_last_move_or_not_known() -> None:
+    events = list(made_up_events(3))
+    moves = [event for event in events if event["event"] == "moved"]
+    moves[0]["faces"] = moves[1].pop("faces")  # of a trial that was not committed
+    angles = Series(events).columns()["non_orthogonality"]
+    assert np.isnan(angles).tolist() == [True, False, False]
 
 
 def test_percentiles_are_those_of_the_first_move_where_later_ones_tell_none() -> None:

@@ -143,6 +143,8 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(played: MakePlayed) -> Non
     unknown = np.full(count, np.nan)
     taken = np.full(count, 0.01)
     taken[33_333] = 9.0
+    angle = np.full(count, 40.0)
+    angle[55_555] = 81.0
     long = replace(
         short,
         step=np.arange(1, count + 1),
@@ -153,13 +155,27 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(played: MakePlayed) -> Non
         enrichment_points=np.zeros(count),
         seconds={"solve": taken, "predict": taken, "correct": taken, "displace": taken},
         total_seconds=taken,
+        non_orthogonality=angle,
     )
     _, panels = drawn([long])
     minimum = line(panels["size-skew"], "minimum")
-    assert len(minimum.get_xdata()) <= 4001
+    assert len(minimum.get_xdata()) <= 5001
     assert minimum.get_ydata().min() == -0.25
     assert minimum.get_xdata()[np.argmin(minimum.get_ydata())] == 77_778
+    (angles,) = panels["non- orthogonality, °"].get_lines()
+    assert angles.get_ydata().max() == 81.0
     assert 33_334 in panels["server, s"].collections[0].get_paths()[0].vertices[:, 0]
+
+
+def test_the_least_orthogonal_face_has_a_panel_where_it_is_known(played: MakePlayed) -> None:
+    run = read_played(played())
+    assert "non-orthogonality" not in panels_of([run])  # a run of one dimension, or of before they were told
+    known = replace(run, label="known", non_orthogonality=np.linspace(30.0, 70.0, len(run.step)))
+    _, panels = drawn([known, run])
+    (only,) = panels["non- orthogonality, °"].get_lines()
+    np.testing.assert_array_equal(only.get_ydata(), known.non_orthogonality)
+    _, panels = drawn([known], panels=["non-orthogonality"])
+    assert list(panels) == ["non- orthogonality, °"]
 
 
 def test_panels_are_chosen_by_name_and_empty_ones_are_left_out(played: MakePlayed) -> None:

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Build, Commit, Move
 
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.finite_volume import face_measures
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
+from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.settings import MethodSettings
 
@@ -119,4 +122,44 @@ def test_warnings_use_the_senders_numbers(kit: Any, store: Any) -> None:
     )
     (warning,) = built.mesh["warnings"]
     assert f"{len(floating)} boundary nodes are in no patch, the first is node {floating[0]};" in warning
+    driver.host.close()
+
+
+def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(kit: Any, store: Any) -> None:
+    mesh = boxed(kit)
+    cells = CellTable.from_arrays(mesh.cells)
+    driver = driver_of(kit, store, [mesh])
+    driver.open()
+    (silent,) = driver.all(Move, bulge(driver, 0.15), step=1)
+    assert silent.faces == {}
+    (asked,) = driver.all(Move, bulge(driver, 0.15), step=1, report="faces")
+    assert asked.displacement.tobytes() == silent.displacement.tobytes()
+    for name, points in (("before", mesh.points), ("after", mesh.points + asked.displacement)):
+        expected, told = face_measures(points, cells), asked.faces[name]
+        assert expected is not None
+        assert {key: told[key] for key in expected.numbers()} == pytest.approx(expected.numbers(), rel=1e-9)
+        for face in told["worst"]:
+            here, there = (set(mesh.cells["triangle"][cell["cell"]]) for cell in (face, face["neighbour"]))
+            assert face["centre"] == pytest.approx(points[sorted(here & there)].mean(axis=0).tolist())
+    assert asked.faces["after"]["max_non_orthogonality"] > asked.faces["before"]["max_non_orthogonality"]
+    (told,) = [event for event in read_events(store.root / "sessions" / kit.SESSION) if event.get("faces")]
+    assert told["faces"]["after"] == {key: value for key, value in asked.faces["after"].items() if key != "worst"}
+    driver.host.close()
+
+
+def test_of_several_partitions_those_that_ask_are_told_of_all_faces(kit: Any, store: Any) -> None:
+    whole = boxed(kit)
+    driver = driver_of(kit, store, kit.split_mesh(whole, 3))
+    driver.open()
+    reports, replies = ["", "faces", "faces"], []
+    for partition, (rows, report) in enumerate(zip(bulge(driver, 0.15), reports, strict=True)):
+        replies += driver.send(driver.request(Move, partition, step=1, displacement=rows, report=report))
+    assert [bool(reply.faces) for reply in replies] == [False, True, True]
+    expected = face_measures(whole.points, CellTable.from_arrays(whole.cells))
+    assert expected is not None
+    told = replies[1].faces
+    assert told == replies[2].faces
+    assert told["before"]["faces"] == expected.faces
+    assert told["before"]["max_non_orthogonality"] == pytest.approx(expected.max_non_orthogonality, rel=1e-9)
+    assert {face["partition"] for name in ("before", "after") for face in told[name]["worst"]} <= {0, 1, 2}
     driver.host.close()

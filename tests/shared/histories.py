@@ -48,6 +48,7 @@ def made_up_events(steps: int, *, seed: int = 0, dimension: int = 2, iterations:
             told.append({"event": "rolled_back", "step": step, "iteration": 1})
             told.append(_refused(step))
         told += [_moved(step, iteration, chance, dimension) for iteration in range(1, iterations + 1)]
+        told[-1]["faces"] = {"before": _faces(24.5), "after": _faces(largest_angle(step))}
         told.append(_committed(step, chance, dimension))
         for event in told:
             at += 0.05
@@ -92,6 +93,17 @@ def go_on(folder: Path, steps: int, more: int) -> None:
 def lowest_quality(step: int) -> float:
     """The minimum that the made-up motion has without a correction."""
     return 0.45 + 0.3 * math.cos(2 * math.pi * step / 500) - (0.1 if step % 500 == 250 else 0.0)
+
+
+def largest_angle(step: int) -> float:
+    """The largest non-orthogonality after a step, degrees."""
+    return 90.0 - 60.0 * lowest_quality(step)
+
+
+def _faces(angle: float) -> dict[str, Any]:
+    """What a history is told of the faces of a mesh."""
+    above = {f"faces_above_{limit}": int(max(0.0, angle - limit)) for limit in (65, 75)}
+    return {"faces": 1050, "max_non_orthogonality": angle, **above, "max_skewness": 0.5, "min_volume_ratio": 0.25}
 
 
 def _summary(lowest: float, chance: random.Random, dimension: int) -> dict[str, Any]:

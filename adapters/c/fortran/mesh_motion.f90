@@ -83,6 +83,7 @@ module mesh_motion
       procedure :: use_credentials => session_use_credentials
       procedure :: save_credentials => session_save_credentials
       procedure :: load_credentials => session_load_credentials
+      procedure :: report => session_report
       procedure :: move => session_move
       procedure :: commit => session_commit
       procedure :: rollback => session_rollback
@@ -250,6 +251,12 @@ module mesh_motion
          type(c_ptr), value :: session
          character(kind=c_char), intent(in) :: durability(*)
          integer(c_int) :: c_set_durability
+      end function
+      function c_set_report(session, report) bind(c, name="mm_set_report")
+         import :: c_ptr, c_char, c_int
+         type(c_ptr), value :: session
+         character(kind=c_char), intent(in) :: report(*)
+         integer(c_int) :: c_set_report
       end function
       function c_set_partition(session, partition, partitions) bind(c, name="mm_set_partition")
          import :: c_ptr, c_int
@@ -733,6 +740,14 @@ contains
       character(*), intent(in) :: durability
       integer(c_int) :: ignored
       ignored = c_set_durability(self%handle, ended(durability))
+   end subroutine
+
+   ! What mm_moved tells of each move from now on: "faces" for the mesh as a finite-volume code sees it, "" for no more
+   subroutine session_report(self, report)
+      class(mm_session), intent(inout) :: self
+      character(*), intent(in) :: report
+      integer(c_int) :: ignored
+      ignored = c_set_report(self%handle, ended(report))
    end subroutine
 
    ! As an MPI rank: from 0 to partitions - 1

@@ -163,6 +163,9 @@ typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
  * FAILED_PRECONDITION.QUALITY: there is no acceptable mesh; the session is as before. */
 MM_API mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
                          double *answer);
+/* What mm_moved tells beside the quality of each move from now on: "", or "faces" for the mesh as a finite-volume code
+ * sees it (SPEC.md, section 15), which takes time: set it for the move that is committed, and take it back. */
+MM_API mm_result mm_set_report(mm_session *session, const char *report);
 /* The last move becomes the committed state, durably, and the time step ends. */
 MM_API mm_result mm_commit(mm_session *session);
 /* The moves of this time step are forgotten. */
@@ -190,7 +193,7 @@ MM_API const double *mm_enrichment_points(const mm_session *session, size_t *cou
 
 /* The last replies of each kind (SPEC.md, sections 12 and 15); valid until the next one of that kind. */
 MM_API const mm_report *mm_built(const mm_session *session);     /* settings, mesh, quality */
-MM_API const mm_report *mm_moved(const mm_session *session);     /* quality, correction, caches, seconds, warnings */
+MM_API const mm_report *mm_moved(const mm_session *session);     /* quality, correction, caches, seconds, warnings, faces */
 MM_API const mm_report *mm_committed(const mm_session *session); /* quality, durable_step */
 MM_API const mm_report *mm_status_report(const mm_session *session);
 

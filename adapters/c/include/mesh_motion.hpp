@@ -263,6 +263,7 @@ public:
         check(mm_move(get(), frame, displacement.size() / columns(), displacement.data(), answer.size() / columns(),
                       answer.data()));
     }
+    Session &report(const std::string &what) { return check(mm_set_report(get(), what.c_str())); }
     void commit() { check(mm_commit(get())); }
     void rollback() { check(mm_rollback(get())); }
     void fetch(View<double> points, mm_frame which = MM_SINCE_COMMITTED)

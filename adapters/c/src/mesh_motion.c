@@ -127,7 +127,7 @@ struct mm_session {
     size_t nodes, block_count, block_capacity, setting_count, setting_capacity;
     block *blocks; /* [0] the points, [1] the global ids, then cells and patches as they came */
     setting *settings;
-    char label[NAME_BYTES], durability[16];
+    char label[NAME_BYTES], durability[16], report[16];
     /* where it is */
     char id[MM_ID_SIZE];
     uint8_t token[MM_TOKEN_BYTES];
@@ -1042,6 +1042,7 @@ static request move_request(const mm_session *session, mm_frame frame, const dou
     request move = session_request(session, "MOVE", "MOVED");
     add_integer(&move, "step", session->step + 1);
     add_text(&move, "frame", frame == MM_SINCE_REFERENCE ? "reference" : "committed");
+    add_text(&move, "report", session->report);
     move.array.item = "displacement";
     move.array.data = rows;
     move.array.rows = session->moving_count;
@@ -2070,6 +2071,16 @@ static outcome take_enrichment(mm_session *session, const answer *from)
     session->enrichment_count = array->rows;
     copy_numbers(points, from, array);
     return DONE;
+}
+
+mm_result mm_set_report(mm_session *session, const char *report)
+{
+    BEGIN_SESSION(session);
+    if (!report || strlen(report) >= sizeof session->report) {
+        return invalid(session->context, "there is no such report: '%s'", report ? report : "");
+    }
+    snprintf(session->report, sizeof session->report, "%s", report);
+    return MM_OK;
 }
 
 mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,

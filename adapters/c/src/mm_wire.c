@@ -435,7 +435,7 @@ typedef struct {
     int axes, optional;
 } array_rule;
 
-#define MOST_FIELDS 7
+#define MOST_FIELDS 8
 typedef struct {
     const char *type;
     field_rule fields[MOST_FIELDS];
@@ -476,7 +476,8 @@ static const reply_rule RULES[] = {
       MAP("correction"),
       MAP("caches"),
       {"seconds", MMI_MAP, MMI_NUMBER, 0, 0},
-      LIST("warnings", MMI_TEXT)},
+      LIST("warnings", MMI_TEXT),
+      {"faces", MMI_MAP, -1, 1, 0}},
      {{"displacement", 'f', 2, 0}, {"enrichment_points", 'f', 2, 0}}},
     {"COMMITTED", {INTEGER("step"), INTEGER("durable_step"), BYTES("digest", 32), MAP("quality")}, {{0}}},
     {"ROLLED_BACK", {INTEGER("step")}, {{0}}},

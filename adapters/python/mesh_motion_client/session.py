@@ -33,9 +33,10 @@ from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError
 from mesh_motion_client.mesh import Mesh, finite_rows
 
-__all__ = ["Frame", "Session"]
+__all__ = ["Frame", "Report", "Session"]
 
 Frame = Literal["committed", "reference"]
+Report = Literal["", "faces"]
 
 
 class Session:
@@ -96,6 +97,7 @@ class Session:
         displacements: ArrayLike | Mapping[str, ArrayLike],
         *,
         frame: Frame = "committed",
+        report: Report = "",
         timeout: float | None = None,
     ) -> Moved:
         """One coupling iteration: boundary displacements in, displacements of all nodes out. Nothing is final yet.
@@ -106,6 +108,9 @@ class Session:
             In the order of :attr:`moving_nodes`; or patch name → (p, d) array in the order of the patch's nodes.
         frame : {"committed", "reference"}
             Displacement since the committed state, or since the reference mesh (total).
+        report : {"", "faces"}
+            "faces": also tell what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
+            it takes time, ask once a step.
         timeout : float, optional
             Seconds for this call.
 
@@ -120,7 +125,8 @@ class Session:
             If no acceptable mesh was found; the session is as before.
         InvalidInput, SessionError, Unavailable, Timeout
         """
-        move = Move(**self._address, step=self.step + 1, frame=frame, displacement=self._rows(displacements))
+        rows = self._rows(displacements)
+        move = Move(**self._address, step=self.step + 1, frame=frame, report=report, displacement=rows)
         moved = self._courier.deliver(move, Moved, timeout or self._compute_timeout)
         self._courier.trial, self._courier.iteration = move, moved.iteration
         return moved

@@ -6,7 +6,7 @@ import { List, standing, tone } from "./list.js";
 import { History } from "./history.js";
 import { MeshPanel } from "./mesh_panel.js";
 import { Events } from "./events.js";
-import { showWorst } from "./tables.js";
+import { showFaces, showWorst } from "./tables.js";
 import { ago, byId, clock, element, plural, quality, seconds, short, whole, write } from "./format.js";
 
 const PAUSE_SECONDS = 2;
@@ -124,6 +124,7 @@ class Page {
       this.mesh.goTo(cell);
       byId("mesh").scrollIntoView({ block: "nearest" });
     });
+    showFaces(detail.faces, detail.moved.step);
     this.events.show(session.session, detail.notable, detail.told);
     this.mesh.follow(session, detail);
     const { read } = detail;

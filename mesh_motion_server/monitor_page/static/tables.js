@@ -1,6 +1,6 @@
-// The worst cells as a table.
+// The worst cells as a table, and the faces in a finite-volume solver's words.
 
-import { byId, coordinates, element, quality } from "./format.js";
+import { byId, coordinates, element, quality, whole } from "./format.js";
 
 /** go(cell) shows it in the mesh. */
 export function showWorst({ of, step, cells }, threshold, go) {
@@ -28,4 +28,29 @@ export function showWorst({ of, step, cells }, threshold, go) {
     element("tbody", {}, ...cells.map(row)),
   );
   place.querySelectorAll("button")[focused]?.focus();
+}
+
+const degrees = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)}°`);
+
+const FACES = [
+  ["largest non-orthogonality", "max_non_orthogonality", degrees],
+  ["faces above 65°", "faces_above_65", whole],
+  ["faces above 75°", "faces_above_75", whole],
+  ["largest skewness", "max_skewness", quality],
+  ["least volume ratio", "min_volume_ratio", quality],
+];
+
+/** Of the last move's mesh, where it asked; of another one nothing is known. */
+export function showFaces(faces, step) {
+  const { before, after } = faces ?? {};
+  byId("faces-panel").hidden = !after;
+  if (!after) return;
+  byId("faces-of").textContent = `step ${step}`;
+  const heads = ["as uploaded", "now"];
+  const row = ([name, key, told]) =>
+    element("tr", {}, element("th", { scope: "row", text: name }), element("td", { text: told(before?.[key]) }), element("td", { text: told(after[key]) }));
+  byId("faces").replaceChildren(
+    element("thead", {}, element("tr", {}, element("td"), ...heads.map((text) => element("th", { scope: "col", text })))),
+    element("tbody", {}, ...FACES.map(row)),
+  );
 }

@@ -21,6 +21,10 @@ _WORST = {"partition": 0, "type": "triangle", "cell": 3, "centre": [0.25, 0.75],
           "size_skew": 0.81, "metric": 0.81}  # fmt: skip
 _SUMMARY = {"size": _STATISTICS, "skew": _STATISTICS, "size_skew": _STATISTICS, "metric": _STATISTICS, "inverted": 0,
             "cells": 2, "worst": [_WORST]}  # fmt: skip
+_FACES = {"faces": 1, "max_non_orthogonality": 12.5, "faces_above_65": 0, "faces_above_75": 0, "max_skewness": 0.25,
+          "min_volume_ratio": 0.75, "worst": [
+              {"partition": 0, "type": "triangle", "cell": 0, "centre": [0.5, 0.5], "non_orthogonality": 12.5,
+               "neighbour": {"partition": 0, "type": "triangle", "cell": 1}}]}  # fmt: skip
 
 #: A sample of each type, in the order of the messages' catalogue.
 MESSAGES: tuple[m.Message, ...] = (
@@ -47,11 +51,13 @@ MESSAGES: tuple[m.Message, ...] = (
     m.Build(**_AT, partition=0),
     m.Built(**_ID, step=0, settings={"basis": "wendland-c2", "support_radius": 0.5}, mesh={"nodes": 4, "cells": 2},
             quality=_SUMMARY, moving_nodes=np.array([2, 3], dtype=np.int64)),
-    m.Move(**_AT, partition=0, step=13, frame="committed", displacement=np.array([[0.125, -0.25], [1 / 3, 2e-16]])),
+    m.Move(**_AT, partition=0, step=13, frame="committed", report="faces",
+           displacement=np.array([[0.125, -0.25], [1 / 3, 2e-16]])),
     m.Moved(**_ID, step=13, iteration=1,
             quality={"metric": "size-skew", "threshold": 0.2, "standard": _SUMMARY, "corrected": _SUMMARY},
             correction={"method": "none", "enrichment_points": 0}, caches={"factorization": "reused"},
-            seconds={"total": 0.03125}, warnings=[], displacement=_POINTS / 8, enrichment_points=np.empty((0, 2))),
+            seconds={"total": 0.03125}, warnings=[], faces={"before": _FACES, "after": _FACES},
+            displacement=_POINTS / 8, enrichment_points=np.empty((0, 2))),
     m.Commit(**_AT, partition=0, step=13),
     m.Committed(**_ID, step=13, durable_step=13, digest=bytes(range(200, 232)), quality=_SUMMARY),
     m.Rollback(**_AT, partition=0, step=13),

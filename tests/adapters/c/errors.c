@@ -106,7 +106,17 @@ int main(int count, char **arguments)
     EXPECT(mm_report_count(mm_error_details(server), "worst") > 0);
     EXPECT(mm_commit(session) == MM_FAILED_PRECONDITION); /* sticky: not sent */
     mm_clear_error(server);
+    EXPECT(mm_set_report(session, "edges") == MM_OK);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    EXPECT(mm_set_report(session, "everything there is") == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    EXPECT(mm_set_report(session, "faces") == MM_OK);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
+    EXPECT(isfinite(mm_report_number(mm_moved(session), "faces.after.max_non_orthogonality")));
+    EXPECT(mm_set_report(session, "") == MM_OK && mm_rollback(session) == MM_OK);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK && mm_iteration(session) == 1);
+    EXPECT(mm_report_count(mm_moved(session), "faces") == 0);
     EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1);
     EXPECT(mm_rollback(session) == MM_OK && mm_status(session) == MM_OK && strcmp(mm_state(session), "READY") == 0);
     EXPECT(is_listed(server, mm_id(session)) && !is_listed(server, "00000000000000000000000000000000"));

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import struct
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -81,12 +82,46 @@ def reports() -> Iterator[Case]:
     for name, wanted in _MOVED.items():
         yield Case("15", f"MOVED-{name}", keys, run("MOVE", lambda f, n=name, w=wanted: _check(f[n], w, n)))  # type: ignore[misc]
     yield Case("15", "MOVED-factorization", "factorization is reused or made", run("MOVE", _factorization))
+    yield Case("15", "MOVED-faces", "faces is empty where report is not faces", run("MOVE", _no_faces))
+    yield Case("15", "MOVED-faces-asked", keys, _faces)
     yield Case("15", "BUILT-mesh", keys, run("BUILD", _built_mesh))
 
 
 def _factorization(fields: dict[str, Any]) -> None:
     if fields["caches"]["factorization"] not in ("reused", "made"):
         raise Unmet("caches.factorization: reused or made", str(fields["caches"]))
+
+
+_FACES: dict[str, Any] = {
+    "faces": int, "max_non_orthogonality": _NUMBER, "faces_above_65": int, "faces_above_75": int,
+    "max_skewness": _NUMBER, "min_volume_ratio": _NUMBER, "worst": list,
+}  # fmt: skip
+_CELL: dict[str, Any] = {"partition": int, "type": str, "cell": int}
+
+
+def _no_faces(fields: dict[str, Any]) -> None:
+    if fields.get("faces"):
+        raise Unmet("faces: an empty map", str(fields["faces"])[:80])
+
+
+def _faces(stage: Stage) -> None:
+    """The mesh has 18 right-angled triangles, of which 21 edges are between two."""
+    session = stage.session("READY")
+    request = session.request("MOVE").having(report="faces")
+    found = session.do(request).fields["faces"]
+    for name in ("before", "after"):
+        told = found.get(name)
+        _check(told, _FACES, f"faces.{name}")
+        if told["faces"] != 21 or not 0 < len(told["worst"]) <= 10:
+            raise Unmet(f"faces.{name}: 21 faces, at most 10 worst", f"{told['faces']}, {len(told['worst'])}")
+        for face in told["worst"]:
+            _check(face, _CELL | {"neighbour": _CELL, "centre": list, "non_orthogonality": _NUMBER}, "faces.worst")
+        angles = [face["non_orthogonality"] for face in told["worst"]]
+        if angles != sorted(angles, reverse=True) or angles[0] != told["max_non_orthogonality"]:
+            raise Unmet("faces.worst: the least orthogonal first", str(angles))
+    angle = found["before"]["max_non_orthogonality"]
+    if abs(angle - math.degrees(math.atan(0.5))) > 1e-6:  # d leads two thirds of a square across and one third up
+        raise Unmet("faces.before: the reference mesh's 26.565 degrees", str(angle))
 
 
 _MOVED: dict[str, Any] = {

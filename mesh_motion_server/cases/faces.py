@@ -1,0 +1,50 @@
+"""A step in a finite-volume solver's words: what a run keeps of MOVED's faces, and the line that play ends with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+__all__ = ["FACES", "faces_line", "faces_numbers"]
+
+#: What of a mesh's faces is a column of steps.csv.
+FACES = ("max_non_orthogonality", "faces_above_65", "faces_above_75", "max_skewness", "min_volume_ratio")
+
+Faces = Mapping[str, Mapping[str, Any]]
+
+
+def faces_numbers(told: Faces) -> dict[str, dict[str, Any]]:
+    """What is kept of MOVED's faces: of the worst ones the first, after the step."""
+    kept = {name: {key: value for key, value in said.items() if key != "worst"} for name, said in told.items()}
+    if "after" in kept:
+        kept["after"]["worst"] = list(told["after"].get("worst", ()))[:1]
+    return kept
+
+
+def faces_line(steps: Sequence[Faces]) -> str:
+    """The faces of all steps (a run's, first to last) in one line; empty where nothing is known of them.
+
+    How many are above a limit is of the step with the least orthogonal face, the others are the worst of all steps.
+    """
+    known = {number: step for number, step in enumerate(steps, start=1) if step}
+    if not known:
+        return ""
+    rest = next(iter(known.values()))["before"]
+    after = {number: step["after"] for number, step in known.items()}
+    worst = max(after, key=lambda number: float(after[number]["max_non_orthogonality"]))
+    most = after[worst]
+    skewness = max(float(numbers["max_skewness"]) for numbers in after.values())
+    ratio = min(float(numbers["min_volume_ratio"]) for numbers in after.values())
+    where = f" in step {worst}" if len(steps) > 1 else ""
+    return (
+        f"non-orthogonality at most {most['max_non_orthogonality']:.1f}°{where} "
+        f"({rest['max_non_orthogonality']:.1f}° at rest), {_above(most)}; skewness at most {skewness:.2f} "
+        f"({rest['max_skewness']:.2f}), volume ratio at least {ratio:.2f} ({rest['min_volume_ratio']:.2f})"
+    )
+
+
+def _above(numbers: Mapping[str, Any]) -> str:
+    """How many faces are above the limits that have some."""
+    counts = {limit: int(numbers[f"faces_above_{limit}"]) for limit in (65, 75)}
+    said = [f"{count} face{'' if count == 1 else 's'} above {limit}°" for limit, count in counts.items() if count]
+    return " and ".join(said) or "no face above 65°"
