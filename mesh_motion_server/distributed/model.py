@@ -94,10 +94,17 @@ class DistributedModel:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         return self.model.summary(points)
 
-    def move(self, committed: Floats, targets: Floats, factors: FactorSource | None = None) -> Motion:
+    def move(
+        self,
+        committed: Floats,
+        targets: Floats,
+        factors: FactorSource | None = None,
+        *,
+        sent: tuple[Floats, Floats] | None = None,
+    ) -> Motion:
         """As :meth:`MotionModel.move`; its ``caches`` tell the bytes on the wire too."""
         before = self.evaluator.traffic.copy()
-        motion = self.model.move(committed, targets, factors)
+        motion = self.model.move(committed, targets, factors, sent=sent)
         return replace(motion, caches=motion.caches | _told(self.evaluator.traffic.since(before)))
 
     def close(self) -> None:

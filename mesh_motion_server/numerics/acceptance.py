@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.correction_problem import CorrectionSettings
@@ -14,14 +14,15 @@ __all__ = [
     "correction_settings",
     "largest_accepted",
     "quality_warnings",
-    "quick_method",
     "reduction_warnings",
     "refuse_unacceptable",
 ]
 
-#: Halvings of the search for the largest valid fraction of a refused displacement: known to 1/2⁵ ≈ 3 %.
-_FRACTION_HALVINGS = 5
-_JUST_VALID = 0.01  # a threshold: a mesh that is barely valid is no help for the step that follows
+#: Halvings of the search for the largest fraction that is valid without a correction: known to 1/2⁵ ≈ 3 %.
+_HALVINGS = 5
+#: Of what is left of the displacement beyond it, which parts are tried.
+_SHARES = (0.7, 0.3)
+_LEAST = 0.004
 
 
 def correction_settings(method: Method, enrichment_radius: float) -> CorrectionSettings:
@@ -86,33 +87,31 @@ def reduction_warnings(method: Method, error: float, control_points: int) -> lis
     ]
 
 
-def quick_method(method: Method) -> Method:
-    """The method with a correction that goes no further than what makes a motion acceptable.
+def largest_accepted(accepts: Callable[[float], bool], valid: Callable[[float], bool]) -> float:
+    """A fraction of a refused displacement that is accepted, the largest of few that are tried; 0 if none is.
 
-    Where a mesh below the threshold is accepted, that is any valid one, which frees the nodes of inverted cells only.
-    """
-    threshold = method.quality_threshold if method.refuse_below_threshold else _JUST_VALID
-    return replace(
-        method,
-        correction_target="threshold",
-        correction_in_time="independent",
-        quality_threshold=min(threshold, method.quality_threshold),
-    )
+    Corrections are dear, so only as many are tried as an accepted motion takes twice: between the largest fraction at
+    which the motion is ``valid`` without one and the whole, and then from the former down.
 
-
-def largest_accepted(quickly: Callable[[float], bool], accepts: Callable[[float], bool]) -> float:
-    """Largest tested fraction of a displacement that is accepted; 0 if none is.
-
-    By bisection with the trials of ``quickly``; what that ends at is taken back until ``accepts`` has it too.
+    Returns
+    -------
+    float
+        A multiple of a thousandth, which is itself what was tried: it can be told with three digits and asked for.
     """
     low, high = 0.0, 1.0
-    for _ in range(_FRACTION_HALVINGS):
+    for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if quickly(middle):
+        if valid(middle):
             low = middle
         else:
             high = middle
-    back = high - low
-    while low > 0.0 and not accepts(low):
-        low, back = max(low - back, 0.0), 2.0 * back
-    return low
+    tried = (low + share * (1.0 - low) for share in (*_SHARES, 0.0))
+    for fraction in (math.floor(1000.0 * fraction) / 1000.0 for fraction in tried):
+        if fraction > 0.0 and accepts(fraction):
+            return fraction
+    while low > _LEAST:
+        low *= 0.5
+        fraction = math.floor(1000.0 * low) / 1000.0
+        if accepts(fraction):
+            return fraction
+    return 0.0

@@ -22,6 +22,7 @@ less time than an enrichment takes to be set up, at every size that was measured
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -72,8 +73,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 _WORST = 10  # cells that a refusal names
-#: Of the smallest relative skew and size, what a correction leaves of those that are not below the threshold.
-_KEPT = 0.99
+_NOTICED = 1.01  # factor by which a quality may fall for nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,22 +147,23 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
         with one_blas_thread():
             found = CORRECTIONS[settings.correction](problem, settings, mesh)
     corrected = mesh.quality(found.points)
-    # a method may fail, or raise the minimum and spoil more than that: the mesh never gets worse by it
-    if corrected.min() < quality.min() or _spoils(found.points, p.begin, mesh, settings.quality_threshold):
+    gain = float(corrected.min() / quality.min()) if quality.min() > 0.0 else math.inf
+    # a method may fail, or gain less than it spoils: the mesh never gets worse by it
+    if corrected.min() < quality.min() or _spoils(found.points, p.begin, mesh, gain):
         found, corrected = _Found(p.begin), quality
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
     return _judged(problem, settings, found, settings.correction, float(corrected.min()))
 
 
-def _spoils(corrected: Floats, begin: Floats, mesh: TrialMesh, threshold: float) -> bool:
-    """Whether positions (n, d) are worse than those before in relative skew or size, although neither was bad there."""
-    if mesh.metric != "relative-size-skew":
+def _spoils(corrected: Floats, begin: Floats, mesh: TrialMesh, gain: float) -> bool:
+    """Whether the smallest relative skew or size falls by more than the ``gain``, a factor, of the minimum quality."""
+    if mesh.metric != "relative-size-skew" or math.isinf(gain):
         return False
     before, after = (
         cell_quality(points, mesh.cells, mesh.reference_sizes).relative_extremes() for points in (begin, corrected)
     )
-    return any(own >= threshold and new < _KEPT * own for own, new in zip(before, after, strict=True))
+    return any(own > max(gain, _NOTICED) * new for own, new in zip(before, after, strict=True))
 
 
 def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:

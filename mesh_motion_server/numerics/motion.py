@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,6 @@ from mesh_motion_server.numerics.acceptance import (
     correction_settings,
     largest_accepted,
     quality_warnings,
-    quick_method,
     reduction_warnings,
     refuse_unacceptable,
 )
@@ -179,6 +179,8 @@ class MotionModel:
         committed: NDArray[np.float64],
         targets: NDArray[np.float64],
         factors: FactorSource | None = None,
+        *,
+        sent: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
     ) -> Motion:
         """The motion that takes the moving nodes to ``targets``.
 
@@ -189,12 +191,15 @@ class MotionModel:
         targets : (k, d) array
             Where ``roles.moving`` shall be.
         factors : FactorSource, optional
+        sent : (origin, displacement), a pair of (k, d) arrays, optional
+            What the targets are the sum of, as it was asked for; by default the committed positions of the moving nodes
+            and what is left.
 
         Raises
         ------
         NumericalError
             When no valid mesh (or, where asked, none at the threshold) was found; carries the best minimum quality, the
-            worst cells and the largest fraction of the displacement since ``committed`` known to be acceptable.
+            worst cells and the largest fraction found of the displacement ``sent`` that is accepted instead of it.
         """
         factors = MakeEachTime() if factors is None else factors  # an empty cache is falsy
         try:
@@ -202,7 +207,9 @@ class MotionModel:
         except NumericalError as refusal:
             if refusal.code != NumericalError.default_code:  # of the system and not of a mesh: no smaller step helps
                 raise
-            fraction = self._acceptable_fraction(committed, targets, factors)
+            if sent is None:
+                sent = committed[self.roles.moving], targets - committed[self.roles.moving]
+            fraction = self._acceptable_fraction(committed, *sent, factors)
             raise NumericalError(
                 refusal.message,
                 best=refusal.best,
@@ -221,24 +228,12 @@ class MotionModel:
         if self.method.sub_steps == "always":
             return led_motion(self, committed, targets, factors)
         try:
-            return self._uncrossed(committed, targets, factors)
+            return self.attempt(committed, targets, factors)
         except NumericalError as refusal:
             unsolvable = refusal.code != NumericalError.default_code
             if unsolvable or self.method.sub_steps == "never" or self.method.correction == "none":
                 raise
             return led_motion(self, committed, targets, factors, direct=refusal)
-
-    def _uncrossed(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource) -> Motion:
-        """One motion in one step; where the standard one inverted cells, its boundary must not cross itself.
-
-        Then the correction may have found cells that are all positive, and overlap.
-        """
-        motion = self.attempt(committed, targets, factors)
-        if motion.standard.inverted and not self.method.allow_invalid:
-            worst = [cell.number for cell in motion.standard.worst]
-            plain = NumericalError("", best=motion.standard.metric.min, cells=worst)
-            refuse_crossing(self, boundary_of(self), motion.points, targets, plain)
-        return motion
 
     def attempt(
         self,
@@ -308,6 +303,7 @@ class MotionModel:
 
         chosen = best_predicted([predicted_with(motion) for motion in (self.standard_motion, *self.other_radii)])
         standard = chosen.trial
+        self._refuse_crossing(chosen, targets)
         bad = chosen.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
         layer = None if self.layered is None else self.layered.needed_for(standard.points, corrected=bad)
         if layer is not None:
@@ -358,6 +354,16 @@ class MotionModel:
             ],
         )
 
+    def _refuse_crossing(self, found: PredictedMotion, targets: NDArray[np.float64]) -> None:
+        """Where a motion inverts cells, its boundary must not cross itself: no correction would find a mesh.
+
+        Or it would find cells that are all positive, and overlap.
+        """
+        if found.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
+            worst = [cell.number for cell in found.quality.worst]
+            plain = NumericalError("", best=found.quality.metric.min, cells=worst)
+            refuse_crossing(self, boundary_of(self), found.trial.points, targets, plain)
+
     def _constraint(self) -> BoundaryConstraint | None:
         """The constraint of the boundary nodes that are not in a boundary layer."""
         layer = self.standard_motion.layer
@@ -400,17 +406,27 @@ class MotionModel:
         return summarize(found.quality, trial.points, self.cells, metric=self.method.quality_metric)
 
     def _acceptable_fraction(
-        self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: FactorSource
+        self,
+        committed: NDArray[np.float64],
+        origin: NDArray[np.float64],
+        displacement: NDArray[np.float64],
+        factors: FactorSource,
     ) -> float:
-        """Largest tested fraction of the displacement since ``committed`` that is accepted."""
-        origin = committed[self.roles.moving]
+        """A fraction of a ``displacement`` (k, d) from an ``origin`` (k, d) that is accepted from ``committed``."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
-                model._uncrossed(committed, origin + fraction * (targets - origin), factors)
+                model._directly_or_in_sub_steps(committed, origin + fraction * displacement, factors)
             except NumericalError:
                 return False
             return True
 
-        quick = replace(self, method=quick_method(self.method), smooth=None)
-        return largest_accepted(lambda fraction: accepts(quick, fraction), lambda fraction: accepts(self, fraction))
+        direct = self if self.method.sub_steps == "always" else self._with_method(sub_steps="never")
+        plain = self._with_method(sub_steps="never", correction="none", correction_in_time="independent")
+        plain = replace(plain.without_distributions(), smooth=None, layered=None)
+        return largest_accepted(lambda fraction: accepts(direct, fraction), lambda fraction: accepts(plain, fraction))
+
+    def _with_method(self, **choices: Any) -> MotionModel:
+        """The model with other choices of its method that need no other preparation."""
+        method = replace(self.method, **choices)
+        return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))

@@ -74,8 +74,9 @@ class StandIn:
         """Itself: its summaries are cheap."""
         return self
 
-    def move(self, committed: Any, targets: Any, factors: Any) -> Any:
+    def move(self, committed: Any, targets: Any, factors: Any, *, sent: Any = None) -> Any:
         """Spread the boundary's displacement by inverse distance squared."""
+        del sent
         moving = self.roles.moving
         held = np.union1d(moving, self.roles.fixed)
         key = hashlib.sha256(committed.tobytes()).digest()

@@ -49,10 +49,18 @@ class Model(Protocol):
         """The same, which may judge by minimum, inverted and worst cells alone; all exact."""
         ...
 
-    def move(self, committed: NDArray[np.float64], targets: NDArray[np.float64], factors: Any) -> Any:
+    def move(
+        self,
+        committed: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        factors: Any,
+        *,
+        sent: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    ) -> Any:
         """Motion that takes the moving nodes from the committed positions (n, d) to ``targets`` (k, d).
 
-        Its ``corrected`` is what :meth:`summary` says of its ``points``.
+        These are the sum of what was ``sent``: an origin and a displacement, both (k, d), of which a refusal tells the
+        fraction that is accepted. Its ``corrected`` is what :meth:`summary` says of its ``points``.
         """
         ...
 

@@ -66,7 +66,7 @@ def compute(
     targets = base[moving] + origin.told
     _check_places(targets, mesh)
     try:
-        motion = model.move(committed, targets, factors)
+        motion = model.move(committed, targets, factors, sent=(base[moving], origin.told))
     except InvalidInput as error:
         raise in_senders_numbers(error, mesh) from error
     displacements = mesh.scatter_differences(motion.points, base, origin.told) if told_apart else []

@@ -26,7 +26,7 @@ class WaitingModel(PlainModel):
     farthest = 100.0
     motion_warnings = ("a warning",)
 
-    def move(self, committed, targets, factors):
+    def move(self, committed, targets, factors, *, sent=None):
         with (FOLDER / "moves").open("a") as file:
             file.write("move\n")
         while (FOLDER / "hold").exists():

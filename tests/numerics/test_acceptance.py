@@ -2,31 +2,27 @@
 
 import pytest
 
-from mesh_motion_server.numerics.acceptance import largest_accepted, quick_method
-from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.acceptance import largest_accepted
 
 
-@pytest.mark.parametrize("limit", [0.0, 0.01, 0.3, 0.7, 0.99])
-def test_the_largest_fraction_is_found_to_a_thirtysecond(limit: float) -> None:
-    found = largest_accepted(lambda fraction: fraction <= limit, lambda fraction: fraction <= limit)
-    assert limit - 1 / 32 < found <= limit
-
-
-@pytest.mark.parametrize("limit", [0.0, 0.02, 0.4])
-def test_what_the_method_itself_refuses_is_taken_back(limit: float) -> None:
-    """The quick trials accept more than the method does."""
+@pytest.mark.parametrize("limit", [0.0, 0.005, 0.3, 0.7, 0.99])
+@pytest.mark.parametrize("plain", [0.0, 0.1, 0.5])
+def test_what_is_found_is_accepted_in_few_trials_and_told_in_three_digits(limit: float, plain: float) -> None:
     asked: list[float] = []
 
     def accepts(fraction: float) -> bool:
         asked.append(fraction)
         return fraction <= limit
 
-    found = largest_accepted(lambda fraction: fraction <= 0.8, accepts)
+    found = largest_accepted(accepts, lambda fraction: fraction <= min(plain, limit))
     assert found <= limit
-    assert len(asked) <= 5
+    assert found == 0.0 or (found in asked and float(f"{found:.3g}") == found)
+    assert found >= max(min(plain, limit) - 1 / 16, 0.0)
+    assert len(asked) <= 10
 
 
-def test_a_quick_trial_asks_for_validity_only_where_that_is_accepted() -> None:
-    assert quick_method(Method()).quality_threshold < 0.05
-    assert quick_method(Method(refuse_below_threshold=True)).quality_threshold == Method().quality_threshold
-    assert quick_method(Method(quality_threshold=-1.0)).quality_threshold == -1.0
+def test_more_than_is_valid_without_a_correction_is_tried_first() -> None:
+    assert largest_accepted(lambda fraction: True, lambda fraction: fraction <= 0.5) == pytest.approx(0.85, abs=0.02)
+    assert largest_accepted(lambda f: f < 0.8, lambda f: f <= 0.5) == pytest.approx(0.65, abs=0.02)
+    assert largest_accepted(lambda f: f < 0.6, lambda f: f <= 0.5) == pytest.approx(0.5, abs=0.02)
+    assert largest_accepted(lambda f: f < 0.1, lambda f: f <= 0.5) == pytest.approx(0.06, abs=0.02)

@@ -32,7 +32,7 @@ class PlainModel:
     def without_distributions(self):
         return self
 
-    def move(self, committed, targets, factors):
+    def move(self, committed, targets, factors, *, sent=None):
         told = targets - committed[self.roles.moving]
         if abs(told).max() > self.farthest:
             raise NumericalError("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")

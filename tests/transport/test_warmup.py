@@ -10,7 +10,7 @@ def test_it_moves_a_mesh_in_2d_and_in_3d(monkeypatch):
     moved = []
 
     class Recorded(motion.MotionModel):
-        def move(self, committed, targets, factors=None):
+        def move(self, committed, targets, factors=None, *, sent=None):
             moved.append((committed.shape[1], super().move(committed, targets, factors).reached))
 
     monkeypatch.setattr(motion, "MotionModel", Recorded)

@@ -56,7 +56,7 @@ class ExactModel(StandIn):
             size=values, skew=values, size_skew=values, metric=values, worst=[], inverted=0, cells=len(areas)
         )
 
-    def move(self, committed: Any, targets: Any, factors: Any) -> Any:
+    def move(self, committed: Any, targets: Any, factors: Any, *, sent: Any = None) -> Any:
         del factors
         moving, points = self.roles.moving, committed.copy()
         told = targets - committed[moving]
