@@ -76,7 +76,9 @@ def standard_positions(case: Case, folder: Path) -> Floats:
     if not path.exists():
         mesh = case.read_mesh(folder)
         patches = {"body": Patch("moving", mesh.moving), "box": Patch("fixed", mesh.fixed)}
-        model = MotionModel.build(mesh.points, CellTable.from_arrays(mesh.cells), patches, Method())
+        model = MotionModel.build(
+            mesh.points, CellTable.from_arrays(mesh.cells), patches, Method(quality_metric="size-skew")
+        )
         body = mesh.points[model.roles.moving]
         targets = body + MOTIONS[case.motion].displacements(body, 1)[0]
         trial = model.standard_motion.trial(mesh.points, targets, MakeEachTime(), Stopwatch())

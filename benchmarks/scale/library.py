@@ -94,7 +94,7 @@ def _warm_up(task: Task) -> None:
     """Load or compile the kernels, as a server does before its first session."""
     small = small_task(task)
     for solver in ("auto", "two-scale"):
-        model = model_of(small, Method(solver=solver, quality_threshold=0.0))
+        model = model_of(small, Method(solver=solver, quality_metric="size-skew", quality_threshold=0.0))
         for each in (model, model.without_distributions()):
             each.move(small.points, small.targets(0))
 
@@ -104,7 +104,7 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
     task = case.task(folder, repeat)
     _warm_up(task)
     memory = _Memory()
-    setup, model = timed(lambda: model_of(task, Method(**case.method)))
+    setup, model = timed(lambda: model_of(task, Method(**{"quality_metric": "size-skew", **case.method})))
     committed, steps, iterations, briefs, corrected = task.points, [], [], [], False
     for step in range(repeat):
         start, targets, factors = committed, task.targets(step), FactorCache(_CACHE_BYTES)

@@ -30,7 +30,7 @@ class Truth:
 def truth(case: Case, folder: Path) -> Truth:
     """Of a case's mesh."""
     task = case.task(folder, 1)
-    model = model_of(task, Method(**{**case.method, "solver": "iterative"}))
+    model = model_of(task, Method(**{"quality_metric": "size-skew", **case.method, "solver": "iterative"}))
     reached = model.move(task.points, task.targets(0)).points
     values = cell_quality(reached, model.cells, model.reference_sizes).metric("size-skew")
     return Truth(float(values.min()), float(values[near_wall(task, model.cells)].min()))

@@ -38,7 +38,9 @@ class StoredMesh:
 
     def model(self, **choices: Any) -> MotionModel:
         """The mesh with a method."""
-        return MotionModel.build(self.points, self.cells, self.patches, Method(**choices))
+        return MotionModel.build(
+            self.points, self.cells, self.patches, Method(**{"quality_metric": "size-skew", **choices})
+        )
 
 
 @cache

@@ -39,6 +39,7 @@ count = {steps}
 [method]
 support_radius = {radius}
 displacement = "{displacement}"
+quality_metric = "size-skew"
 quality_threshold = {threshold}
 allow_invalid = true   # keep what plain interpolation makes of it, to be looked at
 correction = "{correction}"

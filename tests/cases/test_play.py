@@ -328,7 +328,8 @@ def nothing_is_left(server: Server) -> bool:
 
 def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path) -> None:
     case_file = make_case(
-        ("count = 2", "count = 3\niterations = 2"), ('"none"', '"optimised"\nquality_threshold = 0.5')
+        ("count = 2", "count = 3\niterations = 2"),
+        ('"none"', '"optimised"\nquality_metric = "size-skew"\nquality_threshold = 0.5'),
     )
     played = play(case_file, tmp_path / "out", endpoint=server.endpoint)
     summary = played.summary

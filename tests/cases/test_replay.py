@@ -34,7 +34,7 @@ from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 
 STEPS = 6
-SETTINGS = {"support_radius": 0.8, "quality_threshold": 0.45, "correction": "optimised"}
+SETTINGS = {"quality_metric": "size-skew", "support_radius": 0.8, "quality_threshold": 0.45, "correction": "optimised"}
 
 
 def boxed() -> PartitionMesh:

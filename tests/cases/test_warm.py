@@ -46,7 +46,7 @@ for line in sys.stdin.read().split():
 """
 
 #: Called by no path of a session (for comparisons only), or by other kernels only.
-_ASIDE = ("node_extremes", "gather", "evaluate", "metric_value")
+_ASIDE = ("node_extremes", "gather", "evaluate", "metric_value", "relative_skew")
 ASIDE = {f"mesh_motion_server.numerics.corner_kernels:{name}" for name in _ASIDE}
 
 

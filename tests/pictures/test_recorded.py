@@ -68,7 +68,7 @@ def test_the_stored_mesh_before_and_after(driver: Driver, tmp_path: Path) -> Non
     driver.advance(2)
     folder = folder_of(tmp_path)
     pair = read_pair(folder)
-    assert (pair.label, pair.metric, pair.before.step, pair.after.step) == ("flap�", "size-skew", 0, 2)
+    assert (pair.label, pair.metric, pair.before.step, pair.after.step) == ("flap�", "relative-size-skew", 0, 2)
     assert len(pair.before.points) == len(pair.after.points)
     assert np.abs(pair.after.points - pair.before.points).max() > 0
     assert set(pair.after.moving) <= set(range(len(pair.before.points)))

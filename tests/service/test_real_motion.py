@@ -65,7 +65,7 @@ def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
         host = SessionHost.resume(kit.SESSION, kit.TOKEN, store)
         one.host = host
         one.join()
-    assert moved[0].quality["metric"] == "size-skew"
+    assert moved[0].quality["metric"] == "relative-size-skew"
     many.host.close()
     one.host.close()
 

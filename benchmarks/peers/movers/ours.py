@@ -31,7 +31,12 @@ class MotionModelMover:
     def __init__(self, task: Task, **options: Any) -> None:
         patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
         self.task = task
-        self.model = MotionModel.build(task.points, CellTable.from_arrays(task.cells), patches, Method(**options))
+        self.model = MotionModel.build(
+            task.points,
+            CellTable.from_arrays(task.cells),
+            patches,
+            Method(**{"quality_metric": "size-skew", **options}),
+        )
         self.committed = task.points
 
     def move(self, step: int) -> Floats:

@@ -72,6 +72,7 @@ class LayerMesh:
     def model(self, **choices: Any) -> MotionModel:
         """How the mesh is moved: from the reference mesh, corrected for the best worst cell unless told otherwise."""
         usual = {"displacement": "absolute", "correction_target": "maximum", "quality_threshold": 0.9}
+        usual["quality_metric"] = "size-skew"
         return MotionModel.build(self.points, self.cells, self.patches, Method(**{**usual, **choices}))
 
     def kept(self, moved: Floats) -> Kept:

@@ -66,7 +66,11 @@ class Duct:
             for end in (0, 1):
                 patches[f"{'xyz'[axis]}{end}"] = Patch(role, self.on(axis, end))
         method = Method(
-            support_radius=1.0, displacement="absolute", correction_target="maximum", quality_threshold=0.95
+            support_radius=1.0,
+            displacement="absolute",
+            correction_target="maximum",
+            quality_metric="size-skew",
+            quality_threshold=0.95,
         )
         return MotionModel.build(self.points, self.cells, patches, method)
 

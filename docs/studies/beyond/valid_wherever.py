@@ -40,7 +40,7 @@ class Subject:
     def model(self, **choices: Any) -> MotionModel:
         patches = {"outer": Patch("fixed", self.outer)}
         patches |= {name: Patch("moving", nodes) for name, nodes in self.bodies.items()}
-        return MotionModel.build(self.points, self.cells, patches, Method(**choices))
+        return MotionModel.build(self.points, self.cells, patches, Method(**{"quality_metric": "size-skew", **choices}))
 
     def targets(self, goes: Callable[[str, Floats], Floats]) -> Floats:
         """Where the moving nodes go, ascending, as ``goes`` says of each body's points (b, d)."""

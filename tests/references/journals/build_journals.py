@@ -35,7 +35,7 @@ from mesh_motion_server.session import replay
 from mesh_motion_server.session.records import PAGE
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.settings import MethodSettings, ServerSettings
 
 HERE = Path(__file__).parent
 #: Level → the format that this version writes.
@@ -197,7 +197,8 @@ class _pinned:
 
 
 def _spec(level: str) -> SessionSpec:
-    return SessionSpec(session=SESSION, token=TOKEN, dimension=2, label="golden", durability=level)
+    settings = MethodSettings(quality_metric="size-skew")  # the default when these journals were written
+    return SessionSpec(session=SESSION, token=TOKEN, dimension=2, label="golden", durability=level, settings=settings)
 
 
 def _limits(level: str) -> dict[str, Any]:
