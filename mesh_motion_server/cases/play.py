@@ -35,10 +35,10 @@ from mesh_motion_server.cases.outputs import (
     write_summary,
 )
 from mesh_motion_server.cases.picture import write_picture
-from mesh_motion_server.cases.records import StepRecord, add_seconds, quality_numbers
+from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.files import MeshFile, Series, check_target, open_series, write_moved
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.pictures.page import pictures_are_possible
 from mesh_motion_server.pictures.snapshot import Snapshot
@@ -157,14 +157,16 @@ class _Run:
         self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
         self._series, self._every = series, every
         self._cells = mesh.cell_table
-        self._sizes = reference_sizes(mesh.points, self._cells)
+        self._sizes = cells_at_rest(mesh.points, self._cells)
         roles = BoundaryRoles.from_patches(
             {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
         )
         self._fixed = roles.fixed
         self._points = mesh.points
         self._quality = cell_quality(mesh.points, self._cells, self._sizes)
+        self._drawn = drawn(case.content.method.quality_metric)
         self._reference = self._worst = self._snapshot(0)
+        self._at_opening = _plain(self._quality.metric("size-skew"))
         self._records: list[StepRecord] = []
         self._warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
         self._warnings += driver.mesh_warnings
@@ -173,13 +175,13 @@ class _Run:
 
     def _snapshot(self, step: int) -> Snapshot:
         """The mesh as it is now."""
-        return Snapshot(step, self._points, self._cells, self._quality.metric("size-skew"), self._program.nodes)
+        return Snapshot(step, self._points, self._cells, self._quality.metric(self._drawn), self._program.nodes)
 
     def steps(self) -> Iterator[StepRecord]:
         """Play all steps."""
         for step in range(1, self._program.count + 1):
             self._records.append(self._step(step))
-            if step == 1 or self._records[-1].min_size_skew < float(self._worst.quality.min()):
+            if step == 1 or self._records[-1].shown(self._drawn)[0] < float(self._worst.quality.min()):
                 self._worst = self._snapshot(step)
             if step % self._every == 0 or step == self._program.count:
                 self._write(step)
@@ -235,7 +237,7 @@ class _Run:
 
     def _write(self, step: int) -> None:
         """Add the mesh as it is now to the series."""
-        quality = {name.replace("-", "_"): self._quality.metric(name) for name in ("size", "skew", "size-skew")}
+        quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}
         displacement = {"displacement": self._points - self._mesh.points}
         self._series.write(float(step), self._points, self._cells, point_data=displacement, cell_data=quality)
 
@@ -244,7 +246,7 @@ class _Run:
         if not pictures_are_possible():
             self._warnings.append("no quality.png without matplotlib: pip install 'mesh-motion-server[plot]'")
         records = self._records
-        worst = min(records, key=lambda record: record.min_size_skew)
+        worst = min(records, key=lambda record: record.shown(self._drawn)[0])
         summary = {
             "case": str(self._case.path),
             "version": __version__,
@@ -255,10 +257,11 @@ class _Run:
                 "cells": {block.type.name: len(block) for block in self._cells},
                 "patches": {name: len(nodes) for name, nodes in self._mesh.patches.items()},
                 "moving_nodes": len(self._program.nodes),
-                "reference": _plain(self._reference.quality),
+                "reference": self._at_opening,
             },
             "worst_step": worst.step,
-            "min_size_skew": worst.min_size_skew,
+            "min_size_skew": min(record.min_size_skew for record in records),
+            "min_relative_size_skew": min(record.min_relative_size_skew for record in records),
             "inverted_cells": max(record.inverted_cells for record in records),
             "boundary_error": max(record.boundary_error for record in records),
             "peak_memory_bytes": _own_peak_memory() + self._driver.peak_memory_bytes(),

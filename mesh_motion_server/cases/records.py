@@ -14,9 +14,12 @@ from mesh_motion_server.cases.faces import FACES
 from mesh_motion_server.numerics.metrics import CellQuality
 from mesh_motion_server.observation.series import PHASES
 
-__all__ = ["StepRecord", "add_seconds", "quality_numbers"]
+__all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn", "quality_numbers"]
 
 FloatArray = NDArray[np.float64]
+
+VTU_METRICS = ("size", "skew", "size-skew", "relative-size-skew")
+"""Of every cell of the mesh series."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +29,8 @@ class StepRecord:
     Attributes
     ----------
     step : int
-    min_size, min_skew, min_size_skew, mean_size_skew : float
-        Of the mesh after the step, computed from its coordinates; size against the mesh at opening.
+    min_size, min_skew, min_size_skew, mean_size_skew, min_relative_size_skew, mean_relative_size_skew : float
+        Of the mesh after the step, computed from its coordinates; size and relative skew against the mesh at opening.
     inverted_cells : int
     predicted_min : float
         The server's prediction of the case's quality metric for the motion it made, before any node moved.
@@ -55,6 +58,8 @@ class StepRecord:
     min_skew: float
     min_size_skew: float
     mean_size_skew: float
+    min_relative_size_skew: float
+    mean_relative_size_skew: float
     inverted_cells: int
     predicted_min: float
     predicted_standard: float
@@ -69,6 +74,12 @@ class StepRecord:
     seconds_displace: float
     sub_steps: int = 1
     faces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def shown(self, metric: str) -> tuple[float, float]:
+        """Minimum and mean of what is :func:`drawn` for a metric."""
+        if drawn(metric) == "size-skew":
+            return self.min_size_skew, self.mean_size_skew
+        return self.min_relative_size_skew, self.mean_relative_size_skew
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:
@@ -87,14 +98,21 @@ class StepRecord:
         }
 
 
+def drawn(metric: str) -> str:
+    """The quality that pictures show where a case is judged by a metric."""
+    return metric if metric == "relative-size-skew" else "size-skew"
+
+
 def quality_numbers(quality: CellQuality) -> dict[str, Any]:
     """The quality fields of a :class:`StepRecord`."""
-    size_skew = quality.metric("size-skew")
+    size_skew, relative = quality.metric("size-skew"), quality.metric("relative-size-skew")
     return {
         "min_size": float(quality.size.min()),
         "min_skew": float(quality.skew.min()),
         "min_size_skew": float(size_skew.min()),
         "mean_size_skew": float(size_skew.mean()),
+        "min_relative_size_skew": float(relative.min()),
+        "mean_relative_size_skew": float(relative.mean()),
         "inverted_cells": int(quality.inverted.sum()),
     }
 

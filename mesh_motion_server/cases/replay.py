@@ -32,10 +32,10 @@ from mesh_motion_server.cases.outputs import (
 )
 from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_recorded
-from mesh_motion_server.cases.records import StepRecord, quality_numbers
+from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, quality_numbers
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import Series, open_series
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.pictures.page import pictures_are_possible
 from mesh_motion_server.pictures.snapshot import Snapshot
 from mesh_motion_server.session.history.boundary import BoundaryStep
@@ -223,7 +223,7 @@ class _Output:
         self._progress = progress
         view = recorded.mesh
         self._cells, self._reference, self._points = view.cells, view.points, view.points
-        self._sizes = reference_sizes(view.points, view.cells)
+        self._sizes = cells_at_rest(view.points, view.cells)
         self._moving = np.unique(np.concatenate([p.nodes for p in view.patches.values() if p.role == "moving"]))
         self._quality = cell_quality(view.points, self._cells, self._sizes)
         self._before = self._worst = self._snapshot(0)
@@ -285,6 +285,6 @@ class _Output:
         return Snapshot(step, self._points, self._cells, self._quality.metric("size-skew"), self._moving)
 
     def _write(self, step: int) -> None:
-        quality = {name.replace("-", "_"): self._quality.metric(name) for name in ("size", "skew", "size-skew")}
+        quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}
         displacement = {"displacement": self._points - self._reference}
         self._series.write(float(step), self._points, self._cells, point_data=displacement, cell_data=quality)
