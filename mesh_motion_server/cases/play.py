@@ -36,7 +36,8 @@ from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import StepRecord, add_seconds, quality_numbers
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.files import MeshFile, Series, check_target, open_series, write_moved
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.pictures.page import pictures_are_possible
 from mesh_motion_server.pictures.snapshot import Snapshot
@@ -154,8 +155,7 @@ class _Run:
     ) -> None:
         self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
         self._series, self._every = series, every
-        self._cells = mesh.cell_table
-        self._sizes = reference_sizes(mesh.points, self._cells)
+        self._cells, self._sizes, _ = oriented(mesh.points, mesh.cell_table)
         roles = BoundaryRoles.from_patches(
             {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
         )

@@ -34,7 +34,8 @@ from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_record
 from mesh_motion_server.cases.records import StepRecord, quality_numbers
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import Series, open_series
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.pictures.page import pictures_are_possible
 from mesh_motion_server.pictures.snapshot import Snapshot
 from mesh_motion_server.session.history.boundary import BoundaryStep
@@ -221,8 +222,8 @@ class _Output:
         self._recorded, self._series, self._every, self._last = recorded, series, every, last
         self._progress = progress
         view = recorded.mesh
-        self._cells, self._reference, self._points = view.cells, view.points, view.points
-        self._sizes = reference_sizes(view.points, view.cells)
+        self._reference, self._points = view.points, view.points
+        self._cells, self._sizes, _ = oriented(view.points, view.cells)
         self._moving = np.unique(np.concatenate([p.nodes for p in view.patches.values() if p.role == "moving"]))
         self._quality = cell_quality(view.points, self._cells, self._sizes)
         self._before = self._worst = self._snapshot(0)

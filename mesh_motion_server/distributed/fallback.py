@@ -15,7 +15,8 @@ from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.metrics import QualitySummary, reference_sizes
+from mesh_motion_server.numerics.metrics import QualitySummary
+from mesh_motion_server.numerics.orientation import OrientedCells, oriented
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 __all__ = ["LocalWhenAlone"]
@@ -67,7 +68,7 @@ class LocalWhenAlone:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         return self._first(
             lambda: self._evaluator.summary(points, metric),
-            lambda: mesh_summary(points, self._cells, self._sizes, metric=metric),
+            lambda: mesh_summary(points, self._oriented.cells, self._oriented.sizes, metric=metric),
         )
 
     def _first(self, distributed: Callable[[], _Found], local: Callable[[], _Found]) -> _Found:
@@ -82,5 +83,5 @@ class LocalWhenAlone:
             return local()
 
     @cached_property
-    def _sizes(self) -> Floats:
-        return reference_sizes(self._points, self._cells)
+    def _oriented(self) -> OrientedCells:
+        return oriented(self._points, self._cells)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +60,14 @@ class MeshFile:
         """The cells as the numerics take them."""
         return CellTable.from_arrays(self.cells)
 
+    def oriented(self) -> MeshFile:
+        """The mesh with the mirror image of each cell that is listed the other way round."""
+        # imported here: whoever only reads meshes has no compiler
+        from mesh_motion_server.numerics.orientation import oriented  # noqa: PLC0415
+
+        cells = {block.type.name: block.nodes for block in oriented(self.points, self.cell_table).cells}
+        return replace(self, cells={name: cells[name] for name in self.cells})
+
     def __post_init__(self) -> None:
         _check_points(self.points, self.path)
         _check_cells(self.cells, self.points.shape, self.path)
@@ -77,10 +85,7 @@ def assemble(
     """Make a mesh of a foreign file's content: cells of all dimensions, always three coordinates.
 
     The cells of the highest dimension are the mesh. Coordinates beyond that dimension are dropped, which needs them to
-    be constant. If every cell of a type is numbered the other way round (the mirror image of the order in
-    :mod:`~mesh_motion_server.numerics.cells`, as meshes of reversed surfaces and some writers' wedges are), the type is
-    renumbered; a type of which only some cells are reversed is left alone, since those cells are inverted. Of the
-    ``facets`` of patches those of one dimension less than the mesh's are kept.
+    be constant. Of the ``facets`` of patches those of one dimension less than the mesh's are kept.
 
     Raises
     ------
@@ -93,9 +98,8 @@ def assemble(
     dimension = max(CELL_TYPES[name].dimension for name in used)
     points = _drop_coordinates(np.asarray(points, dtype=np.float64), dimension, path)
     used = {name: nodes for name, nodes in used.items() if CELL_TYPES[name].dimension == dimension}
-    mesh = MeshFile(points, used, {name: np.unique(nodes) for name, nodes in patches.items()}, path)
-    oriented = {name: _orient(name, nodes, mesh.points) for name, nodes in mesh.cells.items()}
-    return MeshFile(mesh.points, oriented, mesh.patches, path, _facets(facets or {}, dimension - 1))
+    nodes_of = {name: np.unique(nodes) for name, nodes in patches.items()}
+    return MeshFile(points, used, nodes_of, path, _facets(facets or {}, dimension - 1))
 
 
 def _facets(facets: Mapping[str, Mapping[str, IntArray]], dimension: int) -> dict[str, dict[str, IntArray]]:
@@ -105,26 +109,6 @@ def _facets(facets: Mapping[str, Mapping[str, IntArray]], dimension: int) -> dic
         for patch, of in facets.items()
     }
     return {patch: of for patch, of in found.items() if of}
-
-
-#: Node orders that turn a cell of each type into its mirror image.
-_MIRROR: dict[str, tuple[int, ...]] = {
-    "line": (1, 0),
-    "triangle": (0, 2, 1),
-    "quad": (0, 3, 2, 1),
-    "tetra": (0, 2, 1, 3),
-    "hexahedron": (4, 5, 6, 7, 0, 1, 2, 3),
-    "wedge": (0, 2, 1, 3, 5, 4),
-    "pyramid": (0, 3, 2, 1, 4),
-}
-
-
-def _orient(name: str, nodes: IntArray, points: FloatArray) -> IntArray:
-    """(m, k) the cells, mirrored when every one of them has a negative size."""
-    corners = points[nodes[:, CELL_TYPES[name].corner_array]]  # (m, corners, d + 1, d)
-    with np.errstate(over="ignore", invalid="ignore"):  # absurd coordinates are the mesh check's matter
-        sizes = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1]).sum(axis=1)
-    return np.ascontiguousarray(nodes[:, _MIRROR[name]]) if bool(np.all(sizes < 0)) else nodes
 
 
 def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatArray:

@@ -113,7 +113,7 @@ class MotionModel:
         InvalidInput
             When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        warnings, sizes = checked_mesh(points, cells, patches)
+        cells, sizes, warnings = checked_mesh(points, cells, patches)
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)

@@ -13,7 +13,8 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.pictures.before_after import MeshPair
 from mesh_motion_server.pictures.runs import read_played
 from mesh_motion_server.pictures.snapshot import Snapshot
@@ -76,7 +77,7 @@ def pair_of(
     """
     if cells.dimension < 2:
         raise InvalidInput("a mesh of one dimension has no picture", hint="--show history draws its quality")
-    sizes = reference_sizes(reference, cells)
+    cells, sizes, _ = oriented(reference, cells)
     edge = boundary_nodes(cells)
     far = np.abs(after[edge] - before[edge]).max(axis=1) > _MOVED * float(np.ptp(reference, axis=0).max())
     judged = [cell_quality(points, cells, sizes) for points in (before, after)]
