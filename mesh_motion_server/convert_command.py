@@ -24,6 +24,7 @@ def convert(
     points: Annotated[
         Path | None, typer.Option(metavar="FILE.npy", help="Coordinates in the order of IN's nodes: play's points.npy.")
     ] = None,
+    zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of IN, where it has several.")] = "",
 ) -> None:
     """Write a mesh in another format: .msh, .su2, .vtu, .vtk, .cgns, .npz, or a folder, which is an OpenFOAM case.
 
@@ -40,7 +41,7 @@ def convert(
 
     try:
         check_target(target)
-        mesh = read_mesh(source)
+        mesh = read_mesh(source, zone)
         if points is None:
             write_mesh(target, mesh)
         else:

@@ -100,8 +100,8 @@ class CheckReport:
     warnings: list[str]
 
 
-def check(path: Path) -> CheckReport:
-    """Check a case file, or a mesh file alone.
+def check(path: Path, zone: str = "") -> CheckReport:
+    """Check a case file, or a mesh file alone; of several zones one by its name or number.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def check(path: Path) -> CheckReport:
         Naming the first thing that would keep the case from being played.
     """
     if is_mesh(path) or path.suffix.lower() not in (".toml", ""):
-        return _report(path, read_mesh(path), None)
+        return _report(path, read_mesh(path, zone), None)
     case = read_case(path)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
@@ -119,7 +119,7 @@ def check(path: Path) -> CheckReport:
 
 def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] | None = None) -> CheckReport:
     """Check the mesh with the case's roles, or with every patch moving."""
-    warnings = list(warnings or [])
+    warnings = [*mesh.notes, *(warnings or [])]
     roles = dict(case.content.patches) if case is not None else {}
     patches = {name: Patch(roles.get(name, "moving"), nodes) for name, nodes in mesh.patches.items()}
     if not patches:

@@ -165,7 +165,7 @@ class _Run:
         self._reference = self._worst = self._snapshot(0)
         self._records: list[StepRecord] = []
         self._warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
-        self._warnings += driver.mesh_warnings
+        self._warnings += [*mesh.notes, *driver.mesh_warnings]
         self._begin = time.perf_counter()
         self._write(0)
 

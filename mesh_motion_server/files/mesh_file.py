@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 
-__all__ = ["MeshFile", "assemble"]
+__all__ = ["MeshFile", "assemble", "chosen_zone"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -36,6 +36,10 @@ class MeshFile:
         {patch: {type: nodes}}: the facets of the patches, where the file says them.
     periodic : tuple of str
         Patches that the file says are one side of a period.
+    zone : str
+        Which of the file's zones it is; "" in formats without zones.
+    notes : tuple of str
+        What was left out or named, a line each.
     """
 
     points: FloatArray
@@ -44,6 +48,8 @@ class MeshFile:
     path: Path
     facets: dict[str, dict[str, IntArray]] = field(default_factory=dict)
     periodic: tuple[str, ...] = ()
+    zone: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:
@@ -100,6 +106,28 @@ def assemble(
     used = {name: nodes for name, nodes in used.items() if CELL_TYPES[name].dimension == dimension}
     nodes_of = {name: np.unique(nodes) for name, nodes in patches.items()}
     return MeshFile(points, used, nodes_of, path, _facets(facets or {}, dimension - 1))
+
+
+def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
+    """The zone of a file that is asked for, by its name or its number from 1; of an only one nothing has to be said.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the zones that there are.
+    """
+    if not zone and len(names) == 1:
+        return names[0]
+    if zone in names:
+        return zone
+    if zone.isdecimal() and 1 <= int(zone) <= len(names):
+        return names[int(zone) - 1]
+    listed = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
+    asked = f"no zone {zone!r}; " if zone else ""
+    raise InvalidInput(
+        f"{path}: {asked}{len(names)} zone{'s' if len(names) > 1 else ''}: {listed}",
+        hint="choose one: zone = \"…\" in [mesh] of the case, --zone of check and convert" if names else "",
+    )
 
 
 def _facets(facets: Mapping[str, Mapping[str, IntArray]], dimension: int) -> dict[str, dict[str, IntArray]]:
