@@ -322,10 +322,12 @@ def _index_there(draft: Draft, rng: Rng) -> Names:
 
 
 def _folded_there(draft: Draft, rng: Rng) -> Names:
-    """A node inside the second partition leaves the domain."""
+    """The corner that the first partition has not passes through its only cell."""
     del rng
-    draft.rows("nodes", "", 1)[_INSIDE, 1] += 3.0
-    return {"partition": 1, "type": "triangle", "cell": lambda cell: isinstance(cell, int)}
+    (corner,) = np.flatnonzero(draft.rows("global_ids", "", 1)[:, 0] == 24)
+    draft.rows("nodes", "", 1)[corner] = 0.8
+    (row,) = np.flatnonzero((draft.rows("cells", "triangle", 1) == corner).any(axis=1))
+    return {"partition": 1, "type": "triangle", "cell": int(row), "count": 1}
 
 
 _PARTITIONS = (
@@ -336,7 +338,7 @@ _PARTITIONS = (
     _row("a patch with two roles", _PARTITION, _other_role, "'walls'", "'slip'", draft="halves"),
     _row("a cell in two partitions", _PARTITION, _cell_in_both, "partition 0", "partition 1", draft="halves"),
     _row("a wrong index in the second partition", _MESH, _index_there, "partition 1", "row 3", draft="halves"),
-    _row("inverted cells in the second partition", _DEGENERATE, _folded_there, "inverted", draft="halves"),
+    _row("an inverted cell in the second partition", _DEGENERATE, _folded_there, "inverted", draft="halves"),
 )
 
 # --- sizes -----------------------------------------------------------------------------------------------------------
