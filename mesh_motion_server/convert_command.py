@@ -49,5 +49,7 @@ def convert(
     except MeshMotionError as error:
         complain(str(error))
         raise typer.Exit(status_of(error.code)) from None
+    for note in mesh.notes:
+        complain(f"warning: {note}")
     cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
     _out.print(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches")
