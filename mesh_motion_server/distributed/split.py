@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellBlock, CellTable
-from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.numerics.morton import morton_codes
+from mesh_motion_server.numerics.orientation import oriented
 
 __all__ = ["MeshPartition", "Split", "mesh_digest"]
 

@@ -36,7 +36,8 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
     Raises
     ------
     InvalidInput
-        Without h5py, for ADF files, several bases, several zones and none chosen, structured zones, other elements, and damaged files.
+        Without h5py, for ADF files, several bases, several zones of which none is chosen, structured zones, other
+        elements, and damaged files.
     """
     with open_cgns(path) as root:
         base, node = the_zone(root, zone)
@@ -46,7 +47,9 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
         fixed = [part for part in parts if isinstance(part, Elements)]
         for part in fixed:
             _check_nodes(node, part, len(points))
-        mesh = _polyhedral(path, base, node, points, listed, fixed) if listed else _simple(path, base, node, points, fixed)
+        mesh = (
+            _polyhedral(path, base, node, points, listed, fixed) if listed else _simple(path, base, node, points, fixed)
+        )
         return replace(mesh, zone=node.name)
 
 

@@ -126,7 +126,7 @@ def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
     asked = f"no zone {zone!r}; " if zone else ""
     raise InvalidInput(
         f"{path}: {asked}{len(names)} zone{'s' if len(names) > 1 else ''}: {listed}",
-        hint="choose one: zone = \"…\" in [mesh] of the case, --zone of check and convert" if names else "",
+        hint='choose one: zone = "…" in [mesh] of the case, --zone of check and convert' if names else "",
     )
 
 

@@ -178,7 +178,8 @@ def _elements(rows: _Rows) -> dict[str, IntArray]:
     for row in rows:
         cell_type = _TYPES.get(int(row[0]))
         if cell_type is None:
-            raise ValueError(f"element type {row[0]} is not one of {', '.join(map(str, _TYPES))}")
+            known = ", ".join(map(str, _TYPES))
+            raise ValueError(f"element type {row[0]} is not one of {known}; only first-order cells are read")
         nodes = row[1 : 1 + cell_type.n_nodes]
         if len(nodes) < cell_type.n_nodes:
             raise ValueError(f"a {cell_type.name} with {len(nodes)} nodes")

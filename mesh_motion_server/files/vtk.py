@@ -66,7 +66,8 @@ def read_with_meshio(path: Path) -> Any:
     except OSError:
         raise
     except (Exception, SystemExit) as error:  # meshio raises every kind of error on damaged files, and may exit
-        raise InvalidInput(f"{path}: not readable as {path.suffix}: {reason_of(error)}") from None
+        reason = f"meshio does not know {error}" if isinstance(error, KeyError) else reason_of(error)
+        raise InvalidInput(f"{path}: not readable as {path.suffix}: {reason}") from None
 
 
 def _read(meshio: Any, path: Path) -> Any:

@@ -501,7 +501,7 @@ def test_one_array_under_many_names_is_bounded(tmp_path: Path, monkeypatch: pyte
 
 def test_other_files_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "m.cgns"
-    path.write_bytes(b"....@(#)ADF Database Version A02011>" + b" " * 100)
+    path.write_bytes(b"\xc0\xa8\xa3\xa9ADF Database Version A02011>" + b" " * 100)
     with pytest.raises(InvalidInput, match=r"old ADF format \(adf2hdf m\.cgns"):
         read_mesh(path)
     for content in (b"", b"hello", b"\x89HDF\r\n\x1a\n" + b"\0" * 50):

@@ -79,7 +79,9 @@ def test_a_node_twice_in_a_cell(mesh):
 
 def test_an_inverted_cell_is_named_with_its_determinant(mesh):
     mesh.points[6] = [-0.25, 0.25]
-    error = refused(mesh, r"cell 4 .*is inverted or degenerate.* -0.0625,.* its size is -0.03125 \(2 such cells of 32\)")
+    error = refused(
+        mesh, r"cell 4 .*is inverted or degenerate.* -0.0625,.* its size is -0.03125 \(2 such cells of 32\)"
+    )
     assert error.code == "INVALID_ARGUMENT.MESH_DEGENERATE"
     assert error.details == {"cell": 4, "determinant": -0.0625, "size": -0.03125, "count": 2}
 

@@ -57,7 +57,7 @@ def test_a_mirrored_cell_of_each_type_is_valid_and_the_same_cell(name):
 
 def test_a_mixture_is_read_as_one_orientation():
     points, cells, patches = square()
-    clockwise = dict.fromkeys([3, 7, 8], [1, 0, 3, 2])
+    clockwise = {row: [1, 0, 3, 2] for row in (3, 7, 8)}
     _, mixed, _ = square(clockwise)
     found = checked_mesh(points, mixed, patches)
     assert found.warnings == ["3 of 16 quads were listed clockwise; they are read as their mirror image, as solvers do"]
@@ -78,7 +78,7 @@ def test_two_types_are_told_in_one_line():
 
 def test_motions_do_not_depend_on_how_cells_are_listed():
     points, cells, patches = square()
-    _, mixed, _ = square(dict.fromkeys(range(0, 16, 2), [0, 3, 2, 1]))
+    _, mixed, _ = square({row: [0, 3, 2, 1] for row in range(0, 16, 2)})
     method = Method(quality_threshold=0.9)
     one, other = (MotionModel.build(points, table, patches, method) for table in (cells, mixed))
     targets = points[one.roles.moving] + [0.1, 0.05]
