@@ -8,7 +8,7 @@ import pytest
 
 from mesh_motion_server.cases.check import check, estimate_costs
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh, write_npz
+from mesh_motion_server.files import read_mesh, write_mesh, write_npz
 
 
 def test_a_good_case_is_described(make_case) -> None:
@@ -77,6 +77,20 @@ def test_an_unusable_mesh_is_refused_by_its_first_offender(
         check(mesh.path if of_the_mesh else path)
     assert "\n" not in str(caught.value)
     assert "mesh.npz" in str(caught.value)
+
+
+def test_a_case_chooses_one_zone_of_its_mesh(make_case) -> None:
+    path = make_case(('file = "mesh.npz"', 'file = "mesh.su2"\nzone = "2"'))
+    mesh = read_mesh(path.parent / "mesh.npz")
+    write_mesh(path.parent / "one.su2", mesh)
+    text = (path.parent / "one.su2").read_text(encoding="utf-8")
+    both = f"NZONE= 2\nIZONE= 1\n{text.replace('block', 'other')}IZONE= 2\n{text}"
+    (path.parent / "mesh.su2").write_text(both, encoding="utf-8")
+    report = check(path)
+    assert report.roles == {"block": "moving", "outer": "fixed"}
+    with pytest.raises(InvalidInput, match=r"mesh\.su2: 2 zones: 1, 2"):
+        check(path.parent / "mesh.su2")
+    assert list(check(path.parent / "mesh.su2", "1").mesh.patches) == ["other", "outer"]
 
 
 @pytest.mark.parametrize("of_the_mesh", [False, True])
