@@ -272,3 +272,11 @@ def test_without_meshio_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(InvalidInput, match=r"mesh-motion-server\[mesh\]"):
         read_mesh(tmp_path / "m.vtu")
+
+
+def test_why_meshio_gave_up_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    path = tmp_path / "surface.vtk"
+    path.write_text("# vtk DataFile Version 3.0\nsurface\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n0 0 0\n")
+    with pytest.raises(InvalidInput, match=r"surface\.vtk: not readable as \.vtk: .*not POLYDATA"):
+        read_mesh(path)
