@@ -63,6 +63,7 @@ _err = Console(stderr=True, highlight=False)
 @app.command(short_help="Check a case or a mesh file.")
 def check(
     path: Annotated[Path, typer.Argument(metavar="CASE.toml|MESH", help="A case or a mesh file.", show_default=False)],
+    zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of a mesh file that has several.")] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Say what is wrong or odd about a case or a mesh, and what it will cost, without moving anything.
@@ -77,7 +78,7 @@ def check(
     from mesh_motion_server.cases.check import check as check_path
 
     with expected_errors():
-        report = check_path(path)
+        report = check_path(path, zone)
     if as_json:
         _out.print(json.dumps(_check_values(report), indent=2, ensure_ascii=False), markup=False)
     else:

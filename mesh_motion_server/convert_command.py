@@ -24,6 +24,7 @@ def convert(
     points: Annotated[
         Path | None, typer.Option(metavar="FILE.npy", help="Coordinates in the order of IN's nodes: play's points.npy.")
     ] = None,
+    zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of IN, where it has several.")] = "",
 ) -> None:
     """Write a mesh in another format: .msh, .su2, .vtu, .vtk, .cgns, .npz, or a folder, which is an OpenFOAM case.
 
@@ -40,7 +41,7 @@ def convert(
 
     try:
         check_target(target)
-        mesh = read_mesh(source)
+        mesh = read_mesh(source, zone)
         if points is None:
             write_mesh(target, mesh)
         else:
@@ -48,5 +49,7 @@ def convert(
     except MeshMotionError as error:
         complain(str(error))
         raise typer.Exit(status_of(error.code)) from None
+    for note in mesh.notes:
+        complain(f"warning: {note}")
     cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
     _out.print(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches")

@@ -32,6 +32,7 @@ class MeshSection(_Section):
     """``[mesh]``."""
 
     file: Annotated[str, Field(min_length=1)]
+    zone: str = ""
 
 
 class RigidMotion(_Section):
@@ -113,7 +114,7 @@ class Case:
             As :func:`~mesh_motion_server.files.read_mesh`; for a patch without a role, a role for no patch, and a
             motion whose vectors do not have the mesh's dimension.
         """
-        mesh = read_mesh(self.mesh_path)
+        mesh = read_mesh(self.mesh_path, self.content.mesh.zone)
         roles = self.content.patches
         if missing := [name for name in mesh.patches if name not in roles]:
             raise InvalidInput(

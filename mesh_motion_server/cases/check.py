@@ -20,9 +20,10 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh_check import check_mesh, suggest_support_radius
+from mesh_motion_server.numerics.mesh_check import checked_mesh, suggest_support_radius
 from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.numerics.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
@@ -99,8 +100,8 @@ class CheckReport:
     warnings: list[str]
 
 
-def check(path: Path) -> CheckReport:
-    """Check a case file, or a mesh file alone.
+def check(path: Path, zone: str = "") -> CheckReport:
+    """Check a case file, or a mesh file alone; of several zones one by its name or number.
 
     Raises
     ------
@@ -108,7 +109,7 @@ def check(path: Path) -> CheckReport:
         Naming the first thing that would keep the case from being played.
     """
     if is_mesh(path) or path.suffix.lower() not in (".toml", ""):
-        return _report(path, read_mesh(path), None)
+        return _report(path, read_mesh(path, zone), None)
     case = read_case(path)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
@@ -118,27 +119,29 @@ def check(path: Path) -> CheckReport:
 
 def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] | None = None) -> CheckReport:
     """Check the mesh with the case's roles, or with every patch moving."""
-    warnings = list(warnings or [])
+    warnings = [*mesh.notes, *(warnings or [])]
     roles = dict(case.content.patches) if case is not None else {}
     patches = {name: Patch(roles.get(name, "moving"), nodes) for name, nodes in mesh.patches.items()}
-    cells = mesh.cell_table
     if not patches:
         warnings.append("the mesh has no patches: name its boundaries (physical groups, markers, patch_<name> arrays)")
-        patches = {"boundary": Patch("moving", boundary_nodes(cells))}
     warnings += [
         f"patch {name!r} is one side of a period in the mesh file: give it the role periodic"
         for name in mesh.periodic
         if roles.get(name) != "periodic"
     ]
     try:
-        warnings += check_mesh(mesh.points, cells, patches)
+        if not patches:
+            boundary = boundary_nodes(oriented(mesh.points, mesh.cell_table).cells)
+            patches = {"boundary": Patch("moving", boundary)}
+        cells, sizes, noticed = checked_mesh(mesh.points, mesh.cell_table, patches)
+        warnings += noticed
         split = BoundaryRoles.from_patches(patches)
         periodic = PeriodicNodes.build(mesh.points, cells, patches, split)
     except InvalidInput as error:
         raise InvalidInput(f"{mesh.path}: {error.message}", code=error.code, hint=error.hint) from None
     if case is not None:
         check_method(case.content.method.to_method(), mesh.points, split)
-    quality = cell_quality(mesh.points, cells, reference_sizes(mesh.points, cells))
+    quality = cell_quality(mesh.points, cells, sizes)
     suggested = suggest_support_radius(mesh.points, split)
     radius = case.content.method.support_radius if case is not None else None
     control = mesh.points[split.all]

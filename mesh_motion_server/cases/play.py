@@ -39,6 +39,7 @@ from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_second
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.files import MeshFile, Series, check_target, open_series, write_moved
 from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
 from mesh_motion_server.pictures.page import pictures_are_possible
 from mesh_motion_server.pictures.snapshot import Snapshot
@@ -156,8 +157,8 @@ class _Run:
     ) -> None:
         self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
         self._series, self._every = series, every
-        self._cells = mesh.cell_table
-        self._sizes = cells_at_rest(mesh.points, self._cells)
+        self._cells, sizes, _ = oriented(mesh.points, mesh.cell_table)
+        self._sizes = cells_at_rest(mesh.points, self._cells, sizes)
         roles = BoundaryRoles.from_patches(
             {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
         )
@@ -169,7 +170,7 @@ class _Run:
         self._at_opening = _plain(self._quality.metric("size-skew"))
         self._records: list[StepRecord] = []
         self._warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
-        self._warnings += driver.mesh_warnings
+        self._warnings += [*mesh.notes, *driver.mesh_warnings]
         self._begin = time.perf_counter()
         self._write(0)
 

@@ -36,6 +36,7 @@ from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, quality_nu
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import Series, open_series
 from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.pictures.page import pictures_are_possible
 from mesh_motion_server.pictures.snapshot import Snapshot
 from mesh_motion_server.session.history.boundary import BoundaryStep
@@ -222,8 +223,9 @@ class _Output:
         self._recorded, self._series, self._every, self._last = recorded, series, every, last
         self._progress = progress
         view = recorded.mesh
-        self._cells, self._reference, self._points = view.cells, view.points, view.points
-        self._sizes = cells_at_rest(view.points, view.cells)
+        self._reference, self._points = view.points, view.points
+        self._cells, sizes, _ = oriented(view.points, view.cells)
+        self._sizes = cells_at_rest(view.points, self._cells, sizes)
         self._moving = np.unique(np.concatenate([p.nodes for p in view.patches.values() if p.role == "moving"]))
         self._quality = cell_quality(view.points, self._cells, self._sizes)
         self._before = self._worst = self._snapshot(0)

@@ -16,6 +16,7 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.mesh_summary import mesh_summary
 from mesh_motion_server.numerics.metrics import CellsAtRest, QualitySummary, cells_at_rest
+from mesh_motion_server.numerics.orientation import OrientedCells, oriented
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
 
 __all__ = ["LocalWhenAlone"]
@@ -67,7 +68,7 @@ class LocalWhenAlone:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         return self._first(
             lambda: self._evaluator.summary(points, metric),
-            lambda: mesh_summary(points, self._cells, self._sizes, metric=metric),
+            lambda: mesh_summary(points, self._oriented.cells, self._at_rest, metric=metric),
         )
 
     def _first(self, distributed: Callable[[], _Found], local: Callable[[], _Found]) -> _Found:
@@ -82,5 +83,9 @@ class LocalWhenAlone:
             return local()
 
     @cached_property
-    def _sizes(self) -> CellsAtRest:
-        return cells_at_rest(self._points, self._cells)
+    def _oriented(self) -> OrientedCells:
+        return oriented(self._points, self._cells)
+
+    @cached_property
+    def _at_rest(self) -> CellsAtRest:
+        return cells_at_rest(self._points, *self._oriented[:2])

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellBlock, CellTable
-from mesh_motion_server.numerics.metrics import reference_sizes
 from mesh_motion_server.numerics.morton import morton_codes
+from mesh_motion_server.numerics.orientation import oriented
 
 __all__ = ["MeshPartition", "Split", "mesh_digest"]
 
@@ -120,7 +120,8 @@ class Split:
         """Cut one partition out."""
         nodes, chosen = self.nodes(number), self._cells_of(number)
         points = np.ascontiguousarray(self.points[nodes])
-        cells = CellTable(tuple(CellBlock(b.type, np.searchsorted(nodes, b.nodes[rows])) for b, rows, _ in chosen))
+        listed = CellTable(tuple(CellBlock(b.type, np.searchsorted(nodes, b.nodes[rows])) for b, rows, _ in chosen))
+        cells, sizes, _ = oriented(points, listed)
         return MeshPartition(
             number=number,
             nodes=nodes,
@@ -128,7 +129,7 @@ class Split:
             points=points,
             cells=cells,
             cell_numbers=np.concatenate([first + rows for _, rows, first in chosen]),
-            reference_sizes=reference_sizes(points, cells),
+            reference_sizes=sizes,
         )
 
     def _cells_of(self, number: int) -> list[tuple[CellBlock, Ints, int]]:

@@ -4,7 +4,7 @@
 ``.npz``          ``points``, ``cells_<type>``, ``patch_<name>`` (:mod:`.npz`); read and written
 ``.msh``          Gmsh 2.2 and 4.1, ASCII and binary; physical groups become patches (:mod:`.gmsh`)
 ``.su2``          SU2; markers become patches (:mod:`.su2`)
-``.cgns``         one unstructured zone, read with the extra ``mesh``; families become patches (:mod:`.cgns`)
+``.cgns``         an unstructured zone, read with the extra ``mesh``; families become patches (:mod:`.cgns`)
 folders, ``.foam``  OpenFOAM's polyMesh, ASCII and binary (:mod:`.polymesh`)
 ``.vtk``, ``.vtu``  read with the extra ``mesh``; patches from arrays with agreed names (:mod:`.vtk`)
 ``.vtu``, ``.pvd``  written for ParaView (:mod:`.vtu`)

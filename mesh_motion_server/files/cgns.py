@@ -1,4 +1,4 @@
-"""CGNS files in HDF5 with one unstructured zone, read by h5py (extra ``mesh``).
+"""CGNS files in HDF5, an unstructured zone of them, read by h5py (extra ``mesh``).
 
 Boundary conditions become patches by the names of their families; where Gmsh wrote the file, a family in turn names its
 physical group. A zone without boundary conditions has its sections of lower dimension as patches, by their names, of
@@ -10,6 +10,7 @@ https://cgns.github.io/CGNS_docs_current/sids/index.html
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from mesh_motion_server.files.cgns_faces import NumberedFaces, join_faces
 from mesh_motion_server.files.cgns_tree import Node, open_cgns
 from mesh_motion_server.files.face_cells import find_cells
 from mesh_motion_server.files.face_pieces import divide
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble
+from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble, chosen_zone
 from mesh_motion_server.numerics.cells import CELL_TYPES
 
 __all__ = ["coordinate_nodes", "read_cgns", "the_zone"]
@@ -29,35 +30,38 @@ _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 _Facets = dict[str, dict[str, list[IntArray]]]
 
 
-def read_cgns(path: Path) -> MeshFile:
-    """Read a mesh from ``.cgns``.
+def read_cgns(path: Path, zone: str = "") -> MeshFile:
+    """Read a mesh from ``.cgns``; of several zones one by its name or number.
 
     Raises
     ------
     InvalidInput
-        Without h5py, for ADF files, several bases or zones, structured zones, other elements, and damaged files.
+        Without h5py, for ADF files, several bases, several zones of which none is chosen, structured zones, other
+        elements, and damaged files.
     """
     with open_cgns(path) as root:
-        base, zone = the_zone(root)
-        points = _points(zone)
-        parts = [part for section in zone.children("Elements_t") for part in read_elements(section)]
+        base, node = the_zone(root, zone)
+        points = _points(node)
+        parts = [part for section in node.children("Elements_t") for part in read_elements(section)]
         listed = [part for part in parts if isinstance(part, ListedElements)]
         fixed = [part for part in parts if isinstance(part, Elements)]
         for part in fixed:
-            _check_nodes(zone, part, len(points))
-        if listed:
-            return _polyhedral(path, base, zone, points, listed, fixed)
-        return _simple(path, base, zone, points, fixed)
+            _check_nodes(node, part, len(points))
+        mesh = (
+            _polyhedral(path, base, node, points, listed, fixed) if listed else _simple(path, base, node, points, fixed)
+        )
+        return replace(mesh, zone=node.name)
 
 
-def the_zone(root: Node) -> tuple[Node, Node]:
-    """The only base and its only zone, which must be unstructured."""
+def the_zone(root: Node, name: str) -> tuple[Node, Node]:
+    """The only base and its zone with a name, which must be unstructured; none is needed for an only one."""
     base = root.only("CGNSBase_t", "bases")
-    zone = base.only("Zone_t", "zones", "join them, or write one file for each zone")
+    zones = {zone.name: zone for zone in base.children("Zone_t")}
+    zone = zones[chosen_zone(root.path, list(zones), name)]
     kind = zone.child("ZoneType")
-    name = kind.text() if kind is not None else "Structured"
-    if name != "Unstructured":
-        raise zone.refused(f"a zone of type {name}", "convert it to unstructured cells; these are moved")
+    known = kind.text() if kind is not None else "Structured"
+    if known != "Unstructured":
+        raise zone.refused(f"a zone of type {known}", "convert it to unstructured cells; these are moved")
     return base, zone
 
 

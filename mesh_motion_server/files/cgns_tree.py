@@ -24,7 +24,7 @@ from mesh_motion_server.files.packages import load_h5py, reason_of
 
 __all__ = ["Node", "open_cgns"]
 
-_ADF = b"@(#)ADF"
+_ADF = b"\xc0\xa8\xa3\xa9ADF"  # "@(#)ADF" with high bits
 _DATA = " data"
 #: CGNS' own links are nodes of this type, with HDF5's link under this name.
 _LINK, _LINK_DATA = b"LK", " link"

@@ -173,7 +173,7 @@ def check_move_cgns(path: Path, mesh: MeshFile) -> None:
 
 def _own_coordinates(mesh: MeshFile, root: Any) -> list[Node]:
     """The nodes of the coordinates, all in the root's own file."""
-    nodes = coordinate_nodes(the_zone(Node(mesh.path, "/", root))[1])
+    nodes = coordinate_nodes(the_zone(Node(mesh.path, "/", root), mesh.zone)[1])
     for node in nodes:
         if node.group.file != root:
             raise node.refused(

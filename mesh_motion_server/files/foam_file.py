@@ -249,7 +249,7 @@ _BLANKS = bytes.maketrans(b"()", b"  ")
 
 
 def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
-    """The named dictionaries of a list ``n ( name { key value; … } … )``; of nested ones nothing is kept.
+    """The named dictionaries of a list ``n ( name { key value; … } … )``, the count optional; nested ones are dropped.
 
     Raises
     ------
@@ -258,7 +258,8 @@ def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
     """
     tokens = iter(_TOKEN.findall(_COMMENT.sub(b"", file.body).decode("utf-8", errors="replace")))
     found: list[tuple[str, dict[str, str]]] = []
-    if not next(tokens, "").isdigit() or next(tokens, "") != "(":
+    first = next(tokens, "")
+    if (next(tokens, "") if first.isdigit() else first) != "(":
         raise file.refused("expected the number of patches and '('")
     for name in tokens:
         if name == ")":

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 
-__all__ = ["MeshFile", "assemble"]
+__all__ = ["MeshFile", "assemble", "chosen_zone"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -36,6 +36,10 @@ class MeshFile:
         {patch: {type: nodes}}: the facets of the patches, where the file says them.
     periodic : tuple of str
         Patches that the file says are one side of a period.
+    zone : str
+        Which of the file's zones it is; "" in formats without zones.
+    notes : tuple of str
+        What was left out or named, a line each.
     """
 
     points: FloatArray
@@ -44,6 +48,8 @@ class MeshFile:
     path: Path
     facets: dict[str, dict[str, IntArray]] = field(default_factory=dict)
     periodic: tuple[str, ...] = ()
+    zone: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:
@@ -59,6 +65,14 @@ class MeshFile:
     def cell_table(self) -> CellTable:
         """The cells as the numerics take them."""
         return CellTable.from_arrays(self.cells)
+
+    def oriented(self) -> MeshFile:
+        """The mesh with the mirror image of each cell that is listed the other way round."""
+        # imported here: whoever only reads meshes has no compiler
+        from mesh_motion_server.numerics.orientation import oriented  # noqa: PLC0415
+
+        cells = {block.type.name: block.nodes for block in oriented(self.points, self.cell_table).cells}
+        return replace(self, cells={name: cells[name] for name in self.cells})
 
     def __post_init__(self) -> None:
         _check_points(self.points, self.path)
@@ -77,10 +91,7 @@ def assemble(
     """Make a mesh of a foreign file's content: cells of all dimensions, always three coordinates.
 
     The cells of the highest dimension are the mesh. Coordinates beyond that dimension are dropped, which needs them to
-    be constant. If every cell of a type is numbered the other way round (the mirror image of the order in
-    :mod:`~mesh_motion_server.numerics.cells`, as meshes of reversed surfaces and some writers' wedges are), the type is
-    renumbered; a type of which only some cells are reversed is left alone, since those cells are inverted. Of the
-    ``facets`` of patches those of one dimension less than the mesh's are kept.
+    be constant. Of the ``facets`` of patches those of one dimension less than the mesh's are kept.
 
     Raises
     ------
@@ -93,9 +104,30 @@ def assemble(
     dimension = max(CELL_TYPES[name].dimension for name in used)
     points = _drop_coordinates(np.asarray(points, dtype=np.float64), dimension, path)
     used = {name: nodes for name, nodes in used.items() if CELL_TYPES[name].dimension == dimension}
-    mesh = MeshFile(points, used, {name: np.unique(nodes) for name, nodes in patches.items()}, path)
-    oriented = {name: _orient(name, nodes, mesh.points) for name, nodes in mesh.cells.items()}
-    return MeshFile(mesh.points, oriented, mesh.patches, path, _facets(facets or {}, dimension - 1))
+    nodes_of = {name: np.unique(nodes) for name, nodes in patches.items()}
+    return MeshFile(points, used, nodes_of, path, _facets(facets or {}, dimension - 1))
+
+
+def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
+    """The zone of a file that is asked for, by its name or its number from 1; of an only one nothing has to be said.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the zones that there are.
+    """
+    if not zone and len(names) == 1:
+        return names[0]
+    if zone in names:
+        return zone
+    if zone.isdecimal() and 1 <= int(zone) <= len(names):
+        return names[int(zone) - 1]
+    listed = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
+    asked = f"no zone {zone!r}; " if zone else ""
+    raise InvalidInput(
+        f"{path}: {asked}{len(names)} zone{'s' if len(names) > 1 else ''}: {listed}",
+        hint='choose one: zone = "…" in [mesh] of the case, --zone of check and convert' if names else "",
+    )
 
 
 def _facets(facets: Mapping[str, Mapping[str, IntArray]], dimension: int) -> dict[str, dict[str, IntArray]]:
@@ -105,26 +137,6 @@ def _facets(facets: Mapping[str, Mapping[str, IntArray]], dimension: int) -> dic
         for patch, of in facets.items()
     }
     return {patch: of for patch, of in found.items() if of}
-
-
-#: Node orders that turn a cell of each type into its mirror image.
-_MIRROR: dict[str, tuple[int, ...]] = {
-    "line": (1, 0),
-    "triangle": (0, 2, 1),
-    "quad": (0, 3, 2, 1),
-    "tetra": (0, 2, 1, 3),
-    "hexahedron": (4, 5, 6, 7, 0, 1, 2, 3),
-    "wedge": (0, 2, 1, 3, 5, 4),
-    "pyramid": (0, 3, 2, 1, 4),
-}
-
-
-def _orient(name: str, nodes: IntArray, points: FloatArray) -> IntArray:
-    """(m, k) the cells, mirrored when every one of them has a negative size."""
-    corners = points[nodes[:, CELL_TYPES[name].corner_array]]  # (m, corners, d + 1, d)
-    with np.errstate(over="ignore", invalid="ignore"):  # absurd coordinates are the mesh check's matter
-        sizes = np.linalg.det(corners[:, :, 1:] - corners[:, :, :1]).sum(axis=1)
-    return np.ascontiguousarray(nodes[:, _MIRROR[name]]) if bool(np.all(sizes < 0)) else nodes
 
 
 def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatArray:

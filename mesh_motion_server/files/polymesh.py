@@ -82,6 +82,7 @@ def read_face_mesh(folder: Path) -> FaceMesh:
     n_faces = len(starts) - 1
     owner = FoamFile.find(folder, "owner").labels(at_most=n_faces)
     neighbour = FoamFile.find(folder, "neighbour").labels(at_most=n_faces)
+    neighbour = neighbour[: len(neighbour) - int(np.argmax(np.append(neighbour[::-1] != -1, True)))]  # -1: no cell
     patches = _read_boundary(FoamFile.find(folder, "boundary"))
     decomposed = [patch.name for patch in patches if patch.kind.startswith("processor")]
     if decomposed:

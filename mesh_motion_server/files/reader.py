@@ -26,13 +26,16 @@ READERS: dict[str, Callable[[Path], MeshFile]] = {
     ".foam": read_polymesh,
 }
 
+#: Those whose files may have several zones.
+_ZONED: dict[str, Callable[[Path, str], MeshFile]] = {".su2": read_su2, ".cgns": read_cgns}
+
 
 def is_mesh(path: Path) -> bool:
     """Whether the name is that of a mesh, rather than of a case file: a known suffix, or a folder."""
     return path.suffix.lower() in READERS or path.is_dir()
 
 
-def read_mesh(path: Path | str) -> MeshFile:
+def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
     """Read a mesh with its patches.
 
     Parameters
@@ -40,6 +43,8 @@ def read_mesh(path: Path | str) -> MeshFile:
     path : path
         ``.npz``, ``.msh`` (Gmsh 2.2, 4.1), ``.su2``, ``.vtk``, ``.vtu`` or ``.cgns``; an OpenFOAM case, its ``.foam``
         file or a polyMesh folder.
+    zone : str
+        The name or number of a zone, where the file has several.
 
     Raises
     ------
@@ -55,6 +60,10 @@ def read_mesh(path: Path | str) -> MeshFile:
     if not folder and not path.is_file():
         raise InvalidInput(f"{path}: no such mesh file", hint="paths in a case file are relative to the case file")
     try:
-        return reader(path)
+        if not zone:
+            return reader(path)
+        if not folder and path.suffix.lower() in _ZONED:
+            return _ZONED[path.suffix.lower()](path, zone)
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
+    raise InvalidInput(f"{path}: zone {zone!r} is asked for, but this format has no zones", hint="leave zone out")

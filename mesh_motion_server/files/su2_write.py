@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import FloatArray, MeshFile
 from mesh_motion_server.files.patch_facets import facets_of_patches
 from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.files.su2 import key_of
 from mesh_motion_server.files.text_rows import integer_rows, real_rows
 from mesh_motion_server.numerics.cells import CELL_TYPES
 
 __all__ = ["check_su2", "move_su2", "write_su2"]
 
 _VERTEX = 1
-_NPOIN = re.compile(r"\s*NPOIN\s*=\s*(\d+)")
 
 
 def check_su2(path: Path, mesh: MeshFile) -> None:
@@ -45,10 +44,10 @@ def write_su2(path: Path, mesh: MeshFile) -> None:
 
 
 def move_su2(path: Path, mesh: MeshFile, points: FloatArray) -> None:
-    """Write the file again with other coordinates (n, d); every other character stays."""
+    """Write the file again with other coordinates (n, d) of the mesh's zone; every other character stays."""
     lines = mesh.path.read_bytes().decode("utf-8", errors="surrogateescape").splitlines(keepends=True)
     rows = iter(real_rows(points))
-    left = 0
+    left, zone = 0, mesh.zone
     for number, line in enumerate(lines):
         bare, _, comment = line.partition("%")
         if left and bare.strip():
@@ -57,7 +56,11 @@ def move_su2(path: Path, mesh: MeshFile, points: FloatArray) -> None:
             end = line[len(line.rstrip("\r\n")) :] if not comment else ""
             lines[number] = " ".join([next(rows), *rest]) + (f" %{comment}" if comment else end)
             left -= 1
-        elif found := _NPOIN.match(bare):
-            left = int(found[1])
+            continue
+        key, value = key_of(bare)
+        if key == "IZONE":
+            zone = value
+        elif key == "NPOIN" and zone == mesh.zone:
+            left = int(value.split()[0])
     with replacing(path) as file:
         file.write("".join(lines).encode("utf-8", errors="surrogateescape"))

@@ -66,7 +66,15 @@ def read_with_meshio(path: Path) -> Any:
     except OSError:
         raise
     except (Exception, SystemExit) as error:  # meshio raises every kind of error on damaged files, and may exit
-        raise InvalidInput(f"{path}: not readable as {path.suffix}: {reason_of(error)}") from None
+        raise InvalidInput(f"{path}: not readable as {path.suffix}: {_reason(error, chatter.getvalue())}") from None
+
+
+def _reason(error: BaseException, chatter: str) -> str:
+    """What meshio raised; where it exits, the first line that it printed."""
+    if isinstance(error, KeyError):
+        return f"meshio does not know {error}"
+    printed = [line.strip() for line in chatter.splitlines() if line.strip()]
+    return printed[0] if isinstance(error, SystemExit) and printed else reason_of(error)
 
 
 def _read(meshio: Any, path: Path) -> Any:

@@ -105,6 +105,8 @@ def check_target(path: Path, mesh: MeshFile | None = None) -> None:
 def write_mesh(path: Path, mesh: MeshFile) -> None:
     """Write a mesh in the format of the file's suffix; without one it is an OpenFOAM case.
 
+    Cells that are listed the other way round are written as their mirror images.
+
     Raises
     ------
     InvalidInput
@@ -112,11 +114,7 @@ def write_mesh(path: Path, mesh: MeshFile) -> None:
     ResourceError
         If the file cannot be written.
     """
-    check_target(path)
-    try:
-        _FORMATS[_kind(path)].write(path, mesh)
-    except OSError as error:
-        raise ResourceError(f"{path}: cannot be written: {error.strerror or error}") from None
+    _write(path, mesh.oriented())
 
 
 def write_moved(path: Path, mesh: MeshFile, points: NDArray[np.generic]) -> None:
@@ -145,10 +143,19 @@ def write_moved(path: Path, mesh: MeshFile, points: NDArray[np.generic]) -> None
             f"of {points.dtype} of shape {points.shape}" + (", not all finite" if real else "")
         )
     if _kind(path) != _kind(mesh.path):
-        write_mesh(path, replace(mesh, points=points.astype(np.float64)))
+        _write(path, replace(mesh.oriented(), points=points.astype(np.float64)))
         return
     check_target(path)
     try:
         _FORMATS[_kind(path)].move(path, mesh, points.astype(np.float64))
+    except OSError as error:
+        raise ResourceError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _write(path: Path, mesh: MeshFile) -> None:
+    """A new file."""
+    check_target(path)
+    try:
+        _FORMATS[_kind(path)].write(path, mesh)
     except OSError as error:
         raise ResourceError(f"{path}: cannot be written: {error.strerror or error}") from None

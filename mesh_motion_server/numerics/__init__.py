@@ -2,7 +2,8 @@
 
 :mod:`.motion` is the way in, one motion from end to end; :mod:`.method` has its choices. What it goes through::
 
-    the mesh            cells.py, roles.py, mesh_check.py, patch_check.py, periodic_*.py, sliding.py, boundary_layer*.py
+    the mesh            cells.py, orientation.py, roles.py, mesh_check.py, patch_check.py, periodic_*.py, sliding.py,
+                        boundary_layer*.py
     interpolation       standard_motion.py: interpolant.py with kernels.py, polynomial.py, factorizations/, reduction/,
                         two_scale/; many points at once in evaluation.py, summation.py, far_field/, volume_reduction/
     prediction          prediction.py, many_steps.py, sampling/

@@ -2,7 +2,8 @@
 
 Cells with positive corners may still fill it, going twice round some node: the mesh then overlaps itself. The volume
 inside a closed surface is V = 1/d ∮ x · n dA (the divergence theorem); with normals that point out of the mesh it is
-positive for an outer boundary and negative for a hole, and keeps its sign as long as the mesh is valid.
+positive for an outer boundary and negative for a hole, and keeps its sign as long as the mesh is valid. The two sides
+of a baffle are a hole that encloses nothing; when they part, V becomes negative.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ __all__ = ["overturned_place"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+#: Of a part's contributions, what their sum has lost to rounding.
+_ROUNDING = 1e-12
 
 
 def overturned_place(
@@ -42,8 +46,8 @@ def overturned_place(
     parts = _parts(rows, len(points))
     whole = np.ones(parts.max() + 1, dtype=bool)
     whole[parts[~_all_of(told, rows)]] = False
-    before, after = (np.bincount(parts, _contributions(places, rows)) for places in (reference, points))
-    lost = np.flatnonzero(whole & (before * after <= 0.0))
+    before, after = (_signs(parts, _contributions(places, rows)) for places in (reference, points))
+    lost = np.flatnonzero(whole & np.where(before == 0.0, after > 0.0, before * after <= 0.0))
     if not len(lost):
         return None
     nodes = np.unique(rows[parts == lost[0]])
@@ -72,6 +76,12 @@ def _parts(rows: Ints, count: int) -> Ints:
 def _all_of(chosen: NDArray[np.bool_], rows: Ints) -> NDArray[np.bool_]:
     """(f,) whether all nodes of a facet are chosen."""
     return np.asarray(np.all(chosen[rows] | (rows < 0), axis=1))
+
+
+def _signs(parts: Ints, contributions: Floats) -> Floats:
+    """(p,) sign of the volume of each part, 0 where only rounding is left of its contributions (f,)."""
+    volume, largest = np.bincount(parts, contributions), np.bincount(parts, np.abs(contributions))
+    return np.where(np.abs(volume) <= _ROUNDING * largest, 0.0, np.sign(volume))
 
 
 def _contributions(places: Floats, rows: Ints) -> Floats:

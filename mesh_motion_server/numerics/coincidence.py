@@ -1,20 +1,21 @@
-"""Finding points that coincide."""
+"""Points at the same place: duplicated nodes of a wake, of the two sides of an interface or of a baffle."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["first_coincident_pair"]
+__all__ = ["first_at_place"]
 
-# rounding of coordinates that were written as text with 12 digits or transformed, relative to the extent
-_SAME_PLACE = 1e-12
-_TINY = np.finfo(np.float64).tiny
+# rounding of coordinates, relative to the extent
+_SAME_PLACE = 1e-13
 
 
-def first_coincident_pair(points: NDArray[np.float64], extent: float) -> tuple[int, int] | None:
-    """Two points closer to each other than 10⁻¹² of an extent.
+def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int64]:
+    """For each point the lowest number of those at its place: closer than 10⁻¹³ of an extent, directly or in a chain.
 
     Parameters
     ----------
@@ -23,31 +24,18 @@ def first_coincident_pair(points: NDArray[np.float64], extent: float) -> tuple[i
 
     Returns
     -------
-    (int, int) or None
-        The pair with the lowest first number, that one first.
+    (n,) int64 array
     """
-    if len(points) < 2:
-        return None
-    exact = _identical(points)
-    if exact is not None:
-        return exact
-    # distinct points only from here on: a tree over many identical ones would take quadratic time
-    limit = _SAME_PLACE * extent
-    # nothing is looked for further away than twice the limit, which is most of the search
-    distance, neighbour = cKDTree(points).query(points, k=2, distance_upper_bound=max(2 * limit, _TINY))
-    close = np.flatnonzero(distance[:, 1] <= limit)
-    if not len(close):
-        return None
-    first = int(close[0])
-    return first, int(neighbour[first, neighbour[first] != first][0])
-
-
-def _identical(points: NDArray[np.float64]) -> tuple[int, int] | None:
-    """As above for points with equal coordinates."""
-    order = np.lexsort(points.T)
-    same = np.flatnonzero((points[order[1:]] == points[order[:-1]]).all(axis=1))
-    if not len(same):
-        return None
-    pairs = np.sort(np.column_stack([order[same], order[same + 1]]), axis=1)
-    first = pairs[np.lexsort(pairs.T[::-1])[0]]
-    return int(first[0]), int(first[1])
+    place = np.arange(len(points))
+    order = np.lexsort(points.T)  # identical points first: a tree of many takes quadratic time
+    same = np.r_[False, (points[order[1:]] == points[order[:-1]]).all(axis=1)]
+    place[order] = np.minimum.reduceat(order, np.flatnonzero(~same))[np.cumsum(~same) - 1]
+    distinct = np.flatnonzero(place == np.arange(len(points)))
+    a, b = cKDTree(points[distinct]).query_pairs(_SAME_PLACE * extent, output_type="ndarray").T
+    if not len(a):
+        return place
+    near = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(distinct), len(distinct)))
+    count, group = connected_components(near, directed=False)
+    first = np.full(count, len(points))
+    np.minimum.at(first, group, distinct)
+    return np.asarray(first[group][np.searchsorted(distinct, place)])

@@ -11,7 +11,7 @@ them. That is rarely wanted at a wall, hence the warning.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numba import njit
@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.coincidence import first_coincident_pair
+from mesh_motion_server.numerics.coincidence import first_at_place
 from mesh_motion_server.numerics.metrics import cell_quality, quality_extremes, reference_sizes
+from mesh_motion_server.numerics.orientation import OrientedCells, oriented
 from mesh_motion_server.numerics.patch_check import check_patches, patch_warnings
 from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.roles import Patch
@@ -41,13 +42,16 @@ class CheckedMesh(NamedTuple):
 
     Attributes
     ----------
-    warnings : list of str
+    cells : CellTable
+        In one orientation (:mod:`.orientation`); everything behind the check computes with these.
     reference_sizes : (m,) array
         Of :func:`~mesh_motion_server.numerics.metrics.reference_sizes`, all positive.
+    warnings : list of str
     """
 
-    warnings: list[str]
+    cells: CellTable
     reference_sizes: NDArray[np.float64]
+    warnings: list[str]
 
 
 def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
@@ -67,24 +71,28 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     Returns
     -------
     CheckedMesh
-        Warnings: orphan nodes, patch nodes inside the mesh, boundary nodes without a patch, patches that share nodes.
+        Warnings: cells listed the other way round, boundary nodes at the same place, orphan nodes, patch nodes inside
+        the mesh, boundary nodes without a patch, patches that share nodes.
 
     Raises
     ------
     InvalidInput
         ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is no number; ``.MESH_DEGENERATE`` for node
-        indices out of range, repeated nodes in a cell, inverted or flat cells, facets of more than two cells, and
-        boundary nodes that coincide; ``.MESH`` for an extent that leaves the floating-point range and for patches
-        (unknown role, no or repeated nodes, nothing moving).
+        indices out of range, repeated nodes in a cell, inverted or flat cells, and facets of more than two cells;
+        ``.MESH`` for an extent that leaves the floating-point range and for patches (unknown role, no or repeated
+        nodes, nothing moving).
     """
     _check_points(points, cells.dimension)
     _check_extent(points)
     _check_indices(len(points), cells)
-    sizes = _checked_sizes(points, cells)
+    listed, read = cells, oriented(points, cells)
+    cells, sizes = read.cells, read.sizes
+    _check_geometry(points, cells, sizes)
     check_patches(len(points), patches)
-    boundary = boundary_nodes(cells)
-    _check_coincidence(points, np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()])))
-    return CheckedMesh([*_orphans(len(points), cells), *patch_warnings(boundary, patches)], sizes)
+    boundary = _boundary_of(points, listed, read)
+    told = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
+    odd = [*read.warnings, *_coincident(points, told), *_orphans(len(points), cells)]
+    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches)])
 
 
 def _check_points(points: NDArray[np.float64], dimension: int) -> None:
@@ -154,16 +162,25 @@ def _check_indices(n: int, cells: CellTable) -> None:
             )
 
 
-def _checked_sizes(points: NDArray[np.float64], cells: CellTable) -> NDArray[np.float64]:
-    """Reference sizes (m,), after every corner determinant was found positive and no cell flat."""
-    sizes = reference_sizes(points, cells)
+def _check_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> None:
+    """Every corner determinant positive and no cell flat; sizes (m,)."""
     extremes = quality_extremes(points, cells, sizes, "skew")  # in one pass that stores nothing
     if extremes.inverted or not extremes.minimum > _FLAT_SKEW:
         _refuse_geometry(points, cells, sizes)
-    return sizes
 
 
-def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> None:
+def _boundary_of(points: NDArray[np.float64], listed: CellTable, read: OrientedCells) -> NDArray[np.int64]:
+    """(b,) nodes of the boundary. Mirrored cells that then overlap their neighbours were inverted: a folded mesh."""
+    try:
+        return boundary_nodes(read.cells)
+    except InvalidInput as error:
+        named = error.details.get("cells")
+        if isinstance(named, list) and np.isin(named, read.mirrored).any():
+            _refuse_geometry(points, listed, reference_sizes(points, listed))
+        raise
+
+
+def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> NoReturn:
     """Name the first bad cell."""
     quality = cell_quality(points, cells, sizes)
     bad = quality.inverted | ~(quality.skew > _FLAT_SKEW)
@@ -179,34 +196,31 @@ def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArr
         f"{determinants.min():.4g}, expected a positive one; its size is {size:.4g}"
         f" ({count} such cell{'s' if count > 1 else ''} of {len(cells)})",
         code="INVALID_ARGUMENT.MESH_DEGENERATE",
-        hint=_inversion_hint(cells, bad, count),
+        hint=_inversion_hint(cells, bad),
         details={"cell": cell, "determinant": float(determinants.min()), "size": size, "count": count},
     )
 
 
-def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_], count: int) -> str:
+def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
     """What a mesh with these bad cells most likely suffers from."""
-    if count == len(cells):
-        return "all cells are inverted: their node order is mirrored, reverse it"
     for block, first in zip(cells.blocks, cells.offsets, strict=False):
         if bad[first : first + len(block)].all():
             return f"all cells of type {block.type.name!r} are: their node order differs from VTK's and Gmsh's"
     return "mesh the domain anew, or repair these cells"
 
 
-def _check_coincidence(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> None:
-    """No two boundary or patch nodes at the same place: the interpolation matrix would be singular."""
-    pair = first_coincident_pair(points[nodes], float(np.ptp(points, axis=0).max()))
-    if pair is None:
-        return
-    a, b = sorted(int(nodes[i]) for i in pair)
-    distance = float(np.linalg.norm(points[a] - points[b]))
-    raise InvalidInput(
-        f"the boundary nodes {a} and {b} are at the same place, {points[a].tolist()} (distance {distance:.3g})",
-        code="INVALID_ARGUMENT.MESH_DEGENERATE",
-        hint="merge them; a surface without thickness has to be given a thickness",
-        details={"nodes": [a, b], "distance": distance},
-    )
+def _coincident(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> list[str]:
+    """A warning for boundary or patch nodes (b,) at the same place: two sides of an interface, a baffle or a wake."""
+    first = nodes[first_at_place(points[nodes], float(np.ptp(points, axis=0).max()))]
+    others = np.flatnonzero(first != nodes)
+    if not len(others):
+        return []
+    pair, left = f"{first[others[0]]} and {nodes[others[0]]}", len(others) - 1
+    more = f" and {left} more pair{'s' if left > 1 else ''}" if left else ""
+    return [
+        f"the boundary nodes {pair}{more} are at the same place; they are interpolated as one, and each moves as it is "
+        "told"
+    ]
 
 
 def _orphans(n: int, cells: CellTable) -> list[str]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.coincidence import first_at_place
 from mesh_motion_server.numerics.correction_problem import check_placement
 from mesh_motion_server.numerics.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolant import chosen_polynomial
@@ -63,7 +64,7 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         the enrichment points that the correction has not, a far field beside two scales, a correction that cannot be
         smooth in time, a boundary layer with a predictor that needs gradients, or sub-steps without a correction; with
         periodic patches on a basis without compact support, a polynomial, a reduction, or the solvers "iterative" and
-        "two-scale".
+        "two-scale". ``.MESH_DEGENERATE`` on boundary nodes at the same place, where only distinct ones will do.
     ResourceError
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
@@ -87,6 +88,7 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         )
     if periodic:
         _check_periodic(method, basis)
+    _check_places(method, basis, points, roles, periodic=periodic)
 
 
 def _checked_basis(method: Method, dimension: int) -> Basis:
@@ -241,3 +243,31 @@ def _check_periodic(method: Method, basis: Basis) -> None:
                 f"{key} = {getattr(method, key)!r} is not offered with periodic patches",
                 hint=f"use {key} = {' or '.join(map(repr, offered))}",
             )
+
+
+def _check_places(
+    method: Method, basis: Basis, points: NDArray[np.float64], roles: BoundaryRoles, *, periodic: bool
+) -> None:
+    """Refuse control points at the same place, but where they are interpolated as one."""
+    if method.reduction != "none":
+        reason = f"reduction = {method.reduction!r}"
+    elif method.solver not in ("auto", "two-scale"):
+        reason = f"solver = {method.solver!r}"
+    elif method.solver == "auto" and not basis.compact:
+        reason = f"basis = {method.basis!r}"
+    elif periodic:
+        reason = "a mesh with periodic patches"
+    else:
+        return
+    nodes = roles.all
+    first = nodes[first_at_place(points[nodes], float(np.ptp(points, axis=0).max()))]
+    others = np.flatnonzero(first != nodes)
+    if not len(others):
+        return
+    a, b = int(first[others[0]]), int(nodes[others[0]])
+    raise InvalidInput(
+        f"the boundary nodes {a} and {b} are at the same place, {points[a].tolist()}: {reason} needs distinct ones",
+        code="INVALID_ARGUMENT.MESH_DEGENERATE",
+        hint="merge them" if periodic else "leave it out, or merge them",
+        details={"nodes": [a, b]},
+    )

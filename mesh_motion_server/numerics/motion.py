@@ -120,7 +120,7 @@ class MotionModel:
         InvalidInput
             When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        warnings, sizes = checked_mesh(points, cells, patches)
+        cells, sizes, warnings = checked_mesh(points, cells, patches)
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.observation.mesh_surface import Surface, cells_surface, sides_surface
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal_files import SLOTS, read_journal, verified_state
@@ -130,7 +131,8 @@ class StoredMesh:
         foundation = read_journal(folder, self._files).ledger.foundation
         _check_size(folder / "mesh.bin", most_bytes)
         self._mesh = merge(read_mesh(folder / "mesh.bin", self._files, foundation.mesh))
-        self._sizes = cells_at_rest(self._mesh.points, self._mesh.cells)
+        self._cells, sizes, _ = oriented(self._mesh.points, self._mesh.cells)
+        self._sizes = cells_at_rest(self._mesh.points, self._cells, sizes)
         self._surface: Surface | None = None
 
     def look(self) -> MeshView:
@@ -142,7 +144,7 @@ class StoredMesh:
             If its files do not verify.
         """
         step, committed, points = self._coordinates()
-        method, cells = self._spec.settings, self._mesh.cells
+        method, cells = self._spec.settings, self._cells
         judged = cell_quality(points, cells, self._sizes)
         quality = judged.metric(method.quality_metric)
         ranked = np.where(judged.inverted, np.minimum(quality, 0.0) - 1.0, quality)
@@ -207,7 +209,7 @@ class StoredMesh:
 
         ``quality`` (m,) ranks the cells: the inverted ones are to lie below all others.
         """
-        cells, flat = self._mesh.cells, self._mesh.cells.dimension < 3
+        cells, flat = self._cells, self._cells.dimension < 3
         whole = len(cells) <= MOST_CELLS
         if flat and whole:
             self._surface = self._surface or cells_surface(cells)

@@ -14,6 +14,7 @@ from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.orientation import oriented
 from mesh_motion_server.pictures.before_after import MeshPair
 from mesh_motion_server.pictures.runs import read_played
 from mesh_motion_server.pictures.snapshot import Snapshot
@@ -76,7 +77,8 @@ def pair_of(
     """
     if cells.dimension < 2:
         raise InvalidInput("a mesh of one dimension has no picture", hint="--show history draws its quality")
-    sizes = cells_at_rest(reference, cells)
+    cells, own, _ = oriented(reference, cells)
+    sizes = cells_at_rest(reference, cells, own)
     edge = boundary_nodes(cells)
     far = np.abs(after[edge] - before[edge]).max(axis=1) > _MOVED * float(np.ptp(reference, axis=0).max())
     judged = [cell_quality(points, cells, sizes) for points in (before, after)]

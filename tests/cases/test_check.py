@@ -8,7 +8,7 @@ import pytest
 
 from mesh_motion_server.cases.check import check, estimate_costs
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh, write_npz
+from mesh_motion_server.files import read_mesh, write_mesh, write_npz
 
 
 def test_a_good_case_is_described(make_case) -> None:
@@ -49,15 +49,12 @@ def spoil(mesh, kind: str):
     triangles = mesh.cells["triangle"].copy()
     points = mesh.points.copy()
     if kind == "inverted":
-        triangles[3] = triangles[3, ::-1]
+        held = np.concatenate(list(mesh.patches.values()))
+        points[np.setdiff1d(triangles, held)[0]] += 10.0  # a node inside leaves the domain
     elif kind == "repeated":
         triangles[3, 1] = triangles[3, 0]
     elif kind == "flat":
         points[triangles[3, 2]] = points[triangles[3, :2]].mean(axis=0)
-    elif kind == "duplicated":
-        block = mesh.patches["block"]
-        points = np.vstack([points, points[block[:1]]])
-        return replace(mesh, points=points, patches={**mesh.patches, "block": np.append(block, len(points) - 1)})
     return replace(mesh, points=points, cells={"triangle": triangles})
 
 
@@ -67,7 +64,6 @@ def spoil(mesh, kind: str):
         ("inverted", "inverted"),
         ("repeated", "names a node twice"),
         ("flat", "inverted or degenerate|flat"),
-        ("duplicated", "same place"),
     ],
 )
 @pytest.mark.parametrize("of_the_mesh", [False, True])
@@ -81,6 +77,45 @@ def test_an_unusable_mesh_is_refused_by_its_first_offender(
         check(mesh.path if of_the_mesh else path)
     assert "\n" not in str(caught.value)
     assert "mesh.npz" in str(caught.value)
+
+
+def test_a_case_chooses_one_zone_of_its_mesh(make_case) -> None:
+    path = make_case(('file = "mesh.npz"', 'file = "mesh.su2"\nzone = "2"'))
+    mesh = read_mesh(path.parent / "mesh.npz")
+    write_mesh(path.parent / "one.su2", mesh)
+    text = (path.parent / "one.su2").read_text(encoding="utf-8")
+    both = f"NZONE= 2\nIZONE= 1\n{text.replace('block', 'other')}IZONE= 2\n{text}"
+    (path.parent / "mesh.su2").write_text(both, encoding="utf-8")
+    report = check(path)
+    assert report.roles == {"block": "moving", "outer": "fixed"}
+    with pytest.raises(InvalidInput, match=r"mesh\.su2: 2 zones: 1, 2"):
+        check(path.parent / "mesh.su2")
+    assert list(check(path.parent / "mesh.su2", "1").mesh.patches) == ["other", "outer"]
+
+
+@pytest.mark.parametrize("of_the_mesh", [False, True])
+def test_what_solvers_accept_is_accepted_with_a_line_for_each(make_case, of_the_mesh: bool) -> None:
+    path = make_case()
+    mesh = read_mesh(path.parent / "mesh.npz")
+    triangles, block = mesh.cells["triangle"].copy(), mesh.patches["block"]
+    triangles[::3] = triangles[::3, ::-1]
+    patches = {**mesh.patches, "block": np.append(block, len(mesh.points))}
+    points = np.vstack([mesh.points, mesh.points[block[:1]]])
+    write_npz(mesh.path, replace(mesh, points=points, cells={"triangle": triangles}, patches=patches))
+    warnings = check(mesh.path if of_the_mesh else path).warnings
+    assert [line for line in warnings if "triangles were listed clockwise" in line]
+    assert [line for line in warnings if "are at the same place; they are interpolated as one" in line]
+    assert [line for line in warnings if "1 node belongs to no cell" in line]
+
+
+def test_nodes_at_the_same_place_are_refused_where_only_distinct_ones_will_do(make_case) -> None:
+    path = make_case(("0.6", '0.6\nsolver = "dense"'))
+    mesh = read_mesh(path.parent / "mesh.npz")
+    patches = {**mesh.patches, "block": np.append(mesh.patches["block"], len(mesh.points))}
+    points = np.vstack([mesh.points, mesh.points[mesh.patches["block"][:1]]])
+    write_npz(mesh.path, replace(mesh, points=points, patches=patches))
+    with pytest.raises(InvalidInput, match=r"are at the same place, \[.*\]: solver = 'dense' needs distinct ones"):
+        check(path)
 
 
 def test_an_unknown_basis_and_a_missing_file(make_case, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.cases.check import check
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import MeshFile, memory, read_mesh, write_mesh
+from mesh_motion_server.files import MeshFile, memory, read_mesh, write_mesh, write_moved
 from mesh_motion_server.files.cgns_write import add_node, new_cgns
 from mesh_motion_server.files.polymesh import read_face_mesh
 from mesh_motion_server.numerics.cells import CELL_TYPES
@@ -382,6 +382,21 @@ def test_what_does_not_fit_is_refused_in_one_line(tmp_path: Path, fill: Any, mes
     assert str(path) in str(caught.value)
 
 
+def test_one_zone_of_several_is_chosen_and_moved(tmp_path: Path) -> None:
+    def fill(base: Any, zone: Any) -> None:
+        tetra(base, zone)
+        base.copy(zone, base, "Wake")
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    path = make(tmp_path / "m.cgns", points, fill)
+    for zone in ("Wake", "2"):
+        mesh = read_mesh(path, zone)
+        assert mesh.zone == "Wake"
+        write_moved(tmp_path / "moved.cgns", mesh, points + 1.0)
+        np.testing.assert_array_equal(read_mesh(tmp_path / "moved.cgns", "Wake").points, points + 1.0)
+        np.testing.assert_array_equal(read_mesh(tmp_path / "moved.cgns", "Zone").points, points)
+
+
 def test_arrays_of_nothing_but_zeros_are_bounded_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """HDF5 packs them by a factor of a thousand: a plane's z is such an array, a bomb of many gigabytes another."""
     path = make(tmp_path / "m.cgns", np.zeros((1_000_000, 3)), tetra)
@@ -486,7 +501,7 @@ def test_one_array_under_many_names_is_bounded(tmp_path: Path, monkeypatch: pyte
 
 def test_other_files_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "m.cgns"
-    path.write_bytes(b"....@(#)ADF Database Version A02011>" + b" " * 100)
+    path.write_bytes(b"\xc0\xa8\xa3\xa9ADF Database Version A02011>" + b" " * 100)
     with pytest.raises(InvalidInput, match=r"old ADF format \(adf2hdf m\.cgns"):
         read_mesh(path)
     for content in (b"", b"hello", b"\x89HDF\r\n\x1a\n" + b"\0" * 50):

@@ -250,6 +250,15 @@ def test_one_tetrahedron_written_by_hand(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_mesh(tmp_path).cells["tetra"], mesh.cells["tetra"])
 
 
+def test_older_forms_are_read(tmp_path: Path) -> None:
+    """Faces of the boundary with the neighbour -1, and a list of patches without its length."""
+    plain = read_mesh(tetra(tmp_path / "plain"))
+    boundary = TETRA["boundary"][1].lstrip("0123456789")
+    older = read_mesh(tetra(tmp_path / "older", neighbour="4(-1 -1 -1 -1)", boundary=boundary))
+    np.testing.assert_array_equal(older.cells["tetra"], plain.cells["tetra"])
+    assert list(older.patches) == list(plain.patches)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

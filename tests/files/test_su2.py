@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh
+from mesh_motion_server.files import read_mesh, write_moved
+
+REFERENCES = Path(__file__).parents[1] / "references"
 
 SQUARE = """% two triangles and a quad, element and node numbers at the ends as older writers leave them
 NDIME= 2
@@ -102,7 +104,7 @@ def test_gmsh_writes_we_read(tmp_path: Path) -> None:
         ("5 0 1 4 0", "5 0 1 9 0", "row 0 names node 9"),
         ("0.5 1.0 4", "0.5 one 4", "malformed"),
         ("0.5 1.0 4", "0.5 nan 4", "node 4 has y = nan"),
-        ("NDIME= 2", "NZONE= 2\nNDIME= 2", "2 zones"),
+        ("MARKER_ELEMS= 2", "MARKER_ELEMS= 3", "MARKERELEMS= 3, but only 2 rows"),
     ],
 )
 def test_damaged_files_give_one_clear_line(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -114,3 +116,78 @@ def test_damaged_files_give_one_clear_line(tmp_path: Path, old: str, new: str, m
 def test_an_empty_file_has_no_cells(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no cells"):
         read_mesh(su2(tmp_path, ""))
+
+
+def with_rows(text: str, *changes: tuple[str, str]) -> str:
+    """The file with other lines."""
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def test_what_solvers_do_not_mind(tmp_path: Path) -> None:
+    """Other spellings, blanks, missing numbers, boxes that deform, markers without a name or without elements."""
+    text = with_rows(
+        SQUARE,
+        ("NDIME= 2", "NDIME  =2\n\n   % nothing"),
+        ("5 0 1 4 0\n", "  5\t0  1   4\n"),
+        ("0.0 1.0 3\n", "0.0 1.0\n"),
+        ("MARKER_TAG= far", "MARKERTAG=  "),
+        ("NMARK= 3", "NMARK= 4\nMARKER_TAG= empty\nMARKER_ELEMS= 0\nSEND_RECV= 0"),
+    )
+    text += "FFD_NBOX= 1\nFFD_TAG= BOX\nFFD_CORNER_POINTS= 2\n0.0 0.0\n1.0 1.0\nNPERIODIC= 1\n0.0 0.0 0.0\n"
+    mesh, plain = read_mesh(su2(tmp_path, text)), read_mesh(su2(tmp_path, SQUARE))
+    np.testing.assert_array_equal(mesh.points, plain.points)
+    np.testing.assert_array_equal(mesh.cells["triangle"], plain.cells["triangle"])
+    assert list(mesh.patches) == ["lower wall", "unnamed", "pin"]
+    np.testing.assert_array_equal(mesh.patches["unnamed"], plain.patches["far"])
+    assert mesh.notes == (
+        "marker 'empty' has no elements: it is no patch",
+        "a marker without a name is the patch 'unnamed'",
+    )
+
+
+def test_a_halo_of_older_releases_is_left_out(tmp_path: Path) -> None:
+    """Nodes 6 and 7 are images of 0 and 3, and the second quadrilateral is one of the first."""
+    text = with_rows(
+        SQUARE,
+        ("NELEM= 3", "NELEM= 4"),
+        ("9 1 2 5 4 2\n", "9 1 2 5 4 2\n9 2 6 7 5 3\n"),
+        ("NPOIN= 6 6", "NPOIN= 8\t6"),
+        ("1.0 1.0 5\n", "1.0 1.0 5\n1.5 0.0 6\n1.5 1.0 7\n"),
+        ("NMARK= 3", "NMARK= 5"),
+    )
+    text += "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 1\nSEND_TO= 1\n1 2 1\n"
+    text += "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 2\nSEND_TO= -1\n1 6 1\n1 7 1\n"
+    mesh = read_mesh(su2(tmp_path, text))
+    assert (len(mesh.points), len(mesh.cells["quad"]), list(mesh.patches)) == (8, 1, ["lower wall", "far", "pin"])
+    assert mesh.notes == ("cells of the halo (SEND_RECEIVE) that are left out: 1",)
+    images_on_a_marker = with_rows(text, ("MARKER_ELEMS= 1\n1 3", "MARKER_ELEMS= 2\n1 3\n3 6 7"))
+    assert len(read_mesh(su2(tmp_path, images_on_a_marker)).cells["quad"]) == 2
+
+
+def zones(tmp_path: Path) -> Path:
+    """The square twice, the second one at another place."""
+    other = with_rows(SQUARE, ("0.0 0.0 0", "0.0 -7.0 0"))
+    return su2(tmp_path, f"NZONE= 2\nIZONE= 1\n{SQUARE}\nIZONE= 2\n{other}")
+
+
+def test_one_zone_of_several_is_chosen(tmp_path: Path) -> None:
+    path = zones(tmp_path)
+    with pytest.raises(InvalidInput, match=r"mesh\.su2: 2 zones: 1, 2 \(choose one: zone = ") as caught:
+        read_mesh(path)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(InvalidInput, match=r"no zone '3'; 2 zones: 1, 2"):
+        read_mesh(path, "3")
+    assert [read_mesh(path, zone).points[0, 1] for zone in ("1", "2")] == [0.0, -7.0]
+    with pytest.raises(InvalidInput, match="this format has no zones"):
+        read_mesh(REFERENCES / "thesis_slab.npz", "1")
+
+
+def test_the_coordinates_of_one_zone_are_replaced(tmp_path: Path) -> None:
+    path = zones(tmp_path)
+    mesh = read_mesh(path, "2")
+    write_moved(tmp_path / "moved.su2", mesh, mesh.points + 1.0)
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2", "2").points, mesh.points + 1.0)
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2", "1").points, read_mesh(path, "1").points)

@@ -75,7 +75,7 @@ def test_our_own_files_come_back(tmp_path: Path, all_solids: Mesh) -> None:
     points, cells = all_solids
     marks = np.array([1, 1, 1, 1, *[0] * 8])
     write_vtu(tmp_path / "m.vtu", points, CellTable.from_arrays(cells), point_data={"patch_base": marks})
-    mesh = read_mesh(tmp_path / "m.vtu")
+    mesh = read_mesh(tmp_path / "m.vtu").oriented()  # meshio turns wedges over
     np.testing.assert_array_equal(mesh.points, points)
     for name, nodes in cells.items():
         np.testing.assert_array_equal(mesh.cells[name], nodes)
@@ -272,3 +272,11 @@ def test_without_meshio_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(InvalidInput, match=r"mesh-motion-server\[mesh\]"):
         read_mesh(tmp_path / "m.vtu")
+
+
+def test_why_meshio_gave_up_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    path = tmp_path / "surface.vtk"
+    path.write_text("# vtk DataFile Version 3.0\nsurface\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n0 0 0\n")
+    with pytest.raises(InvalidInput, match=r"surface\.vtk: not readable as \.vtk: .*not POLYDATA"):
+        read_mesh(path)

@@ -47,6 +47,19 @@ def test_a_collapsed_part_is_found() -> None:
     assert overturned_place({"line": RIM}, np.ones(4, dtype=bool), SQUARE, SQUARE * [1.0, 0.0]) is not None
 
 
+def test_a_baffle_may_turn_and_open_but_its_sides_do_not_change_places() -> None:
+    """Nodes 0 to 3 along the lower side, 4 and 5 back along the upper side."""
+    reference = np.array([[0.3, 0.5], [0.4, 0.5], [0.6, 0.5], [0.7, 0.5], [0.6, 0.5], [0.4, 0.5]])
+    hole = {"line": np.array([[1, 0], [2, 1], [3, 2], [4, 3], [5, 4], [0, 5]])}
+    told = np.ones(6, dtype=bool)
+    for angle in np.linspace(0.1, 3.0, 20):
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        assert overturned_place(hole, told, reference, reference @ turn) is None
+    opened = reference + np.array([[0, 0], [0, -0.1], [0, -0.1], [0, 0], [0, 0.1], [0, 0.1]])
+    assert overturned_place(hole, told, reference, opened) is None
+    np.testing.assert_allclose(overturned_place(hole, told, reference, opened * [1.0, -1.0]), [0.5, -0.5])
+
+
 def test_in_1d_there_is_nothing_to_turn() -> None:
     ends = np.array([[0.0], [1.0]])
     assert overturned_place({"vertex": np.array([[0], [1]])}, np.ones(2, dtype=bool), ends, -ends) is None

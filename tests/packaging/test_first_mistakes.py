@@ -119,9 +119,9 @@ OPENS: dict[str, tuple[Callable[[Server], Any], str]] = {
         r"'moving' \(patches: 'b'\).*give it",
     ),
     "an empty patch": (lambda s: s.open(mesh(patches={"b": Patch("moving", BLOCK[:0])})), r"patch 'b' has no nodes"),
-    "node order mirrored": (
-        lambda s: s.open(mesh(cells={"triangle": CELLS[:, ::-1]})),
-        r"cell 0 .*node order is mirrored",
+    "nodes in another order": (
+        lambda s: s.open(mesh(points=POINTS[::-1])),
+        r"cell \d+ .*inverted or degenerate",
     ),
     "a misspelt setting": (lambda s: s.open(mesh(), {"suport_radius": 1}), r"'suport_radius'.*mean 'support_radius'"),
     "a number as text": (

@@ -43,16 +43,20 @@ def bulge(driver: Any, size: float) -> list[Any]:
     ]
 
 
-@pytest.mark.parametrize("correction", ["none", "optimised"])
+@pytest.mark.parametrize(("correction", "mirrored"), [("none", 0), ("optimised", 0), ("optimised", 7)])
 def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
-    kit: Any, store: Any, correction: str
+    kit: Any, store: Any, correction: str, mirrored: int
 ) -> None:
+    """Also where every so many cells are listed clockwise."""
     whole = boxed(kit)
+    if mirrored:
+        whole.cells["triangle"][::mirrored] = whole.cells["triangle"][::mirrored, ::-1]
     settings = {"correction": correction, "quality_threshold": 0.3 if correction == "none" else 0.45}
     one = driver_of(kit, store, [whole], **settings)
     many = driver_of(kit, store, kit.split_mesh(whole, 3), "3" * 32, **settings)
     for driver in (one, many):
-        driver.open()
+        warnings = driver.open()[0].mesh["warnings"]
+        assert any("listed clockwise" in line for line in warnings) == bool(mirrored)
     for step in (1, 2):
         moved, parts = one.all(Move, bulge(one, 0.15), step=step), many.all(Move, bulge(many, 0.15), step=step)
         assert moved[0].type == "MOVED", moved[0]
@@ -102,13 +106,16 @@ def test_below_the_threshold_is_a_warning_or_a_refusal(kit: Any, store: Any, ref
 
 def test_an_inverted_cell_is_named_as_its_sender_knows_it(kit: Any, store: Any) -> None:
     mesh = boxed(kit)
-    mesh.cells["triangle"][101] = mesh.cells["triangle"][101][::-1]
+    inside = np.setdiff1d(np.arange(len(mesh.points)), np.concatenate([p.nodes for p in mesh.patches.values()]))
+    mesh.points[inside[30]] += [0.13, 0.17]  # its cells fold
+    corners = mesh.points[mesh.cells["triangle"]]
+    sizes = np.linalg.det(corners[:, 1:] - corners[:, :1])
     driver = driver_of(kit, store, [mesh])
     driver.join()
     driver.upload()
     (reply,) = driver.all(Build)
     assert reply.code == "INVALID_ARGUMENT.MESH_DEGENERATE"
-    assert reply.message.startswith("cell 101 (triangle")
+    assert reply.message.startswith(f"cell {np.argmax(sizes < 0)} (triangle")
     driver.host.close()
 
 

@@ -68,6 +68,7 @@ class _PreciceSection:
 @dataclass(frozen=True)
 class _MeshSection:
     file: str
+    zone: str = ""
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,8 @@ class Configuration:
         Longest step, time unit; infinite: a window is one step.
     method : dict
         Settings of the method, for the server to check.
+    mesh_zone : str
+        The zone of a mesh file that has several.
     """
 
     precice_config: Path
@@ -110,6 +113,7 @@ class Configuration:
     frame: Frame = "reference"
     time_step: float = float("inf")
     method: dict[str, Any] = field(default_factory=dict)
+    mesh_zone: str = ""
 
 
 def read_configuration(path: str | os.PathLike[str]) -> Configuration:
@@ -147,16 +151,18 @@ def _checked(values: dict[str, Any], folder: Path) -> Configuration:
         raise InvalidInput(f"coupling.frame must be one of {', '.join(get_args(Frame))}, got {coupling.frame!r}")
     if not coupling.time_step > 0.0:
         raise InvalidInput(f"coupling.time_step must be positive, got {coupling.time_step!r}")
+    mesh = _section(_MeshSection, values.get("mesh", {}), "mesh")
     configuration = Configuration(
         precice_config=folder / precice.config,
         participant=precice.participant,
-        mesh_file=folder / _section(_MeshSection, values.get("mesh", {}), "mesh").file,
+        mesh_file=folder / mesh.file,
         patches=_table(values.get("patches", {}), "patches"),
         surfaces=tuple(_section(Surface, entry, f"read[{number}]") for number, entry in enumerate(entries, start=1)),
         volume=_section(Volume, values.get("write", {}), "write"),
         frame=coupling.frame,
         time_step=coupling.time_step,
         method=_table(values.get("method", {}), "method"),
+        mesh_zone=mesh.zone,
     )
     _check_patches(configuration)
     return configuration

@@ -158,7 +158,7 @@ def load_mesh(configuration: Configuration) -> Mesh:
         The file cannot be read, or its patches are not those that have roles.
     """
     try:
-        file = read_mesh(configuration.mesh_file)
+        file = read_mesh(configuration.mesh_file, configuration.mesh_zone)
     except FileError as error:
         raise InvalidInput(error.message, hint=error.hint) from None
     roles = configuration.patches

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.centres import padded
+from mesh_motion_server.numerics.coincidence import first_at_place
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.interpolant import AllCentreFactorization, factorize
@@ -55,8 +56,6 @@ _GAPS = 4.0
 #: Weights of the second round off less: first cells of 1e-8 chords keep their height to 0.4 % when an aerofoil turns by
 #: 45°, with 2e-4 to 2 %.
 _OF_MANY, SEPARATION = 2e-4, 1e-3
-#: Points closer than this share of their extent are at the same place.
-_SAME_PLACE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +138,7 @@ class TwoScalePlan:
         gridded : bool
             Otherwise all that are far enough from each other are coarse points.
         """
-        place = _places(reference)
+        place = first_at_place(reference, float(np.ptp(reference, axis=0).max()))
         distinct = np.flatnonzero(place == np.arange(len(place)))
         points, moves = padded(reference[distinct]), moving[distinct]
         spacing = local_spacing(reference[distinct])
@@ -183,19 +182,6 @@ class TwoScalePlan:
             corners[0] = np.maximum(corners[0], chosen.min(axis=0) - self.support_radius)
             corners[1] = np.minimum(corners[1], chosen.max(axis=0) + self.support_radius)
         return NestedGrid(nested_boxes(chosen, corners[0], corners[1]), corners[0], dimension)
-
-
-def _places(points: Floats) -> Indices:
-    """For each of (n, d) points the lowest number of those at its place."""
-    place = np.arange(len(points))
-    limit = _SAME_PLACE * float(np.ptp(points, axis=0).max(initial=0.0))
-    order = np.lexsort(points.T)  # identical points first: a tree of many takes quadratic time
-    same = np.r_[False, (points[order[1:]] == points[order[:-1]]).all(axis=1)]
-    place[order] = np.minimum.reduceat(order, np.flatnonzero(~same))[np.cumsum(~same) - 1]
-    distinct = np.flatnonzero(place == np.arange(len(points)))
-    for a, b in np.sort(cKDTree(points[distinct]).query_pairs(limit, output_type="ndarray"), axis=1):
-        place[place == distinct[b]] = place[distinct[a]]
-    return place
 
 
 @dataclass(frozen=True, eq=False)

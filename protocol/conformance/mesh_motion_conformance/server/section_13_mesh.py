@@ -122,13 +122,13 @@ def bad_meshes() -> Iterator[Case]:
 
         return bad
 
-    triangles = SQUARE.triangles.copy()
-    triangles[5] = triangles[5][[0, 2, 1]]
+    folded = SQUARE.points.copy()
+    folded[5, 0] = -0.05
     yield Case(
         "13.3",
         "inverted-cell",
-        "The determinant at each corner of a valid cell is positive",
-        run(Part(SQUARE.points, triangles, SQUARE.sides), "INVALID_ARGUMENT.MESH_DEGENERATE"),
+        "a mesh with a cell that lies over another one is refused",
+        run(Part(folded, SQUARE.triangles, SQUARE.sides), "INVALID_ARGUMENT.MESH_DEGENERATE"),
     )
     beyond = SQUARE.triangles.copy()
     beyond[5, 1] = 16
@@ -144,6 +144,38 @@ def bad_meshes() -> Iterator[Case]:
         "patch-of-a-negative-node",
         "patches refer to local indices, counted from 0",
         run(Part(SQUARE.points, SQUARE.triangles, sides), "INVALID_ARGUMENT"),
+    )
+
+
+@suite.family
+def usable_meshes() -> Iterator[Case]:
+    """13.3"""
+
+    def run(part: Part) -> Callable[[Stage], None]:
+        def usable(stage: Stage) -> None:
+            session = stage.open(part)
+            try:
+                session.upload()
+                session.do("BUILD")
+            finally:
+                session.discard()
+
+        return usable
+
+    triangles = SQUARE.triangles.copy()
+    triangles[5] = triangles[5][[0, 2, 1]]
+    yield Case(
+        "13.3",
+        "mirrored-cell",
+        "A cell that is listed the other way round is read as its mirror image",
+        run(Part(SQUARE.points, triangles, SQUARE.sides)),
+    )
+    sides = SQUARE.sides | {"left": Side("moving", (0, 4, 8, 12, 16))}
+    yield Case(
+        "13.3",
+        "nodes-at-one-place",
+        "Boundary nodes at the same place are interpolated as one node",
+        run(Part(np.vstack([SQUARE.points, SQUARE.points[0]]), SQUARE.triangles, sides)),
     )
 
 
