@@ -1,8 +1,9 @@
 """Layers of thin cells on the moving walls: where a mesh has them, and whether a motion would spoil them.
 
-A wall is layered where its cells are much longer than high. Interpolation alone keeps such cells well where other
-boundaries are far away; in a narrow passage the field changes so fast near the wall that they lean over and change
-their height. Then the layer moves with its wall (:mod:`.boundary_layer`), as far up as cells are stretched.
+A wall is layered where its cells are much longer than high in every direction along it. Interpolation alone keeps such
+cells well where other boundaries are far away; in a narrow passage the field changes so fast near the wall that they
+lean over and change their height. Then the layer moves with its wall (:mod:`.boundary_layer`), as far up as cells are
+thin.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
@@ -28,13 +28,13 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Marks = NDArray[np.bool_]
 
-#: Aspect ratio from which a cell is stretched.
-_STRETCHED = 5.0
-#: Least share of a wall's nodes with stretched cells above them.
+#: Edges along the wall over a cell's height from which the cell is thin.
+_THIN = 5.0
+#: Least share of a wall's nodes with thin cells above them.
 _LAYERED = 0.3
 #: Change of a first edge's length, and its turn against the wall in radians, that a motion may cause.
 _STRETCH, _TURN = 0.005, 0.008
-#: Percentile of the stretched cells' heights above the layered nodes that the layer reaches up to.
+#: Percentile of the thin cells' heights above the layered nodes that the layer reaches up to.
 _HEIGHT = 25.0
 _MOST_LAYERS = 200
 
@@ -55,6 +55,8 @@ class LayeredWalls:
         Layered nodes, as rows of the wall's nodes.
     above : (k,) int64 array
         The node at the other end of each one's first edge: the shortest that leaves the wall.
+    along : (n,) array, mesh length unit
+        Shortest edge along the wall at each of its nodes.
     """
 
     points: Floats
@@ -64,6 +66,7 @@ class LayeredWalls:
     wall: MovingWall
     rows: Indices
     above: Indices
+    along: Floats
 
     @classmethod
     def build(
@@ -81,11 +84,11 @@ class LayeredWalls:
         on_wall = np.zeros(len(points), dtype=bool)
         on_wall[wall.nodes] = True
         above, height, along = _first_edges(points, cells, on_wall)
-        layered = height[wall.nodes] * _STRETCHED < along[wall.nodes]
+        layered = height[wall.nodes] * _THIN < along[wall.nodes]
         if np.count_nonzero(layered) < _LAYERED * len(wall.nodes):
             return None
         rows = np.flatnonzero(layered)
-        return cls(points, cells, patches, sliding, wall, rows, above[wall.nodes[rows]])
+        return cls(points, cells, patches, sliding, wall, rows, above[wall.nodes[rows]], along)
 
     def spoiled_by(self, moved: Floats) -> bool:
         """Whether positions (n, d) have a first edge that is longer, shorter or leaning more than is good."""
@@ -109,24 +112,26 @@ class LayeredWalls:
         return BoundaryLayer.build(self.points, self.cells, self.patches, thickness=thickness, sliding=self.sliding)
 
     def _thickness(self) -> float:
-        """How far the stretched cells reach above most of the layered nodes, mesh length unit."""
-        on_wall = np.zeros(len(self.points), dtype=bool)
-        on_wall[self.wall.nodes] = True
-        blocks = [block.nodes[_stretched(self.points, block)] for block in self.cells]
-        reached, before = on_wall, 0
+        """How far thin cells reach above most of the layered nodes, mesh length unit."""
+        foot = np.full(len(self.points), -1)
+        foot[self.wall.nodes] = self.wall.nodes
+        blocks = [(block.nodes, _shortest(self.points, block)) for block in self.cells]
         for _ in range(_MOST_LAYERS):
-            marked = reached.copy()
-            for nodes in blocks:
-                marked[nodes[reached[nodes].any(axis=1)]] = True
-            reached, count = marked, int(np.count_nonzero(marked))
-            if count == before:
+            before = foot.copy()
+            for nodes, shortest in blocks:
+                reached = before[nodes] >= 0
+                rows = np.flatnonzero(reached.any(axis=1) & ~reached.all(axis=1))
+                below = before[nodes[rows, np.argmax(reached[rows], axis=1)]]
+                thin = _THIN * shortest[rows] < self.along[below]
+                for column in nodes[rows[thin]].T:
+                    new = foot[column] < 0
+                    foot[column[new]] = below[thin][new]
+            if np.array_equal(foot, before):
                 break
-            before = count
-        off = np.flatnonzero(reached & ~on_wall)
-        distance, nearest = cKDTree(self.points[self.wall.nodes]).query(self.points[off])
-        height = np.zeros(len(self.wall.nodes))
-        np.maximum.at(height, nearest, distance)
-        return float(np.percentile(height[self.rows], _HEIGHT, method="nearest"))
+        off = np.flatnonzero((foot >= 0) & (foot != np.arange(len(foot))))
+        height = np.zeros(len(self.points))
+        np.maximum.at(height, foot[off], np.linalg.norm(self.points[off] - self.points[foot[off]], axis=1))
+        return float(np.percentile(height[self.wall.nodes[self.rows]], _HEIGHT, method="nearest"))
 
 
 def _edges(block: CellBlock) -> Indices:
@@ -139,10 +144,9 @@ def _edges(block: CellBlock) -> Indices:
     return np.unique(np.sort(ends, axis=1), axis=0)
 
 
-def _stretched(points: Floats, block: CellBlock) -> Marks:
-    """(m,) whether the longest edge of a cell is much longer than the shortest."""
-    squares = np.stack([_squares(points, block.nodes[:, ends]) for ends in _edges(block)])
-    return np.asarray(squares.max(axis=0) > _STRETCHED**2 * squares.min(axis=0))
+def _shortest(points: Floats, block: CellBlock) -> Floats:
+    """(m,) length of the shortest edge of each cell."""
+    return np.asarray(np.sqrt(np.min([_squares(points, block.nodes[:, ends]) for ends in _edges(block)], axis=0)))
 
 
 def _squares(points: Floats, ends: Indices) -> Floats:
@@ -152,9 +156,9 @@ def _squares(points: Floats, ends: Indices) -> Floats:
 
 
 def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Indices, Floats, Floats]:
-    """For each node on the wall the end and length of its shortest edge off it, and of its longest edge along it."""
+    """For each node on the wall the end and length of its shortest edge off it, and the length of that along it."""
     above, height = np.full(len(points), -1), np.full(len(points), np.inf)
-    along = np.zeros(len(points))
+    along = np.full(len(points), np.inf)
     for block in cells:
         nodes = block.nodes[on_wall[block.nodes].any(axis=1)]
         for ends in _edges(block):
@@ -162,7 +166,7 @@ def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Indi
             length = np.sqrt(_squares(points, pairs))
             both = on_wall[pairs].all(axis=1)
             for a, b in ((0, 1), (1, 0)):
-                np.maximum.at(along, pairs[both, a], length[both])
+                np.minimum.at(along, pairs[both, a], length[both])
                 off = on_wall[pairs[:, a]] & ~on_wall[pairs[:, b]]
                 order = np.lexsort((pairs[off, b], length[off]))[::-1]  # the shortest is written last
                 shorter = length[off][order] <= height[pairs[off, a][order]]

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.roles import Patch
+
 __all__ = ["TRAILING_EDGES", "Grid", "c_grid", "h_grid", "o_grid", "wing"]
 
 Floats = NDArray[np.float64]
@@ -18,12 +20,19 @@ Indices = NDArray[np.int64]
 
 
 class Grid(NamedTuple):
-    """Points (n, d), cells by type, and the nodes of body and far boundary."""
+    """Points (n, d), cells by type, and the nodes of body, far boundary and, of a wing, the planes at its ends."""
 
     points: Floats
     cells: dict[str, Indices]
     body: Indices
     far: Indices
+    ends: Indices | None = None
+
+    @property
+    def patches(self) -> dict[str, Patch]:
+        """The body moves, the far boundary rests, nodes slide on the planes."""
+        found = {"body": Patch("moving", self.body), "far": Patch("fixed", self.far)}
+        return found if self.ends is None else {**found, "ends": Patch("slip", self.ends)}
 
 
 #: Exponent of the Kármán–Trefftz map (2 − angle of the edge / π), and how far the circle passes outside the edge.
@@ -123,7 +132,7 @@ def h_grid(*, along: int = 60, layers: int = 40, first: float = 1e-5, far: float
 
 
 def wing(section: Grid, stations: int = 24, span: float = 6.0, taper: float = 0.4) -> Grid:
-    """Hexahedra between sections that taper along z; the end planes belong to neither body nor far boundary."""
+    """Hexahedra between sections that taper along z."""
     z = span * (np.arange(stations) / (stations - 1.0))
     scale = 1.0 - (1.0 - taper) * z / span
     n = len(section.points)
@@ -133,4 +142,6 @@ def wing(section: Grid, stations: int = 24, span: float = 6.0, taper: float = 0.
     quads = section.cells["quad"]
     hexahedra = np.concatenate([np.hstack([quads + k * n, quads + (k + 1) * n]) for k in range(stations - 1)])
     inner = np.arange(stations)[:, None] * n
-    return Grid(points, {"hexahedron": hexahedra}, (inner + section.body).ravel(), (inner + section.far).ravel())
+    ends = np.concatenate([np.arange(n), (stations - 1) * n + np.arange(n)])
+    cells = {"hexahedron": hexahedra}
+    return Grid(points, cells, (inner + section.body).ravel(), (inner + section.far).ravel(), ends)
