@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction_problem import (
     IN_TIME,
     PLACEMENTS,
+    SMALL_MESH,
     TARGETS,
     CorrectionProblem,
     CorrectionSettings,
@@ -73,6 +74,8 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 _WORST = 10  # cells that a refusal names
+#: Thresholds that a large mesh is raised to where that is cheap: what just meets one is spent by the next step.
+_AMPLE = 2.5
 _NOTICED = 1.01  # factor by which a quality may fall for nothing
 
 
@@ -227,9 +230,24 @@ def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
     found: Polished
     if np.isfinite(target):
         found = reach(problem.begin, mesh, target)
+        if settings.target == "auto" and mesh.metric == "relative-size-skew" and found.minimum >= target:
+            found = _raised(found, mesh, _AMPLE * target)
     else:
         found = polish(problem.begin, mesh, mesh.free(~mesh.held))
     return _Found(found.points, None, found.freed, found.iterations, found.history)
+
+
+def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
+    """What met the threshold raised to a higher target, as far as freeing few nodes does that."""
+    more = reach(found.points, mesh, target, most=SMALL_MESH[mesh.reference.shape[1]])
+    if not more.minimum > found.minimum:
+        return found
+    return replace(
+        more,
+        freed=max(found.freed, more.freed),
+        iterations=found.iterations + more.iterations,
+        history=found.history + more.history,
+    )
 
 
 def _could_be_valid(points: Floats, mesh: TrialMesh) -> bool:

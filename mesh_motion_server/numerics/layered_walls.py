@@ -3,7 +3,7 @@
 A wall is layered where its cells are much longer than high in every direction along it. Interpolation alone keeps such
 cells well where other boundaries are far away; in a narrow passage the field changes so fast near the wall that they
 lean over and change their height. Then the layer moves with its wall (:mod:`.boundary_layer`), as far up as cells are
-thin.
+thin, and no further than they are long.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _THIN = 5.0
 _LAYERED = 0.3
 #: Change of a first edge's length, and its turn against the wall in radians, that a motion may cause.
 _STRETCH, _TURN = 0.005, 0.008
-#: Percentile of the thin cells' heights above the layered nodes that the layer reaches up to.
+#: Percentile of the heights of the thin cells above layered nodes, and of the edges along the wall: the smaller counts.
 _HEIGHT = 25.0
 _MOST_LAYERS = 200
 
@@ -112,7 +112,7 @@ class LayeredWalls:
         return BoundaryLayer.build(self.points, self.cells, self.patches, thickness=thickness, sliding=self.sliding)
 
     def _thickness(self) -> float:
-        """How far thin cells reach above most of the layered nodes, mesh length unit."""
+        """How far thin cells reach above most layered nodes, at most an edge along the wall; mesh length unit."""
         foot = np.full(len(self.points), -1)
         foot[self.wall.nodes] = self.wall.nodes
         blocks = [(block.nodes, _shortest(self.points, block)) for block in self.cells]
@@ -131,7 +131,9 @@ class LayeredWalls:
         off = np.flatnonzero((foot >= 0) & (foot != np.arange(len(foot))))
         height = np.zeros(len(self.points))
         np.maximum.at(height, foot[off], np.linalg.norm(self.points[off] - self.points[foot[off]], axis=1))
-        return float(np.percentile(height[self.wall.nodes[self.rows]], _HEIGHT, method="nearest"))
+        feet = self.wall.nodes[self.rows]
+        own, along = (np.percentile(of[feet], _HEIGHT, method="nearest") for of in (height, self.along))
+        return float(min(own, along))
 
 
 def _edges(block: CellBlock) -> Indices:

@@ -283,7 +283,7 @@ def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.
     return points, least[-1] > 0.0
 
 
-def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polished:
+def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float, *, most: float = math.inf) -> Polished:
     """Free the nodes of the cells below a threshold, and more of them only while it is not met.
 
     Parameters
@@ -292,6 +292,8 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polish
     mesh : TrialMesh
     target : float
         Quality that every cell shall reach.
+    most : float
+        Nodes that are freed at most; with more the best so far has to do.
 
     Notes
     -----
@@ -305,6 +307,8 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float) -> Polish
     free = bad & may_move
     while best.minimum < target and free.any():
         count = int(np.count_nonzero(free))
+        if count > most:
+            break
         everything = count > _ALL * int(np.count_nonzero(may_move)) or count <= best.freed  # too large, or cannot grow
         region = mesh.free(may_move if everything else free)
         found = polish(best.points, mesh, region, target=target, thorough=everything)
