@@ -85,6 +85,7 @@ def play(
     """
     from mesh_motion_server.cases.faces import faces_line
     from mesh_motion_server.cases.play import play as play_case
+    from mesh_motion_server.cases.records import drawn
 
     if (case is None) == (from_journal is None):
         raise typer.BadParameter("give either CASE.toml or --from-journal", param_hint="CASE.toml")
@@ -127,9 +128,10 @@ def play(
         complain(f"warning: {warning}")
     if not quiet:
         summary = played.summary
+        judged = drawn(summary["method"]["quality_metric"])
         _out.print(
             f"{len(played.steps)} step{'s' if len(played.steps) > 1 else ''} in {summary['seconds']:.1f} s, "
-            f"lowest size-skew {summary['min_size_skew']:.3f} in step {summary['worst_step']}, "
+            f"lowest {judged} {summary['min_' + judged.replace('-', '_')]:.3f} in step {summary['worst_step']}, "
             f"{summary['inverted_cells']} inverted cells: {out}"
         )
         if line := faces_line([step.faces for step in played.steps]):

@@ -51,7 +51,7 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("correction_in_time", "always", "one of independent, smooth"),
         ("sub_steps", 4, "a valid string"),
         ("sub_steps", "on", "one of auto, never, always"),
-        ("quality_metric", "aspect", "one of size-skew"),
+        ("quality_metric", "aspect", "one of relative-size-skew"),
         ("predictor", "none", "one of trial-nodes"),
         ("enrichment_function", "H4", "one of auto, H1, H2, H3"),
         ("enrichment_placement", "wall", "one of auto, spread, minima, boundary, middle"),

@@ -153,7 +153,7 @@ def test_the_series_may_be_one_file_and_the_other_kind_of_an_earlier_run_goes(
         assert root["Steps/Values"][:].tolist() == [0.0, 3.0, 6.0, 7.0]
         last = root["Points"][-len(played.points) :, :2]
         np.testing.assert_array_equal(last, played.points)
-        assert set(root["CellData"]) == {"size", "skew", "size_skew"}
+        assert set(root["CellData"]) == {"size", "skew", "size_skew", "relative_size_skew"}
 
 
 def test_all_results_and_every_promised_key(make_case, stand_in: Plays, tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ def test_a_cell_type_in_another_node_order_is_told_so(mesh):
 
 
 def test_a_flat_cell(mesh):
-    mesh.points = np.vstack([mesh.points, [[0.125, -1e-13]]])
+    mesh.points = np.vstack([mesh.points, [[0.125, -1e-14]]])
     mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], [[0, 25, 1]]])
     refused(mesh, r"cell 32 .*is flat")
 
@@ -116,7 +116,7 @@ def test_an_overlapping_cell(mesh):
     refused(mesh, r"belongs to 3 cells")
 
 
-@pytest.mark.parametrize("distance", [0.0, 1e-13])
+@pytest.mark.parametrize("distance", [0.0, 1e-14])
 def test_boundary_nodes_at_the_same_place_are_noticed(mesh, distance):
     mesh.points = np.vstack([mesh.points, [[1.0, 0.25 + distance], [1.25, 0.25], [1.25, 0.5]]])
     mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], [[25, 26, 27]]])

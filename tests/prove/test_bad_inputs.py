@@ -86,9 +86,9 @@ def test_a_wrong_number_of_the_offender_is_found(monkeypatch: Any) -> None:
 def test_a_refusal_that_leaves_something_behind_is_found(monkeypatch: Any) -> None:
     honest = session.Session.move
 
-    def leaky(self: Any, frame: str, displacements: Any) -> Any:
+    def leaky(self: Any, frame: str, displacements: Any, **choices: Any) -> Any:
         try:
-            return honest(self, frame, displacements)
+            return honest(self, frame, displacements, **choices)
         except Exception:
             points = self._now.committed.points.copy()
             points[0] += 1e-16

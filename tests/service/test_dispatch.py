@@ -272,7 +272,7 @@ def test_a_session_resumed_before_it_is_built_keeps_its_epoch(kit: Any, driver: 
 def test_something_unforeseen_is_internal_and_changes_nothing(
     ready: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def broken(*arguments: Any) -> Any:
+    def broken(*arguments: Any, **choices: Any) -> Any:
         raise ZeroDivisionError("a defect")
 
     monkeypatch.setattr(type(ready.host._session.model), "move", broken)
@@ -285,7 +285,7 @@ def test_something_unforeseen_is_internal_and_changes_nothing(
 
 
 def test_something_unforeseen_while_committing_fails_the_session(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*arguments: Any) -> Any:
+    def broken(*arguments: Any, **choices: Any) -> Any:
         raise ZeroDivisionError("a defect")
 
     ready.move(1)
@@ -295,7 +295,7 @@ def test_something_unforeseen_while_committing_fails_the_session(ready: Any, mon
 
 
 def test_no_memory_is_a_typed_error(ready: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    def large(*arguments: Any) -> Any:
+    def large(*arguments: Any, **choices: Any) -> Any:
         raise MemoryError
 
     monkeypatch.setattr(type(ready.host._session.model), "move", large)

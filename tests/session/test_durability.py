@@ -183,8 +183,8 @@ def diverging(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
         driver.advance(step)
     honest, points = kit.StandIn.move, driver.ask(Fetch).points
 
-    def rounded(self: Any, committed: Any, targets: Any, factors: Any) -> Any:
-        motion = honest(self, committed, targets, factors)
+    def rounded(self: Any, committed: Any, targets: Any, factors: Any, **choices: Any) -> Any:
+        motion = honest(self, committed, targets, factors, **choices)
         motion.points[12] = np.nextafter(motion.points[12], 1)
         return motion
 
