@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,7 @@ def run(quick: bool) -> Outcome:
                 )
                 for name, kept in _SETTINGS.items()
             }
+            models["without"] = replace(models["without"], layered=None)  # interpolation and correction alone
             found = {name: _moved(model, case, fractions, repeats=1 if quick else 3) for name, model in models.items()}
             for name in _SETTINGS:
                 ratio = found[name].seconds / found["without"].seconds
