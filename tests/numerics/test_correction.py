@@ -1,5 +1,6 @@
 """The corrections by name: what the named cases reach, and what is refused."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +15,14 @@ from mesh_motion_server.numerics.correction import (
     Correction,
     CorrectionProblem,
     CorrectionSettings,
+    _spoils,
     correct,
 )
 from mesh_motion_server.numerics.correction_problem import SMALL_MESH
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest, reference_sizes
+from mesh_motion_server.numerics.trial_nodes import TrialMesh
 
 # best minimum size-skew known: all nodes free, ten levels up to p = 1000 of 60 accurate Newton iterations each
 CEILINGS = {
@@ -203,3 +206,19 @@ def test_enrichment_works_on_cells_that_are_no_simplices(kind: str) -> None:
     found = correct(problem, settings("enrichment", quality_threshold=0.6))
     check(problem, found)
     assert found.minimum > standard + 0.15
+
+
+def test_a_correction_that_gains_less_than_it_spoils_is_told_from_one_that_gains_more() -> None:
+    mesh = box_mesh("quad", 6)
+    at_rest = cells_at_rest(mesh.points, mesh.cells)
+    trial = TrialMesh(mesh.points, mesh.cells, at_rest, mesh.held, "relative-size-skew")
+    node = int(np.flatnonzero(~mesh.held)[0])
+    worse = mesh.points.copy()
+    worse[node] += 0.03
+    before, after = (cell_quality(p, mesh.cells, at_rest).relative_extremes() for p in (mesh.points, worse))
+    spoiled = max(own / new for own, new in zip(before, after, strict=True))
+    assert spoiled > 1.1
+    assert _spoils(worse, mesh.points, trial, 0.99 * spoiled)
+    assert not _spoils(worse, mesh.points, trial, 1.01 * spoiled)
+    assert not _spoils(worse, mesh.points, trial, math.inf)  # from an inverted mesh anything is a gain
+    assert not _spoils(worse, mesh.points, replace(trial, metric="size-skew"), 1.0)

@@ -1,0 +1,77 @@
+"""Layers of thin cells move with their wall where interpolation would spoil them, and only there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+
+from docs.studies.aerofoil_grids import Grid, o_grid, wing
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.layered_walls import LayeredWalls
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import Patch
+
+
+def narrow(kind: str) -> Grid:
+    """An aerofoil with first cells of 1e-5 in a domain of two chords, or a wing."""
+    if kind == "wing":
+        return wing(o_grid("blunt", around=48, layers=16, first=1e-3, far=8.0), stations=10)
+    grid = o_grid("blunt", around=96, layers=32, first=1e-5, far=8.0)
+    quads = grid.cells["quad"]
+    if kind == "quads":
+        return grid
+    return grid._replace(cells={"triangle": np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])})
+
+
+def model_of(grid: Grid) -> MotionModel:
+    return MotionModel.build(grid.points, CellTable.from_arrays(grid.cells), grid.patches, Method())
+
+
+def pitched(points: np.ndarray, degrees: float, plunge: float) -> np.ndarray:
+    a, moved = np.radians(degrees), points.copy()
+    moved[:, 0] = np.cos(a) * points[:, 0] - np.sin(a) * points[:, 1]
+    moved[:, 1] = np.sin(a) * points[:, 0] + np.cos(a) * points[:, 1] + plunge
+    return moved
+
+
+def stretch(model: MotionModel, moved: np.ndarray) -> float:
+    """Largest relative change of the first edges' lengths."""
+    layered = model.layered
+    assert layered is not None
+    feet = layered.wall.nodes[layered.rows]
+    before, now = (points[layered.above] - points[feet] for points in (model.points, moved))
+    return float(np.abs(np.linalg.norm(now, axis=1) / np.linalg.norm(before, axis=1) - 1.0).max())
+
+
+@pytest.mark.parametrize("kind", ["quads", "triangles", "wing"])
+def test_first_cells_keep_their_height_through_a_pitch_of_20_degrees_and_a_plunge_of_half_a_chord(kind: str) -> None:
+    grid = narrow(kind)
+    model = model_of(grid)
+    targets = pitched(grid.points[model.roles.moving], 20.0, 0.5)
+    moved = model.move(grid.points, targets)
+    assert stretch(model, moved.points) < 1e-6
+    assert moved.corrected.inverted == 0
+    assert moved.warnings == []
+    alone = replace(model, layered=None, method=replace(model.method, correction="none", allow_invalid=True))
+    assert stretch(model, alone.move(grid.points, targets).points) > 0.01
+
+
+def test_what_is_not_spoiled_is_left_to_the_interpolation() -> None:
+    grid = o_grid("blunt", first=1e-5, far=1000.0)
+    model = model_of(grid)
+    targets = pitched(grid.points[model.roles.moving], 5.0, 0.1)
+    alone = replace(model, layered=None)
+    np.testing.assert_array_equal(
+        model.move(grid.points, targets).points, alone.move(grid.points, targets).points, strict=True
+    )
+
+
+@pytest.mark.parametrize("kind", ["quad", "quad + triangle", "tetra", "hexahedron"])
+def test_even_meshes_have_no_layers(kind: str) -> None:
+    mesh = box_mesh(kind, 10)
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    assert LayeredWalls.build(mesh.points, mesh.cells, patches, None) is None
