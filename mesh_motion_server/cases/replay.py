@@ -32,7 +32,7 @@ from mesh_motion_server.cases.outputs import (
 )
 from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_recorded
-from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, quality_numbers
+from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn, quality_numbers
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import Series, open_series
 from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
@@ -146,7 +146,7 @@ def replay(
             times = 1 + math.ceil(last / every)
             with result_folder(target) as work:
                 with open_series(series_format, work, SERIES, times) as series, opener(values) as runner:
-                    output = _Output(recorded, series, every, last, progress)
+                    output = _Output(recorded, series, every, last, progress, str(values["quality_metric"]))
                     runs.append(replay_variant(recorded, variant, runner, last, output.take))
                 output.write(work, runs[-1], values)
     comparison = Comparison(recorded, last, runs, elsewhere=endpoint is not None)
@@ -219,9 +219,11 @@ def _changed(recorded: Recorded, variant: Variant) -> dict[str, Any]:
 class _Output:
     """The results of a played case, made of a replay."""
 
-    def __init__(self, recorded: Recorded, series: Series, every: int, last: int, progress: Progress | None) -> None:
+    def __init__(
+        self, recorded: Recorded, series: Series, every: int, last: int, progress: Progress | None, metric: str
+    ) -> None:
         self._recorded, self._series, self._every, self._last = recorded, series, every, last
-        self._progress = progress
+        self._progress, self._metric = progress, metric
         view = recorded.mesh
         self._reference, self._points = view.points, view.points
         self._cells, sizes, _ = oriented(view.points, view.cells)
@@ -258,7 +260,7 @@ class _Output:
             faces=faces_numbers(moved.faces),
         )
         self._records.append(record)
-        if found.step == 1 or record.min_size_skew < float(self._worst.quality.min()):
+        if found.step == 1 or record.shown(self._metric)[0] < float(self._worst.quality.min()):
             self._worst = self._snapshot(found.step)
         if found.step % self._every == 0 or found.step == self._last:
             self._write(found.step)
@@ -280,11 +282,11 @@ class _Output:
         write_steps(work, self._records)
         write_points(work, self._points)
         if self._records and pictures_are_possible():
-            metric = str(settings["quality_metric"])
-            write_picture(work / "quality.png", run.name, self._before, self._worst, self._records, metric)
+            picture = work / "quality.png"
+            write_picture(picture, run.name, self._before, self._worst, self._records, self._metric)
 
     def _snapshot(self, step: int) -> Snapshot:
-        return Snapshot(step, self._points, self._cells, self._quality.metric("size-skew"), self._moving)
+        return Snapshot(step, self._points, self._cells, self._quality.metric(drawn(self._metric)), self._moving)
 
     def _write(self, step: int) -> None:
         quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}

@@ -126,9 +126,14 @@ class CellQuality:
         rest = None if self.rest is None else self.rest[numbers]
         return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
 
+    @property
+    def relative_skew(self) -> Floats:
+        """Skew relative to that at rest (m,), at most 1; InvalidInput where the skews at rest are not known."""
+        return np.minimum(self.skew / _known(self.rest), 1.0)
+
     def relative_extremes(self) -> tuple[float, float]:
         """The smallest relative skew, 0 of an inverted cell, and the smallest size."""
-        relative = np.where(self.inverted, 0.0, np.minimum(self.skew / _known(self.rest), 1.0))
+        relative = np.where(self.inverted, 0.0, self.relative_skew)
         return float(relative.min()), float(self.size.min())
 
     def metric(self, name: str) -> Floats:
@@ -143,7 +148,7 @@ class CellQuality:
         if name in ("size", "skew"):
             return self.size if name == "size" else self.skew
         if code == kernels.RELATIVE:
-            skew = np.minimum(skew / _known(self.rest), 1.0)
+            skew = self.relative_skew
         with threads_for(work_items(len(self))):
             values: Floats = kernels.metric_values(read_only(self.size), read_only(skew), code)
         return values

@@ -290,16 +290,16 @@ class StandardMotion:
 
         Where the boundary has changed so much that the reference mesh's plan does no longer, with a new one.
         """
-        plan, box = self.plans.plan_for(controls), bounding_box(points)
+        plan = self.plans.plan_for(controls)
         try:
             if plan is None:
                 return factorization_of(points[controls], self.method, factors)
-            return two_scale_factorization_of(points[controls], box, plan, factors)
+            return two_scale_factorization_of(points[controls], bounding_box(points), plan, factors)
         except NumericalError:
             if self.method.solver != "auto" or not basis_named(self.method.basis).compact:
                 raise
         anew = plan_for(points, controls, self.roles, self.method)
-        return two_scale_factorization_of(points[controls], box, anew, factors)
+        return two_scale_factorization_of(points[controls], bounding_box(points), anew, factors)
 
     def _reduced_volume(
         self, points: Floats, controls: Indices, displacement: Floats, stage: Stage, factors: FactorSource

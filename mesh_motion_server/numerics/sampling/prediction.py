@@ -225,13 +225,13 @@ def _by_groups(
 ) -> tuple[CellQuality, Floats]:
     """Quality of all cells by the polynomials, and the least value of the metric."""
     size, skew, least = np.empty(len(cells)), np.empty(len(cells)), np.empty(len(cells))
-    group, rest = groups.group_of, skews_of(reference_sizes)
+    group, sizes, rest = groups.group_of, sizes_of(reference_sizes), skews_of(reference_sizes)
     for block, rows in block_slices(cells):
         modelled, low = bounded_quality(
             points,
             block.type,
             block.nodes,
-            sizes_of(reference_sizes)[rows],
+            sizes[rows],
             group[rows],
             groups,
             coefficients,
