@@ -120,15 +120,13 @@ def refuse_crossing(
 
 def _led(model: MotionModel, boundary: BoundaryFacets, start: Floats, targets: Floats, factors: FactorSource) -> Walk:
     """The mesh ``start`` (n, d) led along the first way on which it stays valid, or else as far as possible."""
-    method = replace(
-        model.method,
+    alike = model.with_method(
         displacement="relative",
         correction_target="threshold",
         correction_in_time="independent",
         refuse_below_threshold=False,
     )
-    motion = replace(model.standard_motion, method=method)
-    legs = replace(model, method=method, standard_motion=motion, other_radii=(), smooth=None)
+    legs = replace(alike, other_radii=(), smooth=None)
 
     def move(points: Floats, waypoint: Floats) -> Leg:
         refuse_crossing(model, boundary, points, waypoint)

@@ -421,12 +421,12 @@ class MotionModel:
                 return False
             return True
 
-        direct = self if self.method.sub_steps == "always" else self._with_method(sub_steps="never")
-        plain = self._with_method(sub_steps="never", correction="none", correction_in_time="independent")
+        direct = self if self.method.sub_steps == "always" else self.with_method(sub_steps="never")
+        plain = self.with_method(sub_steps="never", correction="none", correction_in_time="independent")
         plain = replace(plain.without_distributions(), smooth=None, layered=None)
         return largest_accepted(lambda fraction: accepts(direct, fraction), lambda fraction: accepts(plain, fraction))
 
-    def _with_method(self, **choices: Any) -> MotionModel:
+    def with_method(self, **choices: Any) -> MotionModel:
         """The model with other choices of its method that need no other preparation."""
         method = replace(self.method, **choices)
         return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))

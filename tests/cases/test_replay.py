@@ -381,3 +381,29 @@ def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: 
     replay_session(folder, out, assignments=(), variants=variants[:1], endpoint=server.endpoint, until=1)
     assert not (out / "variant-1").exists()
     assert [path.name for path in (out / "variant-2").iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("metric", "at_rest"), [("relative-size-skew", 1.0), ("size-skew", np.sqrt(3) / 2)]
+)  # of triangles with a right angle
+def test_a_picture_shows_one_metric(
+    metric: str, at_rest: float, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = new_driver(tmp_path, [boxed()])
+    driver.all(Move, bulge(driver, 0.05), step=1, frame="reference")
+    driver.all(Commit, step=1)
+    driver.ask(Close, 0, outcome="keep")
+    shown: list[Any] = []
+    monkeypatch.setattr("mesh_motion_server.cases.replay.write_picture", lambda *given: shown.append(given))
+    monkeypatch.setattr("mesh_motion_server.cases.replay.pictures_are_possible", lambda: True)
+    replay(
+        tmp_path / "sessions" / SESSION,
+        tmp_path / "out",
+        [variant_of({"quality_metric": metric})],
+        endpoint=server.endpoint,
+    )
+    [(_, _, before, worst, [record], named)] = shown
+    assert named == metric
+    assert before.quality == pytest.approx(at_rest)
+    assert worst.quality.min() == record.shown(metric)[0] < at_rest
