@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import mesh_motion_kernels as kernels
 import numba
 
 from mesh_motion_server.errors import InvalidInput
 
-__all__ = ["checked_threads", "threads_for"]
+__all__ = ["checked_threads", "limited_to", "threads_for"]
 
 #: Evaluations of a basis function (about a nanosecond each) below which a loop stays on its caller's thread.
 _SMALL = 2e6
@@ -25,14 +26,25 @@ def checked_threads(threads: int | None) -> int:
     Raises
     ------
     InvalidInput
-        If it is less than 1 or more than numba was started with.
+        If it is less than 1 or more than the process was started with.
     """
-    available = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # set at run time
+    available = kernels.available_threads()
     if threads is not None and not 1 <= threads <= available:
         raise InvalidInput(
-            f"expected 1 to {available} evaluation threads, got {threads}", hint="set NUMBA_NUM_THREADS for more"
+            f"expected 1 to {available} evaluation threads, got {threads}", hint="set MESH_MOTION_THREADS for more"
         )
     return threads or available
+
+
+@contextmanager
+def limited_to(threads: int | None) -> Iterator[None]:
+    """Compiled loops of the calling thread use at most so many threads inside; None changes nothing."""
+    before = kernels.get_threads()
+    kernels.set_threads(min(before, threads or before))
+    try:
+        yield
+    finally:
+        kernels.set_threads(before)
 
 
 @contextmanager

@@ -1,0 +1,134 @@
+#include "parallel.h"
+
+#include <atomic>
+#include <condition_variable>
+#include <cstdlib>
+#include <exception>
+#include <mutex>
+#include <thread>
+
+#if defined(__unix__) || defined(__APPLE__)
+#include <pthread.h>
+#endif
+#if defined(__linux__)
+#include <sched.h>
+#endif
+
+namespace mesh_motion {
+namespace {
+
+struct Job {
+    Index count;
+    void* context;
+    void (*task)(void*, Index);
+    std::atomic<Index> next{0};
+    std::mutex failed;
+    std::exception_ptr error;
+
+    void work() {
+        for (Index block; (block = next.fetch_add(1, std::memory_order_relaxed)) < count;) {
+            try {
+                task(context, block);
+            } catch (...) {
+                const std::lock_guard lock(failed);
+                if (!error) error = std::current_exception();
+                next = count;
+            }
+        }
+    }
+};
+
+/// Threads that sleep until there is a job. One job at a time; a second caller meanwhile works alone.
+class Pool {
+  public:
+    /// False if the threads are taken.
+    bool run(Job& job, int threads) {
+        const std::unique_lock only(one_job_, std::try_to_lock);
+        if (!only) return false;
+        {
+            const std::lock_guard lock(state_);
+            while (started_ < threads - 1) {
+                std::thread([this] { serve(); }).detach();
+                ++started_;
+            }
+            job_ = &job;
+            places_ = threads - 1;
+        }
+        wake_.notify_all();
+        job.work();
+        std::unique_lock lock(state_);
+        places_ = 0;  // whoever has not begun by now is not waited for: on a busy machine that takes milliseconds
+        idle_.wait(lock, [this] { return busy_ == 0; });
+        job_ = nullptr;
+        return true;
+    }
+
+  private:
+    [[noreturn]] void serve() {
+        std::unique_lock lock(state_);
+        for (;;) {
+            wake_.wait(lock, [this] { return places_ > 0; });
+            --places_;
+            ++busy_;
+            Job& job = *job_;
+            lock.unlock();
+            job.work();
+            lock.lock();
+            if (--busy_ == 0) idle_.notify_one();
+        }
+    }
+
+    std::mutex one_job_, state_;
+    std::condition_variable wake_, idle_;
+    Job* job_ = nullptr;
+    int started_ = 0, places_ = 0, busy_ = 0;
+};
+
+/// Never destroyed: its threads may outlive the statics. A forked child has none of them and begins with a new one.
+Pool* pool = nullptr;
+
+void new_pool() { pool = new Pool; }
+
+const bool prepared = [] {
+    new_pool();
+#if defined(__unix__) || defined(__APPLE__)
+    pthread_atfork(nullptr, nullptr, new_pool);
+#endif
+    return true;
+}();
+
+thread_local int limit = 0;
+thread_local bool inside = false;
+
+}  // namespace
+
+int available_threads() {
+    static const int available = [] {
+        if (const char* told = std::getenv("MESH_MOTION_THREADS")) return std::max(1, std::atoi(told));
+#if defined(__linux__)
+        cpu_set_t cores;
+        if (sched_getaffinity(0, sizeof cores, &cores) == 0) return std::max(1, CPU_COUNT(&cores));
+#endif
+        return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+    }();
+    return available;
+}
+
+int get_threads() { return limit ? limit : available_threads(); }
+
+void set_threads(int threads) {
+    require(1 <= threads && threads <= available_threads(), "expected 1 thread to as many as are available");
+    limit = threads;
+}
+
+void run_blocks(Index count, void* context, void (*task)(void*, Index)) {
+    if (count <= 0) return;
+    Job job{count, context, task, {}, {}, {}};
+    const int threads = static_cast<int>(std::min<Index>(get_threads(), count));
+    const bool nested = std::exchange(inside, true);
+    if (nested || threads <= 1 || !pool->run(job, threads)) job.work();
+    inside = nested;
+    if (job.error) std::rethrow_exception(job.error);
+}
+
+}  // namespace mesh_motion

@@ -1,0 +1,135 @@
+// Arrays as the loops see them: a pointer that never goes without its shape.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace mesh_motion {
+
+using Index = std::int64_t;
+
+/// Refuses what a caller in Python got wrong: a ValueError there.
+inline void require(bool holds, const char* expected) {
+    if (!holds) throw std::invalid_argument(expected);
+}
+
+/// A C-contiguous array of N axes that somebody else owns.
+template <class T, std::size_t N>
+class View {
+  public:
+    View() = default;
+    View(T* data, std::array<Index, N> shape) : data_(data), shape_(shape) {}
+
+    /// What may be written may be read.
+    template <class U>
+        requires(std::is_same_v<const U, T> && !std::is_same_v<U, T>)
+    View(const View<U, N>& other) : data_(other.data()), shape_(other.shape()) {}
+
+    Index shape(std::size_t axis) const { return shape_[axis]; }
+    const std::array<Index, N>& shape() const { return shape_; }
+    Index size() const {
+        Index product = 1;
+        for (Index n : shape_) product *= n;
+        return product;
+    }
+    T* data() const { return data_; }
+    T* begin() const { return data_; }
+    T* end() const { return data_ + size(); }
+
+    template <class... Indices>
+        requires(sizeof...(Indices) == N)
+    T& operator()(Indices... indices) const {
+        return data_[place(std::array<Index, N>{static_cast<Index>(indices)...})];
+    }
+
+    /// An entry of a vector, or a row of anything larger.
+    decltype(auto) operator[](Index i) const {
+        if constexpr (N == 1) {
+            return (*this)(i);
+        } else {
+            check(i, 0);
+            std::array<Index, N - 1> rest;
+            Index length = 1;
+            for (std::size_t axis = 1; axis < N; ++axis) length *= rest[axis - 1] = shape_[axis];
+            return View<T, N - 1>(data_ + i * length, rest);
+        }
+    }
+
+    /// The rows first … last − 1.
+    View rows(Index first, Index last) const {
+#ifdef MESH_MOTION_CHECKED
+        if (first < 0 || last < first || last > shape_[0]) throw std::out_of_range("rows of a view");
+#endif
+        std::array<Index, N> part = shape_;
+        part[0] = last - first;
+        Index length = 1;
+        for (std::size_t axis = 1; axis < N; ++axis) length *= shape_[axis];
+        return View(data_ + first * length, part);
+    }
+
+  private:
+    Index place(const std::array<Index, N>& indices) const {
+        Index place = 0;
+        for (std::size_t axis = 0; axis < N; ++axis) {
+            check(indices[axis], axis);
+            place = place * shape_[axis] + indices[axis];
+        }
+        return place;
+    }
+    void check([[maybe_unused]] Index i, [[maybe_unused]] std::size_t axis) const {
+#ifdef MESH_MOTION_CHECKED
+        if (i < 0 || i >= shape_[axis])
+            throw std::out_of_range("index " + std::to_string(i) + " of axis " + std::to_string(axis) + " of " +
+                                    std::to_string(shape_[axis]));
+#endif
+    }
+
+    T* data_ = nullptr;
+    std::array<Index, N> shape_{};
+};
+
+template <class T>
+using Vector = View<T, 1>;
+template <class T>
+using Matrix = View<T, 2>;
+template <class T>
+using Cube = View<T, 3>;
+
+/// A view of a local vector or std::array.
+template <class Container>
+auto view_of(Container& local) {
+    return Vector<std::remove_pointer_t<decltype(local.data())>>(local.data(), {static_cast<Index>(local.size())});
+}
+
+/// An array that a loop made: Python receives it.
+template <class T, std::size_t N>
+struct Owned {
+    std::vector<T> values;
+    std::array<Index, N> shape{};
+};
+
+/// A vector that a loop made.
+template <class T>
+Owned<T, 1> owned(std::vector<T> values) {
+    const auto n = static_cast<Index>(values.size());
+    return {std::move(values), {n}};
+}
+
+/// f(d) with the dimension as a constant, so that loops over it are unrolled.
+template <class F>
+decltype(auto) with_dimension(Index d, F&& f) {
+    switch (d) {
+        case 1: return f(std::integral_constant<int, 1>{});
+        case 2: return f(std::integral_constant<int, 2>{});
+        case 3: return f(std::integral_constant<int, 3>{});
+        default: throw std::invalid_argument("expected one, two or three dimensions");
+    }
+}
+
+}  // namespace mesh_motion
