@@ -16,9 +16,11 @@ WORKDIR /src
 
 # The wheel is built apart: the images that run have the package alone, and what its lock file names.
 FROM python AS build
+RUN apt-get update && apt-get install -y --no-install-recommends g++ python3-dev && rm -rf /var/lib/apt/lists/*
 COPY requirements requirements
 RUN pip install --no-cache-dir --require-hashes -r requirements/build.lock
 COPY pyproject.toml README.md LICENSE ./
+COPY kernels kernels
 COPY docs/man docs/man
 COPY mesh_motion_server mesh_motion_server
 COPY protocol protocol
@@ -35,18 +37,13 @@ USER mesh
 WORKDIR /home/mesh
 
 FROM python AS server
-# The kernels are compiled into the image, so that no session waits for them. Numba wants to write where it reads: the
-# container, which is read-only, copies them to its memory first.
-ENV NUMBA_CACHE_DIR=/tmp/kernels
 COPY requirements/server.lock ./
 RUN pip install --no-cache-dir --require-hashes -r server.lock
 COPY --from=build /wheels /wheels
-RUN pip install --no-cache-dir --no-deps /wheels/*.whl \
- && cd / && mesh-motion version --warm \
- && mv /tmp/kernels /opt/mesh-motion/kernels && chmod -R a+rX /opt/mesh-motion
+RUN pip install --no-cache-dir --no-deps /wheels/*.whl
 USER mesh
 WORKDIR /home/mesh
-ENTRYPOINT ["sh", "-c", "cp -r /opt/mesh-motion/kernels /tmp/ && exec mesh-motion \"$@\"", "mesh-motion"]
+ENTRYPOINT ["mesh-motion"]
 CMD ["serve", "--endpoint", "ipc:///run/mesh-motion/control", "--state", "/var/lib/mesh-motion", "--metrics", "127.0.0.1:9464"]
 
 # The motion solver is compiled apart: the image that runs needs no compiler and no headers.

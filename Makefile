@@ -2,6 +2,7 @@
 # make test   runs the tests, two files at a time (JOBS=4 for more), in twenty minutes
 # make test-all runs those too that repeat whole runs: each page of the documentation, each proof in small, in half an hour
 # make manual writes docs/man anew after a change of a command
+# make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
 # make lock   writes the exact versions and hashes of all packages anew (requirements/)
 # make release VERSION=x.y.z checks what a release must be, builds it twice, tries it and says what comes next
 # make lint   ruff and mypy, as CI does
@@ -33,10 +34,10 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast release manual lock lint format prove prove-full drivers mutants peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
 
 help:
-	@sed -n '1,22s/^# \{0,1\}//p' Makefile
+	@sed -n '1,23s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -46,11 +47,11 @@ $(BIN)/python:
 # LOCKED=1 installs the versions of requirements/dev.lock, checked by their hashes, instead of the newest.
 LOCKED_PACKAGES = $(if $(LOCKED),$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.lock)
 
-# What runs the server and draws; the kernels are compiled once here, so that no session waits for them.
-$(VENV)/.runtime: $(BIN)/python pyproject.toml
+# What runs the server and draws. The kernels are built for this machine; MESH_MOTION_LEVELS=all builds every instruction set.
+KERNELS := $(shell find kernels -type f -not -name '*.pyc')
+$(VENV)/.runtime: $(BIN)/python pyproject.toml $(KERNELS)
 	$(LOCKED_PACKAGES)
 	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[server,plot]'
-	$(BIN)/mesh-motion version --warm
 	@touch $@
 
 $(VENV)/.development: $(VENV)/.runtime
@@ -80,6 +81,9 @@ lock: $(BIN)/python
 	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 	    --no-emit-package mesh-motion-server --custom-compile-command "make lock" $$from -o requirements/$$name.lock || exit 1; \
 	done
+
+wheel: $(VENV)/.development
+	$(BIN)/python -m tools.wheel
 
 # RELEASE='--tag --no-tests' tags what has been checked.
 release: $(VENV)/.development

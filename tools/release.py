@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import re
-import subprocess
 import sys
 import tempfile
-import venv
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+from tools.wheel import Failed, build, run, try_wheel
 
 __all__ = ["CHECKS", "Refused", "main"]
 
 _VERSION = re.compile(r"\d+\.\d+\.\d+")
 _FROM_SOURCES = Path("mesh_motion_server/__init__.py")
-_CASE = Path("examples/thesis_rotation/case.toml")
 
 
 class Refused(Exception):
@@ -92,7 +90,7 @@ def check_protocol(root: Path, version: str) -> None:
     """The document and the code speak of one protocol."""
     del version
     program = "from mesh_motion_protocol import PROTOCOL_VERSION as v; print(*v, sep='.')"
-    told = _run([sys.executable, "-c", program], root, "the protocol cannot be imported").strip()
+    told = run([sys.executable, "-c", program], root, "the protocol cannot be imported").strip()
     written = _match(root / "protocol" / "SPEC.md", r"(?i)\bversion[: ]+\**(\d+\.\d+)")
     if written != told:
         raise Refused(f"protocol/SPEC.md must be of version {told}, as mesh_motion_protocol says, got {written!r}")
@@ -104,7 +102,7 @@ def check_rendered(root: Path, version: str) -> None:
     tests = ["tests/protocol/test_spec.py", "tests/packaging/test_locks.py", "tests/packaging/test_manual.py::"
              "test_the_pages_are_those_of_the_commands"]  # fmt: skip
     ways = "python -m protocol.render_spec, make manual, make lock"
-    _run([sys.executable, "-m", "pytest", "-q", "-x", *tests], root, f"a rendered file is old: {ways}")
+    run([sys.executable, "-m", "pytest", "-q", "-x", *tests], root, f"a rendered file is old: {ways}")
 
 
 #: In the order in which they are made, the quick ones first.
@@ -125,13 +123,12 @@ CHECKS: tuple[Callable[[Path, str], None], ...] = (
 
 def build_twice(root: Path, folder: Path) -> list[Path]:
     """Source distribution and wheel, which must come out bitwise equal a second time."""
-    epoch = {"SOURCE_DATE_EPOCH": _git(root, "log", "-1", "--format=%ct")}
+    epoch = _git(root, "log", "-1", "--format=%ct")
     made: list[dict[str, bytes]] = []
     for _ in range(2):
         with tempfile.TemporaryDirectory() as scratch:
-            command = [sys.executable, "-m", "hatchling", "build", "-d", scratch]
-            _run(command, root, "hatchling does not build it", os.environ | epoch)
-            made.append({path.name: path.read_bytes() for path in sorted(Path(scratch).iterdir())})
+            built = build(root, Path(scratch), epoch)
+            made.append({path.name: path.read_bytes() for path in built})
     differing = [name for name in made[0] if made[0][name] != made[1].get(name)]
     if differing:
         raise Refused(f"two builds must be equal bit for bit, but {differing[0]} is not")
@@ -139,18 +136,6 @@ def build_twice(root: Path, folder: Path) -> list[Path]:
     for name, content in made[0].items():
         (folder / name).write_bytes(content)
     return [folder / name for name in made[0]]
-
-
-def try_wheel(root: Path, wheel: Path) -> None:
-    """Install it in a new environment, and play a case from a folder outside the checkout."""
-    with tempfile.TemporaryDirectory() as scratch:
-        environment = Path(scratch) / "environment"
-        venv.create(environment, with_pip=True)
-        clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-        installing = [str(environment / "bin" / "pip"), "install", "--quiet", f"{wheel}[server]"]
-        _run(installing, Path(scratch), "the wheel cannot be installed", clean)
-        playing = [str(environment / "bin" / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
-        _run(playing, Path(scratch), "the installed wheel does not play a case", clean)
 
 
 def write_checksums(files: Sequence[Path]) -> Path:
@@ -176,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for line in _release(options):
             sys.stdout.write(line + "\n")
-    except Refused as error:
+    except (Refused, Failed) as error:
         sys.stderr.write(f"release: {error}\n")
         return 1
     return 0
@@ -190,7 +175,7 @@ def _release(options: argparse.Namespace) -> list[str]:
     if options.only_checks:
         return [f"{version} may be released"]
     if not options.no_tests:
-        _run(["make", "-s", "lint", "test-all"], root, "lint or tests fail: make lint test-all")
+        run(["make", "-s", "lint", "test-all"], root, "lint or tests fail: make lint test-all")
     files = build_twice(root, root / "dist")
     if not options.no_install:
         try_wheel(root, next(path for path in files if path.suffix == ".whl"))
@@ -208,16 +193,7 @@ def _match(path: Path, pattern: str) -> str:
 
 
 def _git(root: Path, *arguments: str) -> str:
-    return _run(["git", *arguments], root, f"git {arguments[0]} fails").strip()
-
-
-def _run(command: Sequence[str], root: Path, complaint: str, environment: dict[str, str] | None = None) -> str:
-    """The output of a program that ends well."""
-    ended = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
-    if ended.returncode:
-        words = (ended.stderr.strip() or ended.stdout.strip()).splitlines()
-        raise Refused(f"{complaint} ({words[-1] if words else f'status {ended.returncode}'})")
-    return ended.stdout
+    return run(["git", *arguments], root, f"git {arguments[0]} fails").strip()
 
 
 if __name__ == "__main__":

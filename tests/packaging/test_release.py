@@ -6,7 +6,7 @@ import hashlib
 import re
 import shutil
 import subprocess
-import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -134,12 +134,9 @@ def test_what_is_ready_passes_and_is_built_twice_the_same(ready: Path, capsys: p
     assert "next: git push origin v7.8.9" in capsys.readouterr().out
     assert git(ready, "tag").split() == [f"v{VERSION}"]
     assert git(ready, "status", "--porcelain") == ""
-    names = sorted(path.name for path in (ready / "dist").iterdir())
-    assert names == [
-        "SHA256SUMS",
-        f"mesh_motion_server-{VERSION}-py3-none-any.whl",
-        f"mesh_motion_server-{VERSION}.tar.gz",
-    ]
+    sums, wheel, sources = sorted(path.name for path in (ready / "dist").iterdir())
+    assert (sums, sources) == ("SHA256SUMS", f"mesh_motion_server-{VERSION}.tar.gz")
+    assert re.fullmatch(rf"mesh_motion_server-{VERSION}-(cp3\d+)-\1-.*manylinux_2_\d+_.*\.whl", wheel)
     for line in (ready / "dist" / "SHA256SUMS").read_text().splitlines():
         digest, name = line.split()
         assert hashlib.sha256((ready / "dist" / name).read_bytes()).hexdigest() == digest
@@ -147,14 +144,12 @@ def test_what_is_ready_passes_and_is_built_twice_the_same(ready: Path, capsys: p
 
 def test_builds_that_differ_are_refused(clone: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A seeded fault: a builder that writes down what time it is."""
-    script = (
-        "import sys, time, pathlib; folder = pathlib.Path(sys.argv[sys.argv.index('-d') + 1]); "
-        "(folder / 'a.whl').write_text(str(time.time_ns()))"
-    )
-    program = tmp_path / "python"
-    program.write_text(f'#!/bin/sh\nexec {sys.executable} -c "{script}" "$@"\n')
-    program.chmod(0o755)
-    monkeypatch.setattr(release.sys, "executable", str(program))
+
+    def stamped(root: Path, folder: Path, epoch: str) -> list[Path]:
+        (folder / "a.whl").write_text(str(time.time_ns()))
+        return [folder / "a.whl"]
+
+    monkeypatch.setattr(release, "build", stamped)
     with pytest.raises(Refused, match=r"two builds must be equal bit for bit, but a\.whl is not"):
         build_twice(clone, tmp_path / "dist")
     assert not (tmp_path / "dist").exists()

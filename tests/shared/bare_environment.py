@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import venv
@@ -22,8 +21,9 @@ _EXTRA = re.compile(r"\bextra == ['\"]([\w-]+)['\"]")
 
 
 def build(target: str, folder: Path, source: Path = ROOT) -> Path:
-    """The ``sdist`` or ``wheel`` of a source tree."""
-    command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
+    """The ``sdist`` or ``wheel`` of a source tree, its kernels for this machine alone."""
+    options = ["--no-isolation", "--skip-dependency-check", f"--{target}", "--outdir", str(folder)]
+    command = [sys.executable, "-m", "build", *options, "-Ccmake.define.MESH_MOTION_LEVELS=native"]
     environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
     subprocess.run(command, cwd=source, env=environment, check=True, capture_output=True)
     (made,) = folder.glob("*.whl" if target == "wheel" else "*.tar.gz")
@@ -40,7 +40,6 @@ def bare_environment(folder: Path, wheel: Path, extras: Iterable[str] = ()) -> P
     own = PathDistribution(next(packages.glob("mesh_motion_server-*.dist-info")))
     for found in _required(own, set(extras)):
         _link(found, packages)
-    _take_compiled_kernels(packages)
     return folder / "bin"
 
 
@@ -70,18 +69,6 @@ def _link(found: Distribution, packages: Path) -> None:
         source, link = Path(str(found.locate_file(name))), packages / name
         if not link.exists():
             link.symlink_to(source)
-
-
-def _take_compiled_kernels(packages: Path) -> None:
-    """Numba takes a compiled kernel for that of a source of the same size and time."""
-    for compiled in (ROOT / "mesh_motion_server").rglob("__pycache__/*.nb[ic]"):
-        copy = packages / compiled.relative_to(ROOT)
-        copy.parent.mkdir(exist_ok=True)
-        shutil.copy2(compiled, copy)
-    for source in (ROOT / "mesh_motion_server").rglob("*.py"):
-        copy = packages / source.relative_to(ROOT)
-        if copy.exists():
-            shutil.copystat(source, copy)
 
 
 def names_in(wheel: Path) -> set[str]:
