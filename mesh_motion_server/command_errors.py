@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import typer
-from mesh_motion_client import MeshMotionError as ClientError
 
 from mesh_motion_server.cli import ExitStatus, complain, status_of
 from mesh_motion_server.errors import MeshMotionError
@@ -19,9 +19,15 @@ def expected_errors() -> Iterator[None]:
     """Turn expected errors into one line and an exit status."""
     try:
         yield
-    except (MeshMotionError, ClientError) as error:
+    except _kinds() as error:
         complain(str(error))
         raise typer.Exit(status_of(error.code)) from None
     except KeyboardInterrupt:
         complain("interrupted")
         raise typer.Exit(ExitStatus.INTERRUPTED) from None
+
+
+def _kinds() -> tuple[type[Exception], ...]:
+    """The server's errors, and the client's if it has been imported: a command that needs none does not wait for it."""
+    client = sys.modules.get("mesh_motion_client.errors")
+    return (MeshMotionError, *([client.MeshMotionError] if client else []))

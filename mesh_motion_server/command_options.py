@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from mesh_motion_client import InvalidInput, Keys
-from mesh_motion_client.keys import KEY_VARIABLE, SERVER_KEY_VARIABLE
+
+if TYPE_CHECKING:
+    from mesh_motion_client import Keys
 
 __all__ = ["DistributedOption", "EndpointOption", "KeyOption", "SeriesFormat", "ServerKeyOption", "keys_of_options"]
 
@@ -43,6 +44,10 @@ ServerKeyOption = Annotated[
 
 def keys_of_options(endpoint: str | None, key: Path | None, server_key: str | None) -> Keys | None:
     """The keys of the options, filled up by the environment; a private server needs none."""
+    # NumPy and the socket take a quarter of a second, and most commands need neither
+    from mesh_motion_client import InvalidInput, Keys  # noqa: PLC0415
+    from mesh_motion_client.keys import KEY_VARIABLE, SERVER_KEY_VARIABLE  # noqa: PLC0415
+
     key_name = str(key or os.environ.get(KEY_VARIABLE, ""))
     server_name = server_key or os.environ.get(SERVER_KEY_VARIABLE, "")
     if endpoint is None or not (key_name or server_name):

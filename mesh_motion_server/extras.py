@@ -6,7 +6,6 @@ The package's own metadata say what each extra requires, so that there is no sec
 from __future__ import annotations
 
 import re
-from importlib.metadata import PackageNotFoundError, requires
 
 __all__ = ["extra_of", "not_installed"]
 
@@ -44,6 +43,8 @@ def not_installed(error: ModuleNotFoundError) -> str | None:
 
 
 def _requirements() -> list[str]:
+    from importlib.metadata import PackageNotFoundError, requires  # noqa: PLC0415  (40 ms that no command needs)
+
     try:
         return requires(_PACKAGE) or []
     except PackageNotFoundError:
