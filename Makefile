@@ -9,6 +9,7 @@
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
 # make prove-full the same with the counts of a night
 # make mutants changes journal, session and codec in small ways and shows that the tests notice (tests/mutation), ten minutes
+# make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
@@ -34,10 +35,10 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 export OMP_WAIT_POLICY ?= passive
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
 
 help:
-	@sed -n '1,23s/^# \{0,1\}//p' Makefile
+	@sed -n '1,24s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -116,6 +117,18 @@ drivers:
 
 mutants: $(VENV)/.development
 	$(BIN)/python tests/mutation
+
+# The sanitizer's library must be loaded before Python; Python's own arenas and leaks at its end are not our matter.
+SANITIZED = cmake -S kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH_MOTION_SANITIZE=$(2) \
+    -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python --log-level=WARNING && cmake --build out/sanitize/$(1) -j $(JOBS) \
+  && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=out/sanitize/$(1) \
+    ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1 TSAN_OPTIONS=halt_on_error=1 MESH_MOTION_THREADS=3 \
+    $(BIN)/pytest -q -m "not nightly" --timeout 3000 $(SANITIZED_TESTS)
+SANITIZED_TESTS ?= tests/kernels tests/numerics
+sanitize: $(VENV)/.development
+	$(call SANITIZED,address,address$(comma)undefined,libasan.so)
+	$(call SANITIZED,thread,thread,libtsan.so)
+comma := ,
 
 peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1
