@@ -5,7 +5,7 @@
     the mesh            cells.py, orientation.py, roles.py, mesh_check.py, patch_check.py, periodic_*.py, sliding.py,
                         boundary_layer*.py
     interpolation       standard_motion.py: interpolant.py with kernels.py, polynomial.py, factorizations/, reduction/,
-                        two_scale/; many points at once in evaluation.py, summation.py, far_field/, volume_reduction/
+                        two_scale/; many points at once in evaluation.py, far_field/, volume_reduction/
     prediction          prediction.py, many_steps.py, sampling/
     correction          correction.py: enrichment/, trial_nodes.py with newton.py and distortion.py
     large motions       sub_steps.py, led_motion.py, paths.py, body_paths.py

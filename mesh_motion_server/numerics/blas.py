@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 
-import numba
+import mesh_motion_kernels as kernels
 from threadpoolctl import ThreadpoolController
 
 __all__ = ["for_each_tile", "one_blas_thread"]
@@ -36,7 +36,7 @@ def one_blas_thread() -> Iterator[None]:
 def for_each_tile(task: Callable[[int, int], None], size: int, tile: int) -> None:
     """Call ``task(first, last)`` for every tile of ``range(size)``, on as many threads as the compiled kernels use."""
     tiles = [(first, min(first + tile, size)) for first in range(0, size, tile)]
-    threads = min(len(tiles), int(numba.get_num_threads()))
+    threads = min(len(tiles), int(kernels.get_threads()))
     if threads <= 1:
         _run_all(task, tiles)
         return

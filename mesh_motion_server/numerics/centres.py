@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.cell_lists import count_neighbours, mark_neighbours, mark_reached, sort_by_cells
 from mesh_motion_server.numerics.hashed_cells import HashedCells
 from mesh_motion_server.numerics.kernels import Basis
-from mesh_motion_server.numerics.read_only import read_only
-from mesh_motion_server.numerics.threads import threads_for
+from mesh_motion_server.numerics.threads import limited_to
 
 __all__ = ["CentreLayout", "bounding_box", "padded"]
 
@@ -31,8 +30,6 @@ _WORTHWHILE_FRACTION = 0.8
 _CELLS_PER_CENTRE = 64
 #: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
 _SLACK = 1.0 + 1e-6
-#: Whether a point is within reach, in evaluations of a basis function.
-_REACH_WORK = 4.0
 
 
 def padded(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,8 +110,8 @@ class CentreLayout:
         Rows that are ``unasked`` for (u,) are left out.
         """
         inside = np.empty(len(points), dtype=np.bool_)
-        with threads_for(_REACH_WORK * len(points), threads):
-            mark_reached(read_only(points), self.origin, self.inverse_side, self.shape, self._reached_cells, inside)
+        with limited_to(threads):
+            mark_reached(points, self.origin, self.inverse_side, self.shape, self._reached_cells, inside)
         if unasked is not None:
             inside[unasked] = False
         return np.flatnonzero(inside)
@@ -147,9 +144,8 @@ class CentreLayout:
         *,
         threads: int | None = None,
     ) -> NDArray[np.float64]:
-        """Run a sum of ``summation.py`` at (n, 3) points with (k, nc) sorted weights, into ``out`` and return it."""
-        columns = 1.0 + weights.shape[0] / 8.0  # a column's products cost an eighth of evaluating φ
-        with threads_for(len(points) * self.fraction * self.n_centres * columns, threads):
+        """``sum_values`` or ``sum_gradients`` at (n, 3) points with (k, nc) sorted weights, into ``out``, returned."""
+        with limited_to(threads):
             kernel(basis.code, points, self.coordinates, weights, 1.0 / support_radius, *self.grid(), out)
         return out
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,16 +21,12 @@ from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import require_gradient
 from mesh_motion_server.numerics.quality_summary import Judgement
-from mesh_motion_server.numerics.summation import sum_gradients, sum_values
-from mesh_motion_server.numerics.threads import checked_threads, threads_for
+from mesh_motion_server.numerics.threads import checked_threads, limited_to
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.two_scale.near_operator import NearOperator
 from mesh_motion_server.numerics.two_scale.nested_grid import NestedSpline
 
 __all__ = ["Evaluator", "Judge", "LocalEvaluator", "NearOperators", "Prepared", "PreparingEvaluator"]
-
-#: A spline's value in evaluations of a basis function.
-_SPLINE_WORK = 64.0
 
 
 class Prepared(Protocol):
@@ -109,7 +106,7 @@ class LocalEvaluator:
     Parameters
     ----------
     threads : int, optional
-        At most as many as numba was started with, which is the default.
+        At most :func:`~mesh_motion_kernels.available_threads`, which is the default.
     """
 
     def __init__(self, threads: int | None = None) -> None:
@@ -161,7 +158,7 @@ class LocalEvaluator:
             for level, operator in zip(interpolant.levels, near.operators, strict=True):
                 operator.add(level.weights, out, threads=self._threads)
             return out
-        self._sum(sum_values, interpolant, points, out)
+        self._sum(kernels.sum_values, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial(points)
         return out
@@ -173,7 +170,7 @@ class LocalEvaluator:
         if isinstance(coarse, Interpolant):
             out[:] = self.displacement(coarse, points)
             return
-        with threads_for(_SPLINE_WORK * len(points), self._threads):
+        with limited_to(self._threads):
             coarse.values(points, out)
 
     def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -191,13 +188,13 @@ class LocalEvaluator:
             if isinstance(interpolant.coarse, Interpolant):
                 out[:] = self.gradient(interpolant.coarse, points)
             else:
-                with threads_for(_SPLINE_WORK * len(points), self._threads):
+                with limited_to(self._threads):
                     interpolant.coarse.gradients(points, out)
             for level in interpolant.levels:
                 near = level.layout.within_reach(points, threads=self._threads)
                 out[near] += self.gradient(level, points[near])
             return out
-        self._sum(sum_gradients, interpolant, points, out)
+        self._sum(kernels.sum_gradients, interpolant, points, out)
         if interpolant.polynomial is not None:
             out += interpolant.polynomial.gradient
         return out

@@ -18,12 +18,11 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.kernel_functions import CODES
-from mesh_motion_server.numerics.kernel_maps import map_phi, map_slope
 
 __all__ = ["BASES", "DEFAULT_BASIS", "Basis", "basis_named", "checked_radius", "slopes", "values"]
 
@@ -76,7 +75,7 @@ class Basis:
     @property
     def code(self) -> int:
         """Number by which the compiled kernels know the function."""
-        return CODES[self.name]
+        return _CODES.index(self.name)
 
     @property
     def needs_polynomial(self) -> bool:
@@ -87,6 +86,12 @@ class Basis:
 def _compact(number: int, name: str, formula: str, derivative: str, source: str, *, gradient: bool = True) -> Basis:
     return Basis(name, number, formula, derivative, True, "positive", 0, gradient, "support", source)
 
+
+#: In the order of kernels/src/interpolation/basis.h, which has their formulas.
+_CODES = (
+    "wendland-c2", "wendland-c0", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",
+    "tps", "mqb", "imqb", "qb", "iqb", "gauss",
+)  # fmt: skip
 
 _WENDLAND = "thesis Table 2.1; Wendland 1995"
 _DE_BOER = "thesis Table 2.1; de Boer et al. 2007, Table 1"
@@ -190,12 +195,12 @@ def checked_radius(radius: float | None, basis: Basis) -> float:
 def values(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
     """φ(ξ) of an array of ξ ≥ 0, same shape."""
     out = np.array(xi, dtype=np.float64, order="C")
-    map_phi(basis.code, out.reshape(-1))
+    kernels.map_phi(basis.code, out.reshape(-1))
     return out
 
 
 def slopes(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
     """φ'(ξ)/ξ of an array of ξ ≥ 0, same shape; ``∇φ = slopes(ξ) (x − x_j) / R²``."""
     out = np.array(xi, dtype=np.float64, order="C")
-    map_slope(basis.code, out.reshape(-1))
+    kernels.map_slope(basis.code, out.reshape(-1))
     return out

@@ -1,19 +1,18 @@
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.centres import CentreLayout, bounding_box, padded
 from mesh_motion_server.numerics.kernels import BASES
-from mesh_motion_server.numerics.summation import MAX_RUNS, centre_runs
 
 C2 = BASES["wendland-c2"]
 
 
 def visited(layout, point):
     """Control points in the cells around a point."""
-    runs = np.empty((MAX_RUNS, 2), dtype=np.int64)
-    count = centre_runs(*np.pad(point, (0, 3 - len(point))), *layout.grid(), runs)
-    return set(np.concatenate([layout.order[a:b] for a, b in runs[:count]] or [[]]).astype(int).tolist())
+    runs = kernels.centre_runs(np.pad(point, (0, 3 - len(point))), *layout.grid())
+    return set(np.concatenate([layout.order[a:b] for a, b in runs] or [[]]).astype(int).tolist())
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

@@ -168,8 +168,8 @@ STUDY = Study(
     claims=claims,
     functions=(
         "mesh_motion_server.numerics.kernels.BASES",
-        "mesh_motion_server.numerics.kernel_functions.phi",
-        "mesh_motion_server.numerics.kernel_functions.slope",
+        "mesh_motion_server.numerics.kernels.values",
+        "mesh_motion_server.numerics.kernels.slopes",
         "mesh_motion_server.numerics.interpolant.factorize",
     ),
 )

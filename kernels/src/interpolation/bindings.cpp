@@ -1,7 +1,29 @@
 #include "bind.h"
+#include "interpolation/assembly.h"
+#include "interpolation/basis.h"
+#include "interpolation/expansion.h"
+#include "interpolation/reduction.h"
+#include "interpolation/summation.h"
 
 namespace mesh_motion {
 
-void bind_interpolation([[maybe_unused]] nanobind::module_& m) {}
+void bind_interpolation(nanobind::module_& m) {
+    bind(m, "map_phi", map_phi);
+    bind(m, "map_slope", map_slope);
+    bind(m, "centre_runs", centre_runs);
+    bind(m, "sum_values", sum_values);
+    bind(m, "sum_gradients", sum_gradients);
+    bind(m, "fill_block", fill_block);
+    bind(m, "count_near", count_near);
+    bind(m, "fill_rows", fill_rows);
+    bind(m, "expand", expand);
+    bind(m, "sum_remainders", sum_remainders);
+    bind(m, "lengths", lengths);
+    bind(m, "add_multiple", add_multiple);
+    bind(m, "subtract_function", subtract_function);
+    bind(m, "farthest_first", farthest_first);
+    bind(m, "forward_substitute", forward_substitute);
+    bind(m, "back_substitute", back_substitute);
+}
 
 }  // namespace mesh_motion

@@ -12,6 +12,7 @@ Functions*, Cambridge 2003, ch. 5 (conditional definiteness).
 
 from __future__ import annotations
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
@@ -22,7 +23,6 @@ from mesh_motion_server.numerics.centres import CentreLayout, padded
 from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.kernels import Basis
-from mesh_motion_server.numerics.summation import sum_values
 
 __all__ = ["NullSpaceCholesky"]
 
@@ -72,7 +72,9 @@ class NullSpaceCholesky:
     def _multiply(self, vectors: Array) -> Array:
         """(nc, k) product of the interpolation matrix."""
         weights = np.ascontiguousarray(vectors.T)  # a basis without compact support: sorted as given
-        return self._layout.sum(sum_values, self._basis, self._radius, self._points, weights, np.empty_like(vectors))
+        return self._layout.sum(
+            kernels.sum_values, self._basis, self._radius, self._points, weights, np.empty(vectors.shape)
+        )
 
     def _two_sided_correction(self) -> Array:
         """W with ``Qᵀ φ Q = φ − W Vᵀ − V Wᵀ``."""

@@ -10,6 +10,7 @@ again while that helps.
 
 from __future__ import annotations
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,6 @@ from mesh_motion_server.numerics.centres import CentreLayout
 from mesh_motion_server.numerics.factorizations.conjugate_gradients import conjugate_gradients
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.kernels import Basis
-from mesh_motion_server.numerics.summation import sum_values
 
 __all__ = ["ConjugateGradients"]
 
@@ -100,8 +100,8 @@ class ConjugateGradients:
 
     def _apply(self, vectors: Array) -> Array:
         """(n, k) product with the matrix, rows in the layout's order."""
-        weights, out = np.ascontiguousarray(vectors.T), np.empty_like(vectors)
-        return self._layout.sum(sum_values, self._basis, self._radius, self._points, weights, out)
+        weights, out = np.ascontiguousarray(vectors.T), np.empty(vectors.shape)
+        return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, weights, out)
 
     def _conjugate_gradients(self, rhs: Array, scale: Array) -> Array:
         """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""

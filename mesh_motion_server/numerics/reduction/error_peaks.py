@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mesh_motion_server.numerics.reduction.errors import lengths
 from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_server.numerics.reduction.peaks import error_peaks, nearest_neighbours
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress
+from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["PEAK_SHARE", "reduce"]
 

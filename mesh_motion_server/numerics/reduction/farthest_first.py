@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.centres import padded
@@ -51,43 +51,4 @@ def farthest_first(points: Floats, given: Indices) -> FarthestFirst:
     -----
     Ties go to the lower number. O(n²) time and O(n) memory: 0.2 s for 18 000 points.
     """
-    order = np.empty(len(points), dtype=np.int64)
-    order[: len(given)] = given
-    separation = np.empty(len(points))
-    _traverse(padded(points), len(given), order, separation)
-    return FarthestFirst(order, separation)
-
-
-@njit(cache=True, error_model="numpy")
-def _traverse(points: Floats, given: int, order: Indices, separation: Floats) -> None:
-    """Fill ``order`` (n), of which the first entries are given, and ``separation`` (n).
-
-    The points not yet taken are kept packed, with their squared distances from those that are.
-    """
-    n = len(points)
-    left = points.copy()
-    number = np.arange(n)
-    place = np.arange(n)  # of a point among those left
-    nearest = np.full(n, np.inf)
-    for rank in range(n):
-        if rank >= given:
-            order[rank] = number[_farthest(nearest[: n - rank], number)]
-        at = place[order[rank]]
-        separation[rank] = np.sqrt(nearest[at])
-        x, y, z = left[at, 0], left[at, 1], left[at, 2]
-        last = n - rank - 1  # which moves into the gap
-        left[at], number[at], nearest[at] = left[last], number[last], nearest[last]
-        place[number[at]] = at
-        for i in range(last):
-            dx, dy, dz = left[i, 0] - x, left[i, 1] - y, left[i, 2] - z
-            nearest[i] = min(nearest[i], dx * dx + dy * dy + dz * dz)
-
-
-@njit(cache=True, error_model="numpy")
-def _farthest(nearest: Floats, number: Indices) -> int:
-    """Place of the largest of ``nearest`` (m); the lowest number among equals."""
-    best = 0
-    for i in range(1, len(nearest)):
-        if nearest[i] > nearest[best] or (nearest[i] == nearest[best] and number[i] < number[best]):
-            best = i
-    return best
+    return FarthestFirst(*kernels.farthest_first(padded(points), given))

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.reduction.errors import lengths
 from mesh_motion_server.numerics.reduction.level_sum import LevelSum
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_server.numerics.reduction.progress import lengths
 
 __all__ = ["Clusters", "reduce"]
 

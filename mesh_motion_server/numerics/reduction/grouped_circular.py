@@ -16,11 +16,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.reduction.errors import lengths
 from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_server.numerics.reduction.growing_set import GrowingSet
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress
+from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["default_groups", "reduce", "select"]
 

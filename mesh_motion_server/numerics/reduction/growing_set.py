@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import ReductionProblem
-from mesh_motion_server.numerics.reduction.substitution import LOST, singular
 
 __all__ = ["GrowingSet"]
 

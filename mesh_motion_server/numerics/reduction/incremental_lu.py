@@ -16,13 +16,13 @@ M. M. Selim, R. P. Koomullil, the thesis' [41]; described in thesis §2.2.3.
 
 from __future__ import annotations
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.reduction.errors import lengths
+from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress
-from mesh_motion_server.numerics.reduction.substitution import LOST, back_substitute, forward_substitute, singular
+from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["GrowingLU", "reduce"]
 
@@ -74,11 +74,11 @@ class GrowingLU:
         NumericalError
             If the new pivot is lost in rounding.
         """
-        n = self.order
+        n, column = self.order, np.ascontiguousarray(column)
         if n == len(self._forward):
             self._enlarge()
-        u = forward_substitute(self._lower, column[:n])
-        row = forward_substitute(self._upper_transposed, column[:n])
+        u = kernels.forward_substitute(self._lower, column[:n])
+        row = kernels.forward_substitute(self._upper_transposed, column[:n])
         pivot = column[n] - row @ u
         if not pivot > LOST * abs(column[n]):
             raise singular()
@@ -94,7 +94,7 @@ class GrowingLU:
 
     def weights(self) -> Floats:
         """(n, k) solution γ."""
-        return back_substitute(self._upper_transposed, self._forward[: self.order])
+        return np.asarray(kernels.back_substitute(self._upper_transposed, self._forward[: self.order]))
 
     def operations(self) -> float:
         """Multiply-adds of the last border and its solution: three substitutions, one of them k times."""

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from mesh_motion_server.numerics.reduction.errors import lengths
 from mesh_motion_server.numerics.reduction.level_sum import LevelSum
+from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.substitution import LOST, singular
+from mesh_motion_server.numerics.reduction.progress import lengths
 
 __all__ = ["POINTS_PER_LEVEL", "reduce"]
 

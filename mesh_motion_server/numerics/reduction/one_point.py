@@ -20,16 +20,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.kernels import values
-from mesh_motion_server.numerics.read_only import read_only
-from mesh_motion_server.numerics.reduction.errors import lengths, subtract_function
 from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_server.numerics.reduction.problem import Level, Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress
+from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["corrected_reduction", "reduce"]
 
@@ -72,7 +71,7 @@ class _Corrections:
         self._worst = problem.start
         self._size = lengths(self.error)
         self._chosen = np.zeros(problem.n_points, dtype=bool)
-        self._points = read_only(padded(problem.points))
+        self._points = padded(problem.points)
         self._at_zero = float(values(problem.row, np.zeros(1))[0])
 
     def add_point(self) -> bool:
@@ -92,7 +91,7 @@ class _Corrections:
         """The interpolant of the selected set, and whether it is the end."""
         selected = np.array(self.selected)
         level = self.problem.level(selected, full_weights(self.problem, selected))
-        self.error = self.problem.displacement - self.problem.values(level)
+        self.error = np.ascontiguousarray(self.problem.displacement - self.problem.values(level))
         self._size = lengths(self.error)
         self._worst = int(np.argmax(self._size))
         self.progress.count(
@@ -103,7 +102,7 @@ class _Corrections:
     def _correct(self, node: int) -> None:
         """Take the error at a node away, thesis (2.8)–(2.10)."""
         problem, beta = self.problem, self.error[node] / self._at_zero
-        self._worst = subtract_function(
+        self._worst = kernels.subtract_function(
             problem.row.code, self._points, node, 1.0 / problem.support_radius, beta, self.error, self._size
         )
         self.progress.count(solve=float(len(beta)), error=float(problem.n_points))

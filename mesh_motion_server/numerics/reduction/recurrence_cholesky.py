@@ -24,16 +24,16 @@ for kernel spaces", J. Approx. Theory 161 (2009) 645–655: the columns of V.
 
 from __future__ import annotations
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.kernels import values
-from mesh_motion_server.numerics.reduction.errors import add_multiple, lengths
 from mesh_motion_server.numerics.reduction.growing_columns import GrowingColumns
+from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress
-from mesh_motion_server.numerics.reduction.substitution import LOST, back_substitute, singular
+from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["reduce"]
 
@@ -73,7 +73,9 @@ class _GrowingCholesky:
         """(nc, k) γ of Lᵀ γ = y."""
         n = len(self.selected)
         self.progress.count(solve=0.5 * n * n * self.error.shape[1])
-        return np.asarray(back_substitute(self._columns.rows(np.array(self.selected)), np.array(self._coefficients)))
+        return np.asarray(
+            kernels.back_substitute(self._columns.rows(np.array(self.selected)), np.array(self._coefficients))
+        )
 
     def foresee(self) -> list[int]:
         """The next points, if none of them comes from the nodes of smaller errors: at least the very next one."""
@@ -91,7 +93,7 @@ class _GrowingCholesky:
             if m + 1 == _AHEAD or not column[place] > 0.0:
                 break
             ahead[m] = column / np.sqrt(column[place])
-            add_multiple(error, ahead[m], -error[place] / ahead[m, place])
+            kernels.add_multiple(error, ahead[m], -error[place] / ahead[m, place])
             size = lengths(error)
             size[places] = -1.0
             places.append(int(np.argmax(size)))
@@ -127,7 +129,7 @@ class _GrowingCholesky:
         column /= np.sqrt(column[node])
         column[self.selected] = 0.0  # rounding is left there
         coefficient = self.error[node] / column[node]
-        add_multiple(self.error, column, -coefficient)
+        kernels.add_multiple(self.error, column, -coefficient)
         self.error[node] = 0.0
         self._coefficients.append(coefficient)
         self._columns.append(column)

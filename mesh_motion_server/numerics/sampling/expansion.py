@@ -19,19 +19,16 @@ from fractions import Fraction
 from itertools import combinations_with_replacement
 from math import factorial, prod
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.centres import padded
 from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.summation import MAX_RUNS, TILE, centre_runs
-from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["EXPANDABLE", "expand", "monomials", "radial_derivatives", "third_order_norms"]
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: (1 − ξ)^p q(ξ): p and the coefficients of q, lowest first, from thesis Table 2.1. Exact, so that no odd power below
 #: the first true one leaves a rounding error that ξ^(n − 2k) would blow up.
@@ -40,9 +37,6 @@ EXPANDABLE: dict[str, tuple[int, tuple[Fraction | int, ...]]] = {
     "wendland-c4": (6, (1, 6, Fraction(35, 3))),
     "wendland-c6": (8, (1, 8, 25, 32)),
 }
-
-# closer to a centre than this share of R all odd derivatives are zero: the functions are even
-_AT_CENTRE = 1e-9
 
 
 def radial_derivatives(name: str, count: int) -> Floats:
@@ -77,11 +71,11 @@ def expand(interpolant: Interpolant, points: Floats) -> Floats:
     layout, d = interpolant.layout, interpolant.dimension
     terms = monomials(d)
     weights = layout.sort(interpolant.weights)
-    out = np.zeros((len(points), weights.shape[0], len(terms)))
+    out = np.empty((len(points), weights.shape[0], len(terms)))
     derivatives = radial_derivatives(interpolant.basis.name, 3)
-    with threads_for(len(points) * layout.fraction * layout.n_centres * 10):
-        _expand(padded(points), layout.coordinates, weights, 1.0 / interpolant.support_radius, derivatives,
-                *layout.grid(), out)  # fmt: skip
+    kernels.expand(
+        padded(points), layout.coordinates, weights, 1.0 / interpolant.support_radius, derivatives, *layout.grid(), out
+    )
     out *= np.array([1.0 / prod(factorial(axes.count(axis)) for axis in set(axes)) for axes in terms])
     if interpolant.polynomial is not None:
         out[:, :, :d] += interpolant.polynomial.gradient
@@ -97,111 +91,3 @@ def third_order_norms(coefficients: Floats, dimension: int) -> Floats:
             # ∂_abc occurs 6 / repeats times in the full tensor, and is the coefficient times repeats
             total += 6.0 * repeats * np.sum(coefficients[:, :, column] ** 2, axis=1)
     return np.sqrt(total)
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _psi_tile(x, y, z, cx, cy, cz, inverse_radius, derivatives, tile):  # type: ignore[no-untyped-def]
-    """ψ_1/R², ψ_2/R⁴, ψ_3/R⁶ and y of every centre of a tile; fills ``tile`` (6, TILE)."""
-    inverse2 = inverse_radius * inverse_radius
-    degree = derivatives.shape[1] - 1
-    one, two, three, along_x, along_y, along_z = tile[0], tile[1], tile[2], tile[3], tile[4], tile[5]
-    inverse4 = inverse2 * inverse2
-    for j in range(cx.size):
-        dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
-        s = (dx * dx + dy * dy + dz * dz) * inverse2
-        xi = np.sqrt(s)
-        first, second, third = derivatives[0, degree], derivatives[1, degree], derivatives[2, degree]
-        for n in range(degree - 1, -1, -1):
-            first = first * xi + derivatives[0, n]
-            second = second * xi + derivatives[1, n]
-            third = third * xi + derivatives[2, n]
-        inside = 1.0 if xi < 1.0 else 0.0
-        away = inside if xi > _AT_CENTRE else 0.0
-        per = 1.0 / max(s, _AT_CENTRE * _AT_CENTRE)
-        one[j] = (first * per * inside if xi > _AT_CENTRE else derivatives[0, 2]) * inverse2
-        two[j] = second * per * per * inverse4 * away
-        three[j] = third * per * per * per * inverse4 * inverse2 * away
-        along_x[j], along_y[j], along_z[j] = dx, dy, dz
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _dot2(p, a):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for j in range(p.size):
-        total += p[j] * a[j]
-    return total
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _dot3(p, a, b):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for j in range(p.size):
-        total += p[j] * a[j] * b[j]
-    return total
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _dot4(p, a, b, c):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for j in range(p.size):
-        total += p[j] * a[j] * b[j] * c[j]
-    return total
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _times(p, w, out):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for j in range(p.size):
-        out[j] = p[j] * w[j]
-        total += out[j]
-    return total
-
-
-@njit(cache=True, error_model="numpy")
-def _add_tile(tile, count, weights, scratch, d, out):  # type: ignore[no-untyped-def]
-    """Add the derivatives of a tile's centres, times a component's weights (count,), to out (c,)."""
-    first, second, third = scratch[0, :count], scratch[1, :count], scratch[2, :count]
-    isotropic = _times(tile[0, :count], weights, first)
-    _times(tile[1, :count], weights, second)
-    _times(tile[2, :count], weights, third)
-    along = np.empty(d)
-    place = 0
-    for a in range(d):
-        along[a] = _dot2(second, tile[3 + a, :count])
-        out[place] += _dot2(first, tile[3 + a, :count])
-        place += 1
-    for a in range(d):
-        for b in range(a, d):
-            out[place] += _dot3(second, tile[3 + a, :count], tile[3 + b, :count]) + (isotropic if a == b else 0.0)
-            place += 1
-    for a in range(d):
-        for b in range(a, d):
-            for c in range(b, d):
-                total = _dot4(third, tile[3 + a, :count], tile[3 + b, :count], tile[3 + c, :count])
-                if a == b:
-                    total += along[c]
-                if b == c:
-                    total += along[a]
-                if a == c:
-                    total += along[b]
-                out[place] += total
-                place += 1
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _expand(  # type: ignore[no-untyped-def]
-    points, centres, weights, inverse_radius, derivatives, origin, inverse_side, shape, starts, out
-):
-    """Derivatives (not yet divided by factorials) at points (g, 3) into out (g, k, c); grid as in ``summation.py``."""
-    n, k, terms = out.shape
-    d = 1 if terms == 3 else (2 if terms == 9 else 3)
-    for i in prange(n):
-        tile, scratch = np.empty((6, TILE)), np.empty((3, TILE))
-        runs = np.empty((MAX_RUNS, 2), dtype=np.int64)
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for run in range(centre_runs(x, y, z, origin, inverse_side, shape, starts, runs)):
-            for a in range(runs[run, 0], runs[run, 1], TILE):
-                b = min(a + TILE, runs[run, 1])
-                _psi_tile(x, y, z, centres[0, a:b], centres[1, a:b], centres[2, a:b], inverse_radius, derivatives, tile)
-                for component in range(k):
-                    _add_tile(tile, b - a, weights[component, a:b], scratch, d, out[i, component])

@@ -24,15 +24,13 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.sampling.expansion import radial_derivatives
 from mesh_motion_server.numerics.sampling.groups import Groups, group_points
-from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["remainders"]
 
@@ -66,18 +64,17 @@ def remainders(interpolant: Interpolant, groups: Groups, *, near: float) -> Floa
     clusters = group_points(interpolant.control_points, _CENTRES_TOGETHER)
     totals = np.add.reduceat(weights[clusters.order], clusters.starts[:-1])
     out = np.empty(len(groups))
-    with threads_for(float(len(groups)) * len(clusters)):
-        _sum_remainders(
-            read_only(groups.centres),
-            read_only(groups.radii),
-            read_only(clusters.centres),
-            read_only(clusters.radii),
-            totals,
-            envelopes(interpolant.basis.name),
-            1.0 / interpolant.support_radius,
-            near,
-            out,
-        )
+    kernels.sum_remainders(
+        groups.centres,
+        groups.radii,
+        clusters.centres,
+        clusters.radii,
+        totals,
+        envelopes(interpolant.basis.name),
+        1.0 / interpolant.support_radius,
+        near,
+        out,
+    )
     return out
 
 
@@ -94,29 +91,3 @@ def envelopes(name: str) -> Floats:
     fourth[0] = np.inf
     table = _TABLE_SLACK * np.stack([third, fourth])
     return np.ascontiguousarray(np.maximum.accumulate(table[:, ::-1], axis=1)[:, ::-1])
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _sum_remainders(  # type: ignore[no-untyped-def]
-    middles, radii, places, reaches, weights, table, inverse_radius, near, out
-):
-    """The sum of the module's formula over clusters of control points (places, reaches, summed |γ|)."""
-    d = middles.shape[1]
-    steps = table.shape[1] - 1
-    for g in prange(len(out)):
-        rho = radii[g]
-        small = rho * inverse_radius
-        by_third, by_fourth = small * small * inverse_radius, small**3 / 6.0 * inverse_radius
-        total = 0.0
-        for k in range(len(places)):
-            square = 0.0
-            for a in range(d):
-                square += (middles[g, a] - places[k, a]) ** 2
-            nearest = np.sqrt(square) - reaches[k]
-            if nearest >= near * rho:
-                continue
-            xi = (nearest - rho) * inverse_radius
-            if xi < 1.0:
-                step = int(max(xi, 0.0) * steps)
-                total += weights[k] * min(by_third * table[0, step], by_fourth * table[1, step])
-        out[g] = total

@@ -1,0 +1,21 @@
+"""A pivot of which rounding left nothing: its point cannot be told from the selected ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mesh_motion_server.errors import NumericalError
+
+__all__ = ["LOST", "singular"]
+
+LOST = 64 * float(np.finfo(float).eps)
+"""A pivot this small against φ(0) carries no correct digit."""
+
+
+def singular() -> NumericalError:
+    """The error for such a point."""
+    return NumericalError(
+        "the interpolation matrix of the selected control points is singular to working precision",
+        code="FAILED_PRECONDITION",
+        hint="take a larger reduction_tolerance, a smaller support radius or a less smooth basis",
+    )
