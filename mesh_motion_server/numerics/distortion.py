@@ -1,4 +1,4 @@
-"""The distortion ℓ of corner simplices, its p-mean over a mesh, and the gradient with respect to the nodes.
+"""The distortion ℓ of corner simplices, its p-mean over a mesh, and the derivatives with respect to the nodes.
 
 A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` from its ideal, ``τ = det J`` and
 ``q = |J|²_F``. Its distortion ::
@@ -14,7 +14,7 @@ counts. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean
     E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
 
 The first term is the mean-ratio shape measure (Knupp 2001), χ the regularised determinant of Escobar et al. (2003),
-Garanzha et al. (2021). Everything is computed in fixed blocks of corners, so results do not depend on the threads.
+Garanzha et al. (2021).
 
 References
 ----------
@@ -25,30 +25,29 @@ V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable, CellType
 from mesh_motion_server.numerics.metrics import AtRest, sizes_of, skews_of
 
 __all__ = [
+    "FLOOR",
     "CornerSimplices",
     "PNorm",
+    "corner_blocks",
     "corner_simplices",
     "determinants",
     "distortion_gradient",
     "mean_distortion",
-    "mean_of_measures",
 ]
 
-BLOCK = 512
-"""Corners per block of the compiled loops: the unit of work of a thread and of every partial sum."""
+FLOOR = 0.1
+"""Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
 
-_NO_WEIGHT = 1e-12  # of the mean weight: less has no gradient
 _FLAT_SKEW = 0.3  # simplices of a lower skew at rest are meant to be as they are
 _DEGENERATE = 1e-6  # reference corners flatter than this (det / product of edge lengths) take the cell type's ideal
 
@@ -129,7 +128,7 @@ def corner_simplices(reference: NDArray[np.float64], cells: CellTable, reference
     for block, first in zip(cells, cells.offsets, strict=False):
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
         rows, count = slice(first, first + len(block)), corners.shape[1]
-        nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32))
+        nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))
         itself, offset = np.full(len(block), not block.type.is_simplex), np.zeros(len(block))
         if skews is not None and block.type.is_simplex:
             itself = skews[rows] < _FLAT_SKEW
@@ -173,210 +172,53 @@ def mean_distortion(
 
     E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
     """
-    measure = np.empty(len(simplices))
-    highest = _measure(points, simplices.nodes, simplices.ideal, norm.m, norm.epsilon, norm.size_weight, measure)
-    if simplices.offset is not None and math.isfinite(highest):
-        measure += simplices.offset
-        highest = float(measure.max())
-    return _p_mean(measure, highest, norm.p)
-
-
-def mean_of_measures(measure: NDArray[np.float64], p: float) -> tuple[float, NDArray[np.float64]]:
-    """The p-mean of any measure (c,), and the weights w (c,), which take its place in memory."""
-    return _p_mean(measure, float(measure.max()), p)
-
-
-def _p_mean(measure: NDArray[np.float64], highest: float, p: float) -> tuple[float, NDArray[np.float64]]:
-    """(E, w) of a measure (c,) and its largest value; w takes its place in memory."""
-    if not math.isfinite(highest):
-        return math.inf, measure
-    total = _soften(measure, highest, p)
-    return highest + math.log(total / len(measure)) / p, measure
+    measure, offset = np.empty(len(simplices)), np.empty(0) if simplices.offset is None else simplices.offset
+    kernels.distortions(*_arrays(points, simplices), offset, *_law(norm), measure)
+    return kernels.p_mean(measure, norm.p), measure
 
 
 def distortion_gradient(
     points: NDArray[np.float64], simplices: CornerSimplices, weights: NDArray[np.float64], norm: PNorm
 ) -> NDArray[np.float64]:
     """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
-    gradient = np.zeros((*simplices.nodes.shape, simplices.dimension))
-    _corner_gradients(
-        points, simplices.nodes, simplices.ideal, weights, norm.m, norm.epsilon, norm.size_weight, gradient
-    )
+    gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
+    kernels.distortion_gradients(*_arrays(points, simplices), weights, *_law(norm), gradient)
     return gradient
+
+
+def corner_blocks(
+    points: NDArray[np.float64],
+    simplices: CornerSimplices,
+    weights: NDArray[np.float64],
+    norm: PNorm,
+    blocks: NDArray[np.float32],
+    *,
+    least_weight: float = 0.0,
+    floor: float = FLOOR,
+) -> None:
+    """Update the blocks (c, d², d²) of the corners heavier than ``least_weight`` in place.
+
+    They are positive semi-definite: the negative part of the Hessian, of ℓ and the p-mean's rank-one term, with respect
+    to J is dropped (kernels/src/correction/corner.h). Row and column ``j d + i`` belong to the coordinate i of the edge
+    j, which ends at node j + 1; the rows of node 0 are minus the sums. Single precision is enough for a model of the
+    curvature, and halves the memory.
+    """
+    least = floor / len(weights), least_weight
+    kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *_law(norm), blocks)
 
 
 def determinants(points: NDArray[np.float64], simplices: CornerSimplices) -> NDArray[np.float64]:
     """τ (c,) of every corner at the points (n, d)."""
     out = np.empty(len(simplices))
-    _determinants(points, simplices.nodes, simplices.ideal, out)
+    kernels.determinants(*_arrays(points, simplices), out)
     return out
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def jacobian(points, corner, ideal, d, out):  # type: ignore[no-untyped-def]
-    """out (d, d) = J of one corner; returns (τ, q), q = ∞ in 1D, where there is no shape."""
-    if d == 2:
-        x0, y0 = points[corner[0], 0], points[corner[0], 1]
-        ax, ay = points[corner[1], 0] - x0, points[corner[1], 1] - y0
-        bx, by = points[corner[2], 0] - x0, points[corner[2], 1] - y0
-        a = ax * ideal[0, 0] + bx * ideal[1, 0]
-        b = ax * ideal[0, 1] + bx * ideal[1, 1]
-        c = ay * ideal[0, 0] + by * ideal[1, 0]
-        e = ay * ideal[0, 1] + by * ideal[1, 1]
-        out[0, 0], out[0, 1], out[1, 0], out[1, 1] = a, b, c, e
-        return a * e - b * c, a * a + b * b + c * c + e * e
-    q = 0.0
-    for i in range(d):
-        first = points[corner[0], i]
-        for k in range(d):
-            t = 0.0
-            for j in range(d):
-                t += (points[corner[j + 1], i] - first) * ideal[j, k]
-            out[i, k] = t
-            q += t * t
-    if d == 1:
-        return out[0, 0], np.inf
-    tau = (
-        out[0, 0] * (out[1, 1] * out[2, 2] - out[1, 2] * out[2, 1])
-        - out[0, 1] * (out[1, 0] * out[2, 2] - out[1, 2] * out[2, 0])
-        + out[0, 2] * (out[1, 0] * out[2, 1] - out[1, 1] * out[2, 0])
-    )
-    return tau, q
+def _arrays(
+    points: NDArray[np.float64], simplices: CornerSimplices
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    return np.ascontiguousarray(points), simplices.nodes, simplices.ideal
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _shape(q, d):  # type: ignore[no-untyped-def]
-    """log q − log d and the exponent 2/d of the determinant; both 0 in 1D, where they cancel for every τ > 0."""
-    return (math.log(q / d), 2.0 / d) if d > 1 else (0.0, 0.0)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def distortion(tau, q, d, m, epsilon, a):  # type: ignore[no-untyped-def]
-    """ℓ or ℓ_ε of one corner; ``inf`` outside the barrier."""
-    shape, b = _shape(q, d)
-    if epsilon == 0.0:
-        if not tau > 0.0:
-            return np.inf
-        t = math.log(tau)
-        x = abs(m * t)
-        log_cosh = x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0)
-        return shape - b * t + a * log_cosh / m
-    chi = 0.5 * (tau + math.hypot(tau, epsilon)) if tau > 0.0 else 0.5 * epsilon**2 / (math.hypot(tau, epsilon) - tau)
-    return shape - (b + a) * math.log(chi) + a * math.log(0.5 * (1.0 + tau * tau))
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def slopes(tau, d, m, epsilon, a):  # type: ignore[no-untyped-def]
-    """First and second derivative (h1, h2) of the part of ℓ that depends on τ alone."""
-    b = 2.0 / d if d > 1 else 0.0
-    if epsilon == 0.0:
-        x = math.tanh(m * math.log(tau))
-        return (a * x - b) / tau, (a * m * (1.0 - x * x) + b - a * x) / (tau * tau)
-    b += a
-    s = math.hypot(tau, epsilon)
-    square = 1.0 + tau * tau
-    return 2.0 * a * tau / square - b / s, b * tau / (s * s * s) + 2.0 * a * (1.0 - tau * tau) / (square * square)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def cofactor(jac, d, out):  # type: ignore[no-untyped-def]
-    """out (d, d) = cof J = dτ/dJ."""
-    if d == 1:
-        out[0, 0] = 1.0
-    elif d == 2:
-        out[0, 0], out[0, 1] = jac[1, 1], -jac[1, 0]
-        out[1, 0], out[1, 1] = -jac[0, 1], jac[0, 0]
-    else:
-        for i in range(3):
-            i1, i2 = (i + 1) % 3, (i + 2) % 3
-            for k in range(3):
-                k1, k2 = (k + 1) % 3, (k + 2) % 3
-                out[i, k] = jac[i1, k1] * jac[i2, k2] - jac[i1, k2] * jac[i2, k1]
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _measure(points, corners, ideals, m, epsilon, a, out):  # type: ignore[no-untyped-def]
-    """out (c,) = ℓ; returns the largest, inf or nan where there is one."""
-    n, d = len(corners), points.shape[1]
-    n_blocks = (n + BLOCK - 1) // BLOCK
-    highest = np.empty(n_blocks)
-    for block in prange(n_blocks):
-        jac = np.empty((d, d))
-        top = -np.inf
-        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            if d == 3:
-                tau, q = jacobian(points, corners[c], ideals[c], 3, jac)
-            else:
-                tau, q = jacobian(points, corners[c], ideals[c], d, jac)
-            value = distortion(tau, q, d, m, epsilon, a)
-            out[c] = value
-            if not value <= top:
-                top = value
-                if not math.isfinite(value):
-                    top = np.inf
-        highest[block] = top
-    return highest.max()
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _soften(values, highest, p):  # type: ignore[no-untyped-def]
-    """Turn ℓ (c,) into the weights w in place; returns Σ exp(p (ℓ − highest))."""
-    n = len(values)
-    n_blocks = (n + BLOCK - 1) // BLOCK
-    partial = np.empty(n_blocks)
-    for block in prange(n_blocks):
-        s = 0.0
-        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            values[c] = math.exp(p * (values[c] - highest))
-            s += values[c]
-        partial[block] = s
-    total = 0.0
-    for block in range(n_blocks):
-        total += partial[block]
-    for block in prange(n_blocks):
-        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            values[c] /= total
-    return total
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _corner_gradients(points, corners, ideals, weights, m, epsilon, a, out):  # type: ignore[no-untyped-def]
-    """out (c, d + 1, d) = w dℓ/dx of each corner's nodes."""
-    n, d = len(corners), points.shape[1]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        jac, cof = np.empty((d, d)), np.empty((d, d))
-        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            if weights[c] < _NO_WEIGHT / n:
-                continue
-            if d == 3:
-                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, a, 3, jac, cof, out[c])
-            elif d == 2:
-                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, a, 2, jac, cof, out[c])
-            else:
-                _gradient(points, corners[c], ideals[c], weights[c], m, epsilon, a, 1, jac, cof, out[c])
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _gradient(points, corner, ideal, weight, m, epsilon, a, d, jac, cof, out):  # type: ignore[no-untyped-def]
-    """out (d + 1, d) = w (2 J/q + h1 cof J) Pᵀ at the ends of the edges, minus their sum at node 0."""
-    tau, q = jacobian(points, corner, ideal, d, jac)
-    h1, _ = slopes(tau, d, m, epsilon, a)
-    cofactor(jac, d, cof)
-    for i in range(d):
-        first = 0.0
-        for j in range(d):
-            t = 0.0
-            for k in range(d):
-                t += (2.0 * jac[i, k] / q + h1 * cof[i, k]) * ideal[j, k]
-            out[j + 1, i] = weight * t
-            first -= weight * t
-        out[0, i] = first
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _determinants(points, corners, ideals, out):  # type: ignore[no-untyped-def]
-    n, d = len(corners), points.shape[1]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        jac = np.empty((d, d))
-        for c in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            out[c], _ = jacobian(points, corners[c], ideals[c], d, jac)
+def _law(norm: PNorm) -> tuple[float, float, float]:
+    return norm.m, norm.epsilon, norm.size_weight

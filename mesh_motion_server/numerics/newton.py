@@ -1,6 +1,6 @@
 """Projected Gauss–Newton iterations that lower the distortion of a free region.
 
-Each iteration solves ``H dx = −g`` with the positive semi-definite Hessian of :mod:`.curvature` and goes along dx as
+Each iteration solves ``H dx = −g`` with the positive semi-definite Hessian of :mod:`.distortion` and goes along dx as
 far as Armijo's rule allows; outside the barrier the distortion is infinite, so no cell can invert. Small systems are
 factorized, large ones are solved roughly by conjugate gradients preconditioned with the diagonal blocks: an inexact
 Newton method needs no more (Dembo, Eisenstat & Steihaug, SIAM J. Numer. Anal. 19, 1982).
@@ -15,26 +15,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
-from mesh_motion_server.numerics.curvature import FLOOR
-from mesh_motion_server.numerics.distortion import PNorm
+from mesh_motion_server.numerics.distortion import FLOOR, PNorm
 from mesh_motion_server.numerics.free_region import FreeRegion, NodeAdjacency
 from mesh_motion_server.numerics.node_constraint import RegionConstraint, StepSolver
 from mesh_motion_server.numerics.region_measure import RegionMeasure, region_measure
-from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
 _UNTANGLING_DIRECT = 1500  # nor always a half turn, which a larger factorization still does
-_ROWS = 512
-_BLOCKS_PER_THREAD = 50_000  # of the Hessian: a product with fewer is over before another thread has started
 
 
 @dataclass(frozen=True)
@@ -84,8 +80,8 @@ class QuadraticTerm:
     def gradient(self, points: NDArray[np.float64], adjacency: NodeAdjacency) -> tuple[float, NDArray[np.float64]]:
         """The term and its gradient K v (f, d) at the free nodes' points (f, d)."""
         pull = np.empty_like(self.rest)
-        energy = _multiply(adjacency.row_starts, adjacency.columns, self.stiffness, points - self.rest, pull)
-        return 0.5 * float(energy), pull
+        pattern = adjacency.row_starts, adjacency.columns
+        return 0.5 * kernels.block_product(*pattern, self.stiffness, points - self.rest, pull), pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,137 +221,8 @@ def _solve(
             return np.asarray(factor.solve(right.ravel())).reshape(right.shape)
         except RuntimeError:  # exactly singular: conjugate gradients stay in the range of H
             pass
-    step = np.zeros_like(right)
+    step = np.empty_like(right)
     reduction, most = _UNTANGLING_CG if untangling else (accuracy.cg_reduction, accuracy.cg_iterations)
-    with threads_for(len(adjacency.columns) // _BLOCKS_PER_THREAD):
-        _conjugate_gradients(adjacency.row_starts, adjacency.columns, hessian, right, reduction, most, step)
+    pattern = adjacency.row_starts, adjacency.columns
+    kernels.block_conjugate_gradients(*pattern, hessian, right, reduction, most, step)
     return step
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _invert_diagonal(row_starts, blocks, out):  # type: ignore[no-untyped-def]
-    """out (f, d, d) = inverse of each row's first block, which is the diagonal's."""
-    for i in prange(len(out)):
-        a = blocks[row_starts[i]]
-        if a.shape[0] == 1:
-            out[i, 0, 0] = 1.0 / a[0, 0]
-        elif a.shape[0] == 2:
-            det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
-            out[i, 0, 0], out[i, 1, 1] = a[1, 1] / det, a[0, 0] / det
-            out[i, 0, 1], out[i, 1, 0] = -a[0, 1] / det, -a[1, 0] / det
-        else:
-            det = 0.0
-            for k in range(3):
-                k1, k2 = (k + 1) % 3, (k + 2) % 3
-                for r in range(3):
-                    r1, r2 = (r + 1) % 3, (r + 2) % 3
-                    out[i, k, r] = a[r1, k1] * a[r2, k2] - a[r1, k2] * a[r2, k1]
-                det += a[0, k] * out[i, k, 0]
-            for k in range(3):
-                for r in range(3):
-                    out[i, k, r] /= det
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _precondition(inverse, residual, out):  # type: ignore[no-untyped-def]
-    """out (f, d) = inverse · residual; returns residual · out in fixed blocks."""
-    n, d = residual.shape
-    n_blocks = (n + _ROWS - 1) // _ROWS
-    partial = np.empty(n_blocks)
-    for block in prange(n_blocks):
-        s = 0.0
-        for i in range(block * _ROWS, min(n, (block + 1) * _ROWS)):
-            for r in range(d):
-                t = 0.0
-                for k in range(d):
-                    t += inverse[i, r, k] * residual[i, k]
-                out[i, r] = t
-                s += t * residual[i, r]
-        partial[block] = s
-    return _total(partial)
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _multiply(row_starts, columns, blocks, x, out):  # type: ignore[no-untyped-def]
-    """out (f, d) = H x; returns x · out in fixed blocks."""
-    n, d = x.shape
-    n_blocks = (n + _ROWS - 1) // _ROWS
-    partial = np.empty(n_blocks)
-    for block in prange(n_blocks):
-        s = 0.0
-        for i in range(block * _ROWS, min(n, (block + 1) * _ROWS)):
-            if d == 3:
-                a, b, c = 0.0, 0.0, 0.0
-                for e in range(row_starts[i], row_starts[i + 1]):
-                    j = columns[e]
-                    u, v, w = x[j, 0], x[j, 1], x[j, 2]
-                    a += blocks[e, 0, 0] * u + blocks[e, 0, 1] * v + blocks[e, 0, 2] * w
-                    b += blocks[e, 1, 0] * u + blocks[e, 1, 1] * v + blocks[e, 1, 2] * w
-                    c += blocks[e, 2, 0] * u + blocks[e, 2, 1] * v + blocks[e, 2, 2] * w
-                out[i, 0], out[i, 1], out[i, 2] = a, b, c
-                s += a * x[i, 0] + b * x[i, 1] + c * x[i, 2]
-            elif d == 2:
-                a, b = 0.0, 0.0
-                for e in range(row_starts[i], row_starts[i + 1]):
-                    j = columns[e]
-                    a += blocks[e, 0, 0] * x[j, 0] + blocks[e, 0, 1] * x[j, 1]
-                    b += blocks[e, 1, 0] * x[j, 0] + blocks[e, 1, 1] * x[j, 1]
-                out[i, 0], out[i, 1] = a, b
-                s += a * x[i, 0] + b * x[i, 1]
-            else:
-                a = 0.0
-                for e in range(row_starts[i], row_starts[i + 1]):
-                    a += blocks[e, 0, 0] * x[columns[e], 0]
-                out[i, 0] = a
-                s += a * x[i, 0]
-        partial[block] = s
-    return _total(partial)
-
-
-@njit(cache=True, error_model="numpy")
-def _total(partial):  # type: ignore[no-untyped-def]
-    """Sum in order."""
-    s = 0.0
-    for value in partial:
-        s += value
-    return s
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _advance(alpha, p, hp, x, r):  # type: ignore[no-untyped-def]
-    """x += α p, r −= α H p."""
-    for i in prange(len(x)):
-        for k in range(x.shape[1]):
-            x[i, k] += alpha * p[i, k]
-            r[i, k] -= alpha * hp[i, k]
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _turn(beta, z, p):  # type: ignore[no-untyped-def]
-    """p = z + β p."""
-    for i in prange(len(p)):
-        for k in range(p.shape[1]):
-            p[i, k] = z[i, k] + beta * p[i, k]
-
-
-@njit(cache=True, error_model="numpy")
-def _conjugate_gradients(  # type: ignore[no-untyped-def]
-    row_starts, columns, blocks, right, tolerance, most, x
-):
-    """x (f, d) from 0, until the preconditioned residual has fallen by the tolerance or the curvature is lost."""
-    inverse = np.empty((len(right), right.shape[1], right.shape[1]))
-    _invert_diagonal(row_starts, blocks, inverse)
-    residual = right.copy()
-    z, hp = np.empty_like(right), np.empty_like(right)
-    rho = _precondition(inverse, residual, z)
-    p = z.copy()
-    stop = tolerance * tolerance * rho
-    for _ in range(most):
-        curvature = _multiply(row_starts, columns, blocks, p, hp)
-        if not curvature > 0.0:
-            return
-        _advance(rho / curvature, p, hp, x, residual)
-        previous, rho = rho, _precondition(inverse, residual, z)
-        if not rho > stop:
-            return
-        _turn(rho / previous, z, p)

@@ -1,7 +1,7 @@
 """What a descent lowers in a region: the p-mean over corner simplices, or over whole cells.
 
 ===========  ====================================================================================================
-corners      :mod:`.distortion` and :mod:`.curvature`: each corner against the reference mesh; untangles
+corners      :mod:`.distortion`: each corner against the reference mesh; untangles
 cells        :mod:`.cell_distortion`: the metric itself; the same as ``corners`` where all cells are simplices
 ===========  ====================================================================================================
 """
@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cell_distortion import cell_blocks, cell_gradient, mean_cell_distortion
-from mesh_motion_server.numerics.curvature import corner_blocks
-from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.free_region import FreeRegion
 
 __all__ = ["MEASURES", "RegionMeasure", "region_measure"]
@@ -67,7 +66,7 @@ class _Corners:
         least = refresh / len(weights) if self._filled else 0.0
         simplices, adjacency = self._region.simplices, self._region.adjacency
         corner_blocks(points, simplices, weights, self._norm, self._blocks, least_weight=least, floor=floor)
-        adjacency.reassemble(self._blocks, weights >= least, self._hessian)
+        adjacency.reassemble(self._blocks, weights, least, self._hessian)
         self._filled = True
         return self._hessian
 

@@ -31,7 +31,6 @@ from mesh_motion_server.numerics.distortion import PNorm, determinants, mean_dis
 from mesh_motion_server.numerics.free_region import FreeRegion
 from mesh_motion_server.numerics.newton import Accuracy, QuadraticTerm, newton
 from mesh_motion_server.numerics.paths import split_rigid
-from mesh_motion_server.numerics.thread_share import threads_for
 from mesh_motion_server.numerics.trial_nodes import SIZE_WEIGHTS, Polished, Stage, TrialMesh, untangle
 
 __all__ = ["PENALTY", "SmoothInTime", "gradient_stiffness", "travel"]
@@ -58,7 +57,6 @@ _PLANE = Accuracy(
 _SETTLED = {1: _PLANE, 2: _PLANE, 3: replace(_PLANE, direct_unknowns=1500)}  # in 3D a factorization is dear
 _BARRIER = 1e-3  # a start with a determinant below it is untangled first
 _NO_TRAVEL = 1e-9  # of δ: the weight of the penalty is infinite
-_CORNERS_PER_THREAD = 8000
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +112,7 @@ class SmoothInTime:
             return Polished(standard, float(self.mesh.quality(standard).min()))
         weight = PENALTY * (1.0 + (self.onset / travelled) ** 2)
         term = QuadraticTerm(standard[self.region.free], weight * self.stiffness)
-        with threads_for(len(self.region.simplices) // _CORNERS_PER_THREAD):
-            local, history = self._settle(standard, start, valid, term)
+        local, history = self._settle(standard, start, valid, term)
         moved = standard.copy()
         moved[self.region.free] = local[: self.region.n_free]
         minimum = float(self.mesh.quality(moved).min())

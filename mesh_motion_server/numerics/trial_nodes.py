@@ -24,7 +24,6 @@ from mesh_motion_server.numerics.metrics import AtRest, cell_quality
 from mesh_motion_server.numerics.newton import Accuracy, newton
 from mesh_motion_server.numerics.node_constraint import NodeConstraint, RegionConstraint, StepSolver
 from mesh_motion_server.numerics.region_measure import RegionMeasure
-from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach", "untangle"]
 
@@ -59,7 +58,6 @@ _MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
 _LEAST_GROWTH, _MOST_GROWTH = 1.4, 3.0
 _ALL = 0.6  # past this share of the free nodes a region does not pay: free all
 _TINY = 1e-300
-_CORNERS_PER_THREAD = 8000  # a thread that is woken for less costs more than it does, on a busy machine far more
 
 
 class Stage(NamedTuple):
@@ -243,8 +241,7 @@ def polish(
     """
     constraint = None if mesh.constraint is None else mesh.constraint.of(region)
     search = _Search(region, mesh.metric, target, points[region.nodes], solve, constraint)
-    with threads_for(len(region.simplices) // _CORNERS_PER_THREAD):
-        barrier = search.judge(search.points) or _descend_all(search, thorough)
+    barrier = search.judge(search.points) or _descend_all(search, thorough)
     moved = points.copy()
     moved[region.free] = search.points[: region.n_free]
     iterations = sum(stage.iterations for stage in search.history)

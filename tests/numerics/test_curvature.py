@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from test_distortion import one_cell
 
-from mesh_motion_server.numerics.curvature import corner_blocks
-from mesh_motion_server.numerics.distortion import PNorm, corner_simplices, determinants, distortion_gradient
+from mesh_motion_server.numerics.distortion import (
+    PNorm,
+    corner_blocks,
+    corner_simplices,
+    determinants,
+    distortion_gradient,
+)
 
 
 def numerical_block(points: np.ndarray, simplices, norm: PNorm, *, project: bool) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import math
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
@@ -137,10 +137,10 @@ def test_threads_change_no_bit() -> None:
     mesh = box_mesh("tetra")
     points = mesh.points + 0.005 * np.random.default_rng(6).normal(size=mesh.points.shape)
     simplices, norm = corner_simplices(mesh.points, mesh.cells, mesh.sizes), PNorm(8, 2)
-    before, found = numba.get_num_threads(), []
+    before, found = kernels.get_threads(), []
     for threads in {1, before}:
-        numba.set_num_threads(threads)
+        kernels.set_threads(threads)
         energy, weights = mean_distortion(points, simplices, norm)
         found.append((energy, weights.tobytes(), distortion_gradient(points, simplices, weights, norm).tobytes()))
-    numba.set_num_threads(before)
+    kernels.set_threads(before)
     assert len(set(found)) == 1

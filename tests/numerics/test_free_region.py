@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 
-from mesh_motion_server.numerics.curvature import corner_blocks
-from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.free_region import cells_of_nodes, free_region, grow, nodes_of_cells
 
 

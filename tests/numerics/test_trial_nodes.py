@@ -1,6 +1,6 @@
 """Freed trial nodes: every cell type, the growing region, refusal, repeatability."""
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
@@ -128,12 +128,12 @@ def test_an_impossible_motion_is_given_up_early(dx: float) -> None:
 def test_repeatable_to_the_bit_for_any_number_of_threads(name: str) -> None:
     problem = case(name)
     trial = TrialMesh(problem.start, problem.cells, problem.reference_sizes, problem.held)
-    before, found = numba.get_num_threads(), []
+    before, found = kernels.get_threads(), []
     for threads in (1, before, before):
-        numba.set_num_threads(threads)
+        kernels.set_threads(threads)
         found.append(polish(problem.standard, trial, trial.free(~trial.held)).points.tobytes())
         found.append(reach(problem.standard, trial, 0.15).points.tobytes())
-    numba.set_num_threads(before)
+    kernels.set_threads(before)
     assert len(set(found[::2])) == len(set(found[1::2])) == 1
 
 

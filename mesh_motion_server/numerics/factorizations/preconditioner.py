@@ -13,63 +13,18 @@ minimization", SIAM J. Sci. Comput. 43 (2021) A2019–A2046: the coarse-to-fine 
 
 from __future__ import annotations
 
-import math
-
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.factorizations.thinning import nearest_preceding, nested_levels
-from mesh_motion_server.numerics.kernel_functions import phi
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.sparse_products import in_lanes, nbytes, product
-from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["SparseInverse"]
 
 Array = NDArray[np.float64]
-
-
-@njit(cache=True, error_model="numpy")
-def _local_factor(
-    code: int, points: Array, members: NDArray[np.int64], m: int, inverse_radius: float, a: Array
-) -> None:
-    """Lower Cholesky factor of φ among ``members[:m]``, in place in ``a``."""
-    for i in range(m):
-        for j in range(i + 1):
-            dx = points[members[i], 0] - points[members[j], 0]
-            dy = points[members[i], 1] - points[members[j], 1]
-            dz = points[members[i], 2] - points[members[j], 2]
-            total = phi(code, math.sqrt(dx * dx + dy * dy + dz * dz) * inverse_radius)
-            for c in range(j):
-                total -= a[i, c] * a[j, c]
-            # a rounded-away pivot only weakens the preconditioner: keep it positive
-            a[i, j] = total / a[j, j] if j < i else math.sqrt(max(total, 1e-14))
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _fill(code: int, points: Array, neighbours: NDArray[np.int64], inverse_radius: float, out: Array) -> None:
-    """Rows of G, ``out`` (n, count + 1): entries of the neighbours, farthest first, then the diagonal."""
-    n, count = neighbours.shape
-    for i in prange(n):
-        members = np.empty(count + 1, dtype=np.int64)
-        a = np.empty((count + 1, count + 1))
-        m = 0
-        while m < count and neighbours[i, m] >= 0:
-            # farthest first, the point itself last: its row of the inverse factor is then one back-substitution
-            m += 1
-        for j in range(m):
-            members[j] = neighbours[i, m - 1 - j]
-        members[m] = i
-        _local_factor(code, points, members, m + 1, inverse_radius, a)
-        g = out[i]
-        g[m] = 1.0 / a[m, m]
-        for j in range(m - 1, -1, -1):
-            total = 0.0
-            for c in range(j + 1, m + 1):
-                total -= a[c, j] * g[c]
-            g[j] = total / a[j, j]
 
 
 class SparseInverse:
@@ -91,13 +46,15 @@ class SparseInverse:
         order, near = nearest_preceding(points, nested_levels(points), neighbours)
         n = len(points)
         entries = np.empty((n, neighbours + 1))
-        with threads_for(n * neighbours**3 / 6.0):
-            _fill(basis.code, np.ascontiguousarray(points[order]), near, 1.0 / support_radius, entries)
+        kernels.sparse_inverse_rows(
+            basis.code, np.ascontiguousarray(points[order]), near, 1.0 / support_radius, entries
+        )
         used = np.count_nonzero(near >= 0, axis=1)
         rows, places = np.nonzero(np.arange(neighbours + 1) <= used[:, None])
-        source = used[rows] - 1 - places  # farthest first, as _fill stored them
+        source = used[rows] - 1 - places  # farthest first, as the kernel stored them
         ranks = np.where(source >= 0, near[rows, source], rows)
-        factor = csr_array((entries[rows, places], (rows, order[ranks])), shape=(n, n))
+        short = rows.astype(np.int32), order[ranks].astype(np.int32)  # the product's index type
+        factor = csr_array((entries[rows, places], short), shape=(n, n))
         self._factor = factor
         self._transposed = factor.T.tocsr()
 

@@ -5,8 +5,7 @@ import pytest
 from correction_cases import CASES, RADIUS, case, stored
 from scipy.sparse import bsr_matrix
 
-from mesh_motion_server.numerics.curvature import corner_blocks
-from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.enrichment import coefficients as module
 from mesh_motion_server.numerics.enrichment.coefficients import (
     RADIUS_CYCLE,

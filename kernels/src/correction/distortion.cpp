@@ -1,0 +1,209 @@
+#include "correction/distortion.h"
+
+#include <limits>
+#include <numeric>
+
+#include "correction/corner.h"
+#include "parallel.h"
+
+namespace mesh_motion {
+namespace {
+
+constexpr Index values_of_task = 1 << 14, corners_of_task = 1 << 12, blocks_of_task = 1 << 9;
+constexpr double no_weight = 1e-12;  // of the mean weight: less has no gradient
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// The corners of a mesh, and f(dimension).
+struct Corners {
+    Matrix<const double> points;
+    Matrix<const std::int32_t> nodes;
+    Cube<const double> ideals;
+
+    void check(Index n) const {
+        const Index d = points.shape(1);
+        require(nodes.shape(1) == d + 1, "corners: expected shape (c, d + 1)");
+        require(ideals.shape() == std::array{nodes.shape(0), d, d}, "ideals: expected shape (c, d, d)");
+        require(n == nodes.shape(0), "expected one number a corner");
+    }
+    Index size() const { return nodes.shape(0); }
+
+    /// J and P of the corners that `at` has for the lanes.
+    template <int d>
+    std::pair<Small<d>, Small<d>> jacobians(const std::array<Index, lanes>& at) const {
+        const Small<d> p = ideals_of<d>(ideals, [&](int l) { return at[l]; });
+        const auto node = [&](int l, int place) { return nodes.data()[at[l] * (d + 1) + place]; };
+        return {product<d>(edges<d>(points, node), p), p};
+    }
+};
+
+/// The lanes for the corners c … last − 1; the last corner again where there are fewer than lanes.
+std::array<Index, lanes> from(Index c, Index last) {
+    std::array<Index, lanes> at;
+    for (Index l = 0; l < lanes; ++l) at[l] = std::min(c + l, last - 1);
+    return at;
+}
+
+template <int d>
+Pack distortion(Pack tau, Pack q, const SizeLaw& law) {
+    const Pack shape = d > 1 ? each(logarithm, q / d) : Pack{};
+    constexpr double b = d > 1 ? 2.0 / d : 0.0;
+    const Mask number = (q > 0.0) & (q < infinity);
+    if (law.epsilon == 0.0) {
+        const Pack t = each(logarithm, tau);
+        const Pack value = shape - b * t + log_cosh(t, law);
+        return number & (tau > 0.0) ? value : all(infinity);
+    }
+    const Pack s = root(tau * tau + law.epsilon * law.epsilon);
+    const Pack chi = tau > 0.0 ? 0.5 * (tau + s) : 0.5 * law.epsilon * law.epsilon / (s - tau);
+    const Pack value =
+        shape - (b + law.a) * each(logarithm, chi) + law.a * each(logarithm, 0.5 * (1.0 + tau * tau));
+    return number ? value : all(infinity);
+}
+
+/// First and second derivative of the part of ℓ that depends on τ alone.
+template <int d>
+std::pair<Pack, Pack> slopes(Pack tau, const SizeLaw& law) {
+    constexpr double b = d > 1 ? 2.0 / d : 0.0;
+    if (law.epsilon == 0.0) {
+        const auto [first, second] = log_cosh_slopes(each(logarithm, tau), law);
+        return {(first - b) / tau, (second + b - first) / (tau * tau)};
+    }
+    const Pack s = root(tau * tau + law.epsilon * law.epsilon), square = 1.0 + tau * tau;
+    return {2.0 * law.a * tau / square - (b + law.a) / s,
+            (b + law.a) * tau / (s * s * s) + 2.0 * law.a * (1.0 - tau * tau) / (square * square)};
+}
+
+}  // namespace
+
+void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                 Vector<const double> offset, double m, double epsilon, double a, Vector<double> values) {
+    const Corners mesh{points, corners, ideals};
+    mesh.check(values.size());
+    require(offset.size() == 0 || offset.size() == values.size(), "offset: expected one number a corner, or none");
+    with_dimension(points.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
+            for (Index c = first; c < last; c += lanes) {
+                const auto [j, p] = mesh.jacobians<d>(from(c, last));
+                const Pack value = distortion<d>(determinant<d>(j), square<d>(j), {m, epsilon, a});
+                for (Index l = 0; l < std::min(lanes, last - c); ++l)
+                    values[c + l] = offset.size() ? value[l] + offset[c + l] : value[l];
+            }
+        });
+    });
+}
+
+double p_mean(Vector<double> values, double p) {
+    const Index n = values.size();
+    require(n > 0, "values: expected some");
+    std::vector<double> parts((n + values_of_task - 1) / values_of_task);
+    for_ranges(n, values_of_task, [&](Index first, Index last) {
+        double top = -infinity;
+        for (Index c = first; c < last; ++c) top = values[c] <= top ? top : values[c] < infinity ? values[c] : infinity;
+        parts[first / values_of_task] = top;
+    });
+    const double highest = *std::max_element(parts.begin(), parts.end());
+    if (!(highest < infinity)) return infinity;
+    for_ranges(n, values_of_task, [&](Index first, Index last) {
+        for (Index c = first; c < last; ++c) values[c] = exponential(p * (values[c] - highest));
+        parts[first / values_of_task] = sum_in_lanes(first, last, [&](Index c) { return values[c]; });
+    });
+    const double total = std::accumulate(parts.begin(), parts.end(), 0.0);
+    for_ranges(n, values_of_task, [&](Index first, Index last) {
+        for (Index c = first; c < last; ++c) values[c] /= total;
+    });
+    return highest + logarithm(total / static_cast<double>(n)) / p;
+}
+
+void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                          Vector<const double> weights, double m, double epsilon, double a, Cube<double> shares) {
+    const Corners mesh{points, corners, ideals};
+    mesh.check(weights.size());
+    require(shares.shape() == std::array{mesh.size(), points.shape(1) + 1, points.shape(1)},
+            "shares: expected shape (c, d + 1, d)");
+    const double least = no_weight / static_cast<double>(mesh.size());
+    with_dimension(points.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
+            for (Index c = first; c < last; c += lanes) {
+                const auto at = from(c, last);
+                const Pack weight = gathered([&](int l) { return weights[at[l]]; });
+                std::array<std::array<Pack, d>, d + 1> share{};
+                if (any(weight >= least)) {
+                    const auto [j, p] = mesh.jacobians<d>(at);
+                    const auto [h1, h2] = slopes<d>(determinant<d>(j), {m, epsilon, a});
+                    const Small<d> cof = cofactor<d>(j);
+                    const Pack twice = 2.0 * inverse_square<d>(j);
+                    Small<d> pull;
+                    for (int i = 0; i < d; ++i)
+                        for (int k = 0; k < d; ++k) pull[i][k] = twice * j[i][k] + h1 * cof[i][k];
+                    pull = product_transposed<d>(pull, p);
+                    for (int i = 0; i < d; ++i)
+                        for (int k = 0; k < d; ++k) {
+                            const Pack x = weight >= least ? weight * pull[i][k] : all(0.0);
+                            share[k + 1][i] = x;
+                            share[0][i] -= x;
+                        }
+                }
+                for (Index l = 0; l < std::min(lanes, last - c); ++l)
+                    for (int k = 0; k <= d; ++k)
+                        for (int i = 0; i < d; ++i) shares(c + l, k, i) = share[k][i][l];
+            }
+        });
+    });
+}
+
+void determinants(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                  Vector<double> taus) {
+    const Corners mesh{points, corners, ideals};
+    mesh.check(taus.size());
+    with_dimension(points.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
+            for (Index c = first; c < last; c += lanes) {
+                const Pack tau = determinant<d>(mesh.jacobians<d>(from(c, last)).first);
+                for (Index l = 0; l < std::min(lanes, last - c); ++l) taus[c + l] = tau[l];
+            }
+        });
+    });
+}
+
+void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                   Vector<const double> weights, double floor, double least_weight, double p, double m, double epsilon,
+                   double a, Cube<float> blocks) {
+    const Corners mesh{points, corners, ideals};
+    mesh.check(weights.size());
+    const Index size = points.shape(1) * points.shape(1);
+    require(blocks.shape() == std::array{mesh.size(), size, size}, "blocks: expected shape (c, d², d²)");
+    with_dimension(points.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(mesh.size(), blocks_of_task, [&](Index first, Index last) {
+            std::array<Index, lanes> at{};
+            Index count = 0;
+            const auto update = [&] {  // the corners of at, the last of them again in lanes that are left
+                for (Index l = count; l < lanes; ++l) at[l] = at[count - 1];
+                const auto [j, ideal] = mesh.jacobians<d>(at);
+                const Pack tau = determinant<d>(j);
+                const auto [h1, h2] = slopes<d>(tau, {m, epsilon, a});
+                const Pack weight = gathered([&](int l) { return weights[at[l]]; }) + floor;
+                Curvature<d> total;
+                curvature<d>(j, inverse_square<d>(j), ideal, {all(1.0), h1, h2, all(p), h1}, weight, total);
+                for (Index l = 0; l < count; ++l) {
+                    float* block = blocks[at[l]].data();
+                    for (int r = 0; r < d * d; ++r)
+                        for (int k = 0; k <= r; ++k)
+                            block[r * d * d + k] = block[k * d * d + r] = static_cast<float>(total[r][k][l]);
+                }
+                count = 0;
+            };
+            for (Index c = first; c < last; ++c) {
+                if (weights[c] < least_weight) continue;
+                at[count++] = c;
+                if (count == lanes) update();
+            }
+            if (count) update();
+        });
+    });
+}
+
+}  // namespace mesh_motion

@@ -1,0 +1,37 @@
+// The distortion ℓ of corner simplices, its p-mean, and the derivatives with respect to the nodes.
+//
+// With the Jacobian J = A P of corner.h, τ = det J and q = |J|²_F
+//
+//   ℓ   = log q − log d − (2/d) log τ + (a/m) log cosh(m log τ)               ε = 0, τ > 0
+//   ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                 untangling, χ = (τ + √(τ² + ε²))/2
+//
+// In 1D the first three terms cancel. points (n, d), corners (c, d + 1): the nodes of each corner, ideals (c, d, d): P.
+#pragma once
+
+#include "view.h"
+
+namespace mesh_motion {
+
+/// values (c) = ℓ, and offset (c, or 0 where there is none) added to it; inf where it is no number or τ violates ε = 0.
+void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                 Vector<const double> offset, double m, double epsilon, double a, Vector<double> values);
+
+/// E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)) of values ℓ, which become the weights softmax(p ℓ). inf, and the values
+/// as they are, where one is not finite.
+double p_mean(Vector<double> values, double p);
+
+/// shares (c, d + 1, d) = w dℓ/dx of the nodes of each corner; 0 where w is next to nothing.
+void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                          Vector<const double> weights, double m, double epsilon, double a, Cube<double> shares);
+
+/// τ (c).
+void determinants(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                  Vector<double> taus);
+
+/// blocks (c, d², d²) = (w + floor) times the positive part of the Hessian of ℓ and of the p-mean's rank-one term, of the
+/// corners that weigh at least least_weight. Row and column j d + i belong to the coordinate i of the edge j.
+void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                   Vector<const double> weights, double floor, double least_weight, double p, double m, double epsilon,
+                   double a, Cube<float> blocks);
+
+}  // namespace mesh_motion

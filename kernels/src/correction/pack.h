@@ -1,0 +1,56 @@
+// Eight corners or cells side by side: numbers that vector registers hold, whatever their width, lane by lane the same
+// bits as one by one.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "lanes.h"
+#include "view.h"
+
+namespace mesh_motion {
+
+#pragma GCC diagnostic ignored "-Wpsabi"  // all functions of packs are inlined: there is no binary interface to change
+
+using Pack = double __attribute__((vector_size(lanes * sizeof(double))));
+/// What a comparison of packs gives; as a condition of ?: it chooses by lane.
+using Mask = decltype(Pack{} < Pack{});
+
+/// A d × d matrix of each lane, rows first.
+template <int d>
+using Small = std::array<std::array<Pack, d>, d>;
+
+inline Pack all(double x) { return Pack{} + x; }
+
+/// The pack of f(0) … f(7).
+template <class F>
+inline Pack gathered(F&& f) {
+    return [&]<std::size_t... l>(std::index_sequence<l...>) {
+        return Pack{f(static_cast<int>(l))...};
+    }(std::make_index_sequence<lanes>{});
+}
+
+/// f of each lane. The array lets the compiler make vector code of f.
+template <class F>
+inline Pack each(F&& f, Pack x) {
+    alignas(Pack) double value[lanes];
+    __builtin_memcpy(value, &x, sizeof x);
+    for (double& v : value) v = f(v);
+    __builtin_memcpy(&x, value, sizeof x);
+    return x;
+}
+
+inline Pack root(Pack x) {
+    return each([](double v) { return std::sqrt(v); }, x);
+}
+inline Pack size_of(Pack x) { return x < 0.0 ? -x : x; }
+inline Pack larger(Pack x, Pack y) { return x > y ? x : y; }
+
+inline bool any(Mask mask) {
+    long found = 0;
+    for (int l = 0; l < lanes; ++l) found |= mask[l];
+    return found;
+}
+
+}  // namespace mesh_motion

@@ -1,0 +1,196 @@
+#include "correction/region.h"
+
+#include <algorithm>
+
+#include "parallel.h"
+
+namespace mesh_motion {
+namespace {
+
+constexpr Index rows_of_gather = 1 << 11, rows_of_assembly = 1 << 6;
+
+/// starts and entries by counting sort.
+template <class Node>
+std::pair<std::vector<Index>, std::vector<std::int32_t>> places(Matrix<const Node> cells, Index n_free) {
+    std::vector<Index> starts(n_free + 1);
+    for (Node node : cells)
+        if (node < n_free) ++starts[node + 1];
+    for (Index i = 0; i < n_free; ++i) starts[i + 1] += starts[i];
+    std::vector<std::int32_t> entries(starts[n_free]);
+    std::vector<Index> next(starts.begin(), starts.end() - 1);
+    for (Index at = 0; at < cells.size(); ++at) {
+        const Node node = cells.data()[at];
+        if (node < n_free) entries[next[node]++] = static_cast<std::int32_t>(at);
+    }
+    return {std::move(starts), std::move(entries)};
+}
+
+template <class Node>
+void check_nodes(Matrix<const Node> cells, Index n_free, Index n_nodes) {
+    require(0 <= n_free && n_free <= n_nodes, "n_free: expected 0 to as many as nodes");
+    require(std::all_of(cells.begin(), cells.end(), [&](Node node) { return 0 <= node && node < n_nodes; }),
+            "cells: expected numbers of nodes");
+}
+
+void check_lists(Vector<const Index> starts, Vector<const std::int32_t> entries) {
+    require(starts.size() > 0 && starts[starts.size() - 1] == entries.size(), "starts: expected to end at the entries");
+}
+
+/// row (d, d²) = the rows of a corner's node a: an edge's, or minus the sum of all for node 0.
+template <int d>
+std::array<std::array<double, d * d>, d> rows_of(const float* block, int a) {
+    std::array<std::array<double, d * d>, d> row{};
+    for (int r = 0; r < d; ++r)
+        for (int q = 0; q < d * d; ++q)
+            if (a > 0)
+                row[r][q] = block[((a - 1) * d + r) * d * d + q];
+            else
+                for (int j = 0; j < d; ++j) row[r][q] -= block[(j * d + r) * d * d + q];
+    return row;
+}
+
+}  // namespace
+
+Owned<std::uint8_t, 1> touched_cells(Matrix<const Index> cells, Vector<const bool> marked) {
+    check_nodes(cells, 0, marked.size());
+    std::vector<std::uint8_t> found(cells.shape(0));
+    for (Index c = 0; c < cells.shape(0); ++c)
+        for (Index node : cells[c]) found[c] |= marked[node];
+    return owned(std::move(found));
+}
+
+std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>, Owned<Index, 1>, Owned<std::int32_t, 1>>
+node_adjacency(Matrix<const std::int32_t> corners, Index n_free, Index n_nodes, Matrix<const Index> diagonals) {
+    check_nodes(corners, n_free, n_nodes);
+    check_nodes(diagonals, n_free, n_nodes);
+    require(diagonals.shape(1) == 2, "diagonals: expected shape (h, 2)");
+    const Index k = corners.shape(1);
+    auto [starts, entries] = places(corners, n_free);
+    const auto [ends, others] = places(diagonals, n_free);
+    std::vector<std::int32_t> slots(entries.size() * k, -1), columns;
+    std::vector<Index> row_starts(n_free + 1), where(n_nodes, -1);
+    for (Index i = 0; i < n_free; ++i) {
+        const auto slot = [&](Index j) {  // of column j in row i, which gets it where it has none
+            if (where[j] < row_starts[i]) {
+                where[j] = static_cast<Index>(columns.size());
+                columns.push_back(static_cast<std::int32_t>(j));
+            }
+            return static_cast<std::int32_t>(where[j]);
+        };
+        slot(i);
+        for (Index e = starts[i]; e < starts[i + 1]; ++e)
+            for (Index b = 0; b < k; ++b) {
+                const Index j = corners(entries[e] / k, b);
+                if (j < n_free) slots[e * k + b] = slot(j);
+            }
+        for (Index e = ends[i]; e < ends[i + 1]; ++e) {
+            const Index j = diagonals(others[e] / 2, 1 - others[e] % 2);
+            if (j < n_free) slot(j);
+        }
+        row_starts[i + 1] = static_cast<Index>(columns.size());
+    }
+    const auto n_entries = static_cast<Index>(entries.size());
+    return {owned(std::move(starts)), owned(std::move(entries)), {std::move(slots), {n_entries, k}},
+            owned(std::move(row_starts)), owned(std::move(columns))};
+}
+
+std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>> cell_adjacency(
+    Matrix<const std::int32_t> cells, Index n_free, Index n_nodes, Vector<const Index> row_starts,
+    Vector<const std::int32_t> columns) {
+    check_nodes(cells, n_free, n_nodes);
+    require(row_starts.size() == n_free + 1 && row_starts[n_free] == columns.size(), "row_starts: expected (f + 1)");
+    const Index k = cells.shape(1);
+    auto [starts, entries] = places(cells, n_free);
+    std::vector<std::int32_t> slots(entries.size() * k, -1), where(n_nodes, -1);
+    for (Index i = 0; i < n_free; ++i) {
+        for (Index e = row_starts[i]; e < row_starts[i + 1]; ++e) where[columns[e]] = static_cast<std::int32_t>(e);
+        for (Index e = starts[i]; e < starts[i + 1]; ++e)
+            for (Index b = 0; b < k; ++b) {
+                const Index j = cells(entries[e] / k, b);
+                if (j < n_free) slots[e * k + b] = where[j];
+            }
+    }
+    const auto n_entries = static_cast<Index>(entries.size());
+    return {owned(std::move(starts)), owned(std::move(entries)), {std::move(slots), {n_entries, k}}};
+}
+
+void gather_shares(Vector<const Index> starts, Vector<const std::int32_t> entries, Cube<const double> shares,
+                   Matrix<double> sums) {
+    check_lists(starts, entries);
+    require(sums.shape() == std::array{starts.size() - 1, shares.shape(2)}, "sums: expected shape (f, d)");
+    with_dimension(sums.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(sums.shape(0), rows_of_gather, [&](Index first, Index last) {
+            for (Index i = first; i < last; ++i) {
+                std::array<double, d> sum{};
+                for (Index e = starts[i]; e < starts[i + 1]; ++e)
+                    for (int k = 0; k < d; ++k) sum[k] += shares.data()[Index{entries[e]} * d + k];
+                for (int k = 0; k < d; ++k) sums(i, k) = sum[k];
+            }
+        });
+    });
+}
+
+void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
+                      Vector<const Index> row_starts, Cube<const float> blocks, Vector<const double> weights,
+                      double least_weight, Cube<double> hessian) {
+    check_lists(starts, entries);
+    const Index size = hessian.shape(1) * hessian.shape(1);
+    require(slots.shape() == std::array{entries.size(), hessian.shape(1) + 1}, "slots: expected shape (e, d + 1)");
+    require(blocks.shape() == std::array{weights.size(), size, size}, "blocks: expected shape (c, d², d²)");
+    require(row_starts.size() == starts.size() && row_starts[row_starts.size() - 1] == hessian.shape(0) &&
+                hessian.shape(2) == hessian.shape(1),
+            "hessian: expected shape (b, d, d)");
+    with_dimension(hessian.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(starts.size() - 1, rows_of_assembly, [&](Index first, Index last) {
+            for (Index i = first; i < last; ++i) {
+                if (std::none_of(&entries[starts[i]], &entries[starts[i]] + (starts[i + 1] - starts[i]),
+                                 [&](auto entry) { return weights[entry / (d + 1)] >= least_weight; }))
+                    continue;
+                const Cube<double> row = hessian.rows(row_starts[i], row_starts[i + 1]);
+                std::fill(row.begin(), row.end(), 0.0);
+                for (Index e = starts[i]; e < starts[i + 1]; ++e) {
+                    const auto rows = rows_of<d>(blocks[entries[e] / (d + 1)].data(), entries[e] % (d + 1));
+                    for (int b = 0; b <= d; ++b) {
+                        if (slots(e, b) < 0) continue;
+                        double* out = hessian.data() + Index{slots(e, b)} * d * d;
+                        for (int r = 0; r < d; ++r)
+                            for (int q = 0; q < d; ++q) {
+                                if (b > 0)
+                                    out[r * d + q] += rows[r][(b - 1) * d + q];
+                                else  // the column of node 0 is minus the sum of all
+                                    for (int j = 0; j < d; ++j) out[r * d + q] -= rows[r][j * d + q];
+                            }
+                    }
+                }
+            }
+        });
+    });
+}
+
+void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
+               Cube<const float> blocks, Cube<double> hessian) {
+    check_lists(starts, entries);
+    const Index k = slots.shape(1);
+    require(slots.shape(0) == entries.size(), "slots: expected shape (e, k)");
+    require(blocks.shape(1) == k * hessian.shape(1) && blocks.shape(2) == k * hessian.shape(1),
+            "blocks: expected shape (m, k d, k d)");
+    require(hessian.shape(2) == hessian.shape(1), "hessian: expected shape (b, d, d)");
+    with_dimension(hessian.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(starts.size() - 1, rows_of_assembly, [&](Index first, Index last) {
+            for (Index e = starts[first]; e < starts[last]; ++e) {
+                const float* rows = blocks.data() + Index{entries[e]} * d * k * d;
+                for (Index b = 0; b < k; ++b) {
+                    if (slots(e, b) < 0) continue;
+                    double* out = hessian.data() + Index{slots(e, b)} * d * d;
+                    for (int r = 0; r < d; ++r)
+                        for (int q = 0; q < d; ++q) out[r * d + q] += rows[(r * k + b) * d + q];
+                }
+            }
+        });
+    });
+}
+
+}  // namespace mesh_motion
