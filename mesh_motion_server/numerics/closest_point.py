@@ -3,88 +3,22 @@
 A k-d tree of the facets' centroids bounds the search: the closest facet's centroid lies no farther away than the
 nearest centroid plus the largest facet's radius. Among those candidates the closest point is exact; ties go to the
 lowest facet.
-
-References
-----------
-C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann 2005, §5.1.5 (closest point on a triangle).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.centres import padded
-from mesh_motion_server.numerics.threads import threads_for
 
 __all__ = ["FacetSet", "nearest_within"]
 
 Array = NDArray[np.float64]
-
-
-@njit(cache=True, error_model="numpy")
-def _dot(a: Array, b: Array) -> float:
-    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-@njit(cache=True, error_model="numpy")
-def _on_segment(p: Array, a: Array, b: Array, out: Array) -> None:
-    """Closest point of the segment ab."""
-    ab = b - a
-    length = _dot(ab, ab)
-    t = min(max(_dot(p - a, ab) / length, 0.0), 1.0) if length > 0.0 else 0.0
-    for i in range(3):
-        out[i] = a[i] + t * ab[i]
-
-
-@njit(cache=True, error_model="numpy")
-def _on_triangle(p: Array, a: Array, b: Array, c: Array, out: Array) -> None:
-    """Closest point of the triangle abc: inside if the barycentric coordinates are positive, else on an edge."""
-    ab, ac, ap = b - a, c - a, p - a
-    d00, d01, d11 = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
-    d20, d21 = _dot(ap, ab), _dot(ap, ac)
-    det = d00 * d11 - d01 * d01
-    if det > 0.0:
-        v, w = (d11 * d20 - d01 * d21) / det, (d00 * d21 - d01 * d20) / det
-        if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
-            for i in range(3):
-                out[i] = a[i] + v * ab[i] + w * ac[i]
-            return
-    best, trial = np.inf, np.empty(3)
-    for side in range(3):
-        _on_segment(p, (a, b, c)[side], (b, c, a)[side], trial)
-        away = p - trial
-        if _dot(away, away) < best:
-            best = _dot(away, away)
-            out[:] = trial
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _closest(
-    points: Array,
-    corners: Array,
-    starts: NDArray[np.int64],
-    candidates: NDArray[np.int64],
-    out: Array,
-    facets: NDArray[np.int64],
-) -> None:
-    """``out[i]``: the point nearest to ``points[i]`` on ``candidates[starts[i]:starts[i + 1]]``, and its facet."""
-    for i in prange(points.shape[0]):
-        best, trial = np.inf, np.empty(3)
-        for at in range(starts[i], starts[i + 1]):
-            facet = corners[candidates[at]]
-            if facet.shape[0] == 2:
-                _on_segment(points[i], facet[0], facet[1], trial)
-            else:
-                _on_triangle(points[i], facet[0], facet[1], facet[2], trial)
-            away = points[i] - trial
-            if _dot(away, away) < best:
-                best = _dot(away, away)
-                out[i], facets[i] = trial, candidates[at]
 
 
 class FacetSet:
@@ -119,8 +53,7 @@ class FacetSet:
         starts = np.zeros(len(points) + 1, dtype=np.int64)
         np.cumsum([len(candidates) for candidates in lists], out=starts[1:])
         out = np.empty_like(places)
-        with threads_for(10.0 * starts[-1]):  # a facet costs about ten basis functions
-            _closest(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out, facets)
+        kernels.closest_points(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out, facets)
         return np.ascontiguousarray(out[:, : self._dimension]), facets
 
 

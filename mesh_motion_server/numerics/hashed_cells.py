@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -67,11 +68,9 @@ class HashedCells:
         packed = _packed(places[:, 0], places[:, 1], places[:, 2])
         order = np.argsort(packed, kind="stable")
         held, first = np.unique(packed[order], return_index=True)
-        keys = np.full(1 << (_AROUND * len(held)).bit_length(), -1, dtype=np.int64)
-        spans, runs = np.zeros((len(keys), 2), dtype=np.int32), np.empty((_AROUND * len(held), 2), dtype=np.int32)
-        used = _store(held, np.append(first, len(points)), keys, spans, runs)
+        keys, spans, runs = kernels.store_cells(held, np.append(first, len(points)))
         coordinates = np.ascontiguousarray(points[order].T)
-        return cls(order, coordinates, origin, 1.0 / side, keys, spans, runs[:used].copy())
+        return cls(order, coordinates, origin, 1.0 / side, keys, spans, runs)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -88,31 +87,6 @@ def _slot(key, keys):  # type: ignore[no-untyped-def]
     while keys[slot] >= 0 and keys[slot] != key:
         slot = (slot + 1) & mask
     return slot
-
-
-@njit(cache=True, error_model="numpy")
-def _store(held: Integers, starts: Integers, keys: Integers, spans: Shorts, runs: Shorts) -> int:
-    """Fill the table for cells ``held`` (c,), ascending, whose points begin at ``starts`` (c + 1,); the runs used."""
-    slots = np.empty((len(held), _AROUND), dtype=np.int64)
-    for cell in range(len(held)):
-        for near in range(_AROUND):
-            key = held[cell] + ((near // 9 - 1) << (2 * _BITS)) + ((near // 3 % 3 - 1) << _BITS) + near % 3 - 1
-            slot = _slot(key, keys)
-            keys[slot], slots[cell, near] = key, slot
-            spans[slot, 1] += 1
-    used = 0
-    for slot in range(len(keys)):
-        count, spans[slot, 0], spans[slot, 1] = spans[slot, 1], used, used
-        used += count
-    for cell in range(len(held)):  # ascending: a cell's runs are, and neighbours along x are one
-        for slot in slots[cell]:
-            last = spans[slot, 1]
-            if last > spans[slot, 0] and runs[last - 1, 1] == starts[cell]:
-                runs[last - 1, 1] = starts[cell + 1]
-            else:
-                runs[last, 0], runs[last, 1] = starts[cell], starts[cell + 1]
-                spans[slot, 1] = last + 1
-    return used
 
 
 @njit(cache=True, error_model="numpy", inline="always")

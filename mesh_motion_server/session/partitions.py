@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.exact_displacements import differences_of
 from mesh_motion_server.numerics.roles import Patch
 
 __all__ = ["CellOrigin", "MergedMesh", "PartitionMesh"]
@@ -132,9 +133,6 @@ class MergedMesh:
 
         Those of the moving nodes are ``told`` (k, d), rows in the order of ``moving``.
         """
-        # imported here: the supervisor reads stored sessions without the compiler
-        from mesh_motion_server.numerics.exact_displacements import differences_of  # noqa: PLC0415
-
         found = [differences_of(moved, base, node_map) for node_map in self.node_maps]
         for own, (local, rows) in zip(found, self._moving_places, strict=True):
             own[local] = told[rows]

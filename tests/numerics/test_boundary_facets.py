@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 
@@ -167,10 +167,10 @@ def counted_one_by_one(cells: CellTable) -> dict[str, list[list[int]]]:
 @pytest.mark.parametrize("threads", [1, 2])
 def test_many_cells_of_all_types_have_the_facets_that_one_by_one_counting_finds(threads):
     cells = CellTable.from_arrays(mixed_layers(np.random.default_rng(5)))
-    before = numba.get_num_threads()
-    numba.set_num_threads(min(threads, before))
+    before = kernels.get_threads()
+    kernels.set_threads(min(threads, kernels.available_threads()))
     try:
         found = boundary_facets(cells)
     finally:
-        numba.set_num_threads(before)
+        kernels.set_threads(before)
     assert {name: nodes.tolist() for name, nodes in found.items()} == counted_one_by_one(cells)

@@ -1,11 +1,12 @@
 """Rows of sparse matrices about small bodies in wide domains: found as by looking at every centre."""
 
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 
 from mesh_motion_server.numerics.assembly import mean_row_entries, sparse_matrix, sparse_rows
 from mesh_motion_server.numerics.centres import CentreLayout, padded
-from mesh_motion_server.numerics.hashed_cells import MAX_HASHED_RUNS, HashedCells, hashed_runs
+from mesh_motion_server.numerics.hashed_cells import HashedCells
 from mesh_motion_server.numerics.kernels import BASES
 
 C2 = BASES["wendland-c2"]
@@ -30,6 +31,12 @@ def _values(centres: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.maximum(1.0 - xi, 0.0) ** 4 * (4.0 * xi + 1.0)
 
 
+def _runs(found: HashedCells, place: np.ndarray) -> np.ndarray:
+    """(r, 2) runs of sorted points about a place (3,)."""
+    runs: np.ndarray = kernels.hashed_runs(place, found.origin, found.inverse_side, found.keys, found.spans, found.runs)
+    return runs
+
+
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_rows_are_those_of_all_centres(d: int) -> None:
     centres, places = _centres(d), _places(d)
@@ -46,19 +53,14 @@ def test_every_point_is_stored_once_and_found_from_its_own_cell() -> None:
     points = padded(_centres(3))
     found = HashedCells.build(points, RADIUS)
     assert sorted(found.order) == list(range(len(points)))
-    runs = np.empty((MAX_HASHED_RUNS, 2), dtype=np.int64)
-    table = (found.origin, found.inverse_side, found.keys, found.spans, found.runs)
     for i, point in enumerate(points):
-        count = hashed_runs(*point, *table, runs)
-        assert i in np.concatenate([found.order[a:b] for a, b in runs[:count]])
+        assert i in np.concatenate([found.order[a:b] for a, b in _runs(found, point)])
 
 
 def test_places_far_away_and_not_finite_find_nothing() -> None:
     found = HashedCells.build(padded(_centres(3)), RADIUS)
-    runs = np.empty((MAX_HASHED_RUNS, 2), dtype=np.int64)
-    table = (found.origin, found.inverse_side, found.keys, found.spans, found.runs)
     for place in ((1e300, 0.0, 0.0), (-1e300, 0.0, 0.0), (np.inf, 0.5, 0.5), (0.5, np.nan, 0.5), (5.0, 5.0, 5.0)):
-        assert hashed_runs(*place, *table, runs) == 0
+        assert len(_runs(found, np.array(place))) == 0
 
 
 def test_cells_become_wider_rather_than_too_many() -> None:

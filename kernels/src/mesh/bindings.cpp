@@ -1,10 +1,19 @@
 #include "bind.h"
+#include "mesh/closest_point.h"
 #include "mesh/differences.h"
+#include "mesh/digest.h"
+#include "mesh/facets.h"
+#include "mesh/hashed_cells.h"
 
 namespace mesh_motion {
 
 void bind_mesh(nanobind::module_& m) {
+    bind(m, "closest_points", closest_points);
+    bind(m, "hash_blocks", hash_blocks);
+    bind(m, "hashed_runs", hashed_runs);
+    bind(m, "match_facets", match_facets);
     bind(m, "round_differences", round_differences);
+    bind(m, "store_cells", store_cells);
     bind(m, "take_differences", take_differences);
 }
 

@@ -32,8 +32,10 @@ void take_differences(Matrix<const double> moved, Matrix<const double> base, Vec
     require(moved.shape() == base.shape() && moved.shape(1) == d, "moved, base: expected one shape (n, d)");
     require(rows.size() == found.shape(0), "found: expected a row for each of rows");
     for_ranges(rows.size(), block / 4, [&](Index first, Index last) {
-        for (Index j = first; j < last; ++j)
+        for (Index j = first; j < last; ++j) {
+            require(0 <= rows[j] && rows[j] < base.shape(0), "rows: expected rows of base");
             for (Index c = 0; c < d; ++c) found(j, c) = moved(rows[j], c) - base(rows[j], c);
+        }
     });
 }
 

@@ -1,0 +1,74 @@
+#include "mesh/hashed_cells.h"
+
+#include <bit>
+#include <limits>
+
+namespace mesh_motion {
+namespace {
+
+constexpr Index around = 27;  // cells around a place, of which neighbours along x may make one run
+
+}  // namespace
+
+void HashedCells::check() const {
+    require(origin.size() == 3, "origin: expected a shape (3,)");
+    require(std::has_single_bit(static_cast<std::uint64_t>(keys.size())), "keys: expected a power of two of them");
+    require(spans.shape(0) == keys.size() && spans.shape(1) == 2, "spans: expected a shape (t, 2), a row for each key");
+    require(runs.shape(1) == 2, "runs: expected a shape (r, 2)");
+}
+
+std::tuple<Owned<Index, 1>, Owned<std::int32_t, 2>, Owned<std::int32_t, 2>> store_cells(Vector<const Index> held,
+                                                                                        Vector<const Index> starts) {
+    const Index cells = held.size();
+    require(starts.size() == cells + 1, "starts: expected one more than cells");
+    require(around * cells < std::numeric_limits<std::int32_t>::max(), "held: expected at most 79 million cells");
+    const auto size = static_cast<Index>(std::bit_ceil(static_cast<std::uint64_t>(around * cells + 1)));
+    Owned<Index, 1> table = owned(std::vector<Index>(size, -1));
+    Owned<std::int32_t, 2> table_spans{std::vector<std::int32_t>(2 * size), {size, 2}};
+    Owned<std::int32_t, 2> table_runs{std::vector<std::int32_t>(2 * around * cells), {around * cells, 2}};
+    const Vector<Index> keys(table.values.data(), {size});
+    const Matrix<std::int32_t> spans(table_spans.values.data(), table_spans.shape);
+    const Matrix<std::int32_t> runs(table_runs.values.data(), table_runs.shape);
+
+    std::vector<std::array<Index, around>> slots(cells);
+    for (Index cell = 0; cell < cells; ++cell)
+        for (Index near = 0; near < around; ++near) {
+            const Index step = HashedCells::packed(near % 3 - 1, near / 3 % 3 - 1, near / 9 - 1) -
+                               HashedCells::packed(0, 0, 0);
+            const Index slot = HashedCells::slot(held[cell] + step, keys);
+            keys[slot] = held[cell] + step;
+            slots[cell][near] = slot;
+            ++spans(slot, 1);
+        }
+    std::int32_t used = 0;
+    for (Index slot = 0; slot < size; ++slot) {
+        const std::int32_t count = spans(slot, 1);
+        spans(slot, 0) = spans(slot, 1) = used;
+        used += count;
+    }
+    for (Index cell = 0; cell < cells; ++cell) {  // ascending: a cell's runs are, and neighbours along x are one
+        const auto begin = static_cast<std::int32_t>(starts[cell]), end = static_cast<std::int32_t>(starts[cell + 1]);
+        for (const Index slot : slots[cell]) {
+            std::int32_t& last = spans(slot, 1);
+            if (last > spans(slot, 0) && runs(last - 1, 1) == begin) {
+                runs(last - 1, 1) = end;
+            } else {
+                runs(last, 0) = begin;
+                runs(last++, 1) = end;
+            }
+        }
+    }
+    return {std::move(table), std::move(table_spans), std::move(table_runs)};
+}
+
+Owned<std::int32_t, 2> hashed_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,
+                                   Vector<const Index> keys, Matrix<const std::int32_t> spans,
+                                   Matrix<const std::int32_t> runs) {
+    require(place.size() == 3, "place: expected a shape (3,)");
+    const HashedCells cells{origin, inverse_side, keys, spans, runs};
+    cells.check();
+    const Matrix<const std::int32_t> found = cells.near(place[0], place[1], place[2]);
+    return {{found.begin(), found.end()}, found.shape()};
+}
+
+}  // namespace mesh_motion

@@ -1,0 +1,60 @@
+// Points sorted by the cells of a grid of which only the cells next to a point are stored.
+#pragma once
+
+#include <cmath>
+#include <tuple>
+
+#include "view.h"
+
+namespace mesh_motion {
+
+/// The grid and the table of its stored cells, each of which knows the points of all 27 around it.
+struct HashedCells {
+    static constexpr int bits = 20;  // of a cell's number along one axis
+
+    Vector<const double> origin;  // (3,)
+    double inverse_side;
+    Vector<const Index> keys;           // (t,) the stored cells by their place in the grid, −1 where free; t = 2ⁿ
+    Matrix<const std::int32_t> spans;   // (t, 2) [first, last) of each cell's runs
+    Matrix<const std::int32_t> runs;    // (r, 2) [first, last) of sorted points
+
+    /// Refuses shapes that do not fit.
+    void check() const;
+
+    /// One number of a cell's place, −1 or more along each axis.
+    static constexpr Index packed(Index x, Index y, Index z) {
+        return ((z + 1) << (2 * bits)) | ((y + 1) << bits) | (x + 1);
+    }
+
+    /// Where a key is in the table, or would be.
+    static Index slot(Index key, Vector<const Index> keys) {
+        const Index mask = keys.size() - 1;
+        Index slot = static_cast<Index>((static_cast<std::uint64_t>(key) * 0x9E3779B97F4A7C15u) >> 32) & mask;
+        for (Index tried = 0; keys[slot] >= 0 && keys[slot] != key && tried < mask; ++tried) slot = (slot + 1) & mask;
+        return slot;
+    }
+
+    /// The runs (m, 2) of sorted points about a place, 27 at most.
+    Matrix<const std::int32_t> near(double x, double y, double z) const {
+        constexpr double most = (1 << bits) - 2;
+        const double px = (x - origin[0]) * inverse_side, py = (y - origin[1]) * inverse_side,
+                     pz = (z - origin[2]) * inverse_side;
+        if (-1.0 <= px && px < most && -1.0 <= py && py < most && -1.0 <= pz && pz < most) {
+            const auto whole = [](double v) { return static_cast<Index>(std::floor(v)); };
+            const Index key = packed(whole(px), whole(py), whole(pz)), found = slot(key, keys);
+            if (keys[found] == key) return runs.rows(spans(found, 0), spans(found, 1));
+        }
+        return runs.rows(0, 0);
+    }
+};
+
+/// Keys (t,), spans (t, 2) and runs (r, 2) for the cells held (c,), ascending, whose points begin at starts (c + 1,).
+std::tuple<Owned<Index, 1>, Owned<std::int32_t, 2>, Owned<std::int32_t, 2>> store_cells(Vector<const Index> held,
+                                                                                        Vector<const Index> starts);
+
+/// HashedCells::near, copied.
+Owned<std::int32_t, 2> hashed_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,
+                                   Vector<const Index> keys, Matrix<const std::int32_t> spans,
+                                   Matrix<const std::int32_t> runs);
+
+}  // namespace mesh_motion
