@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.read_only import read_only
 
 __all__ = ["BINS", "WHOLE", "BinContent", "Way", "content", "merged_counts", "narrowed"]
 
@@ -52,42 +50,14 @@ class BinContent:
     repeated: Ints | None
 
 
-@njit(cache=True)
-def _bin(value: float, low: float, scale: float) -> int:
-    """Part of a bin that a value lies in; not falling in the value, whatever is rounded."""
-    place = (value - low) * scale
-    if not place > 0.0:  # -inf too
-        return 0
-    return BINS - 1 if place >= BINS else int(place)
-
-
-@njit(cache=True)
-def _count(values: Floats, low: float, scale: float, counts: Ints) -> None:
-    """Add the values to the counts (BINS,) of their bins."""
-    for value in values:
-        counts[_bin(value, low, scale)] += 1
-
-
-@njit(cache=True)
-def _select(values: Floats, low: float, scale: float, wanted: int, out: Floats) -> int:
-    """Copy the values of one bin to ``out``; how many there are."""
-    found = 0
-    for value in values:
-        if _bin(value, low, scale) == wanted:
-            out[found] = value
-            found += 1
-    return found
-
-
 def content(values: Floats, way: Way) -> BinContent:
     """What the values (m,) of a metric have in the bin at the end of a way."""
-    values = read_only(values)
+    values = np.ascontiguousarray(values)
     for low, scale, wanted in way:
-        out = np.empty(len(values))
-        values = read_only(out[: _select(values, low, scale, wanted, out)])
+        values = kernels.values_in_bin(values, low, scale, BINS, wanted)
     low, scale = _division(way)
     counts = np.zeros(BINS, dtype=np.int64)
-    _count(values, low, scale, counts)
+    kernels.count_in_bins(values, low, scale, counts)
     filled = np.flatnonzero(counts)
     few = len(values) <= _FEW or len(way) >= _DEEPEST or (len(filled) == 1 and values.min() == values.max())
     different, repeated = np.unique(values, return_counts=True) if few else (None, None)

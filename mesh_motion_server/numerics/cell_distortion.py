@@ -5,7 +5,7 @@ untangles well, but it is not the metric: a quad's skew asks for right angles, n
 
     L = log mean_k f_k + (a/m) log cosh(m log τ)          τ = Σ α_k / Σ α_k⁰,  α_k > 0 at every corner k
 
-with the corner terms f_k of :mod:`.corner_kernels`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
+with the corner terms f_k of :mod:`.metrics`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
 Relative to the cells at rest it is L less its value at rest; simplices that are flat at rest have their own Jacobian at
 rest as W (a target matrix), so that only a rigid motion has L = 0.
@@ -23,10 +23,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics import corner_kernels
 from mesh_motion_server.numerics.cells import CellTable, CellType
 from mesh_motion_server.numerics.distortion import CornerSimplices, PNorm
-from mesh_motion_server.numerics.metrics import AtRest, block_slices, shape_code, sizes_of, skews_of
+from mesh_motion_server.numerics.metrics import AtRest, block_slices, sizes_of, skews_of, uses_angles
 
 __all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cell_distortion"]
 
@@ -64,7 +63,7 @@ class CellGroup:
     def sine(self) -> float:
         """w of the angle form; 0 says that the shape is the mean ratio."""
         w = self.type.ideal_array
-        angles = shape_code(self.type) == corner_kernels.ANGLES
+        angles = uses_angles(self.type)
         return float(np.linalg.det(w) / np.linalg.norm(w, axis=0).prod()) if angles else 0.0
 
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple, NoReturn
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
@@ -24,7 +24,6 @@ from mesh_motion_server.numerics.coincidence import first_at_place
 from mesh_motion_server.numerics.metrics import cell_quality, quality_extremes, reference_sizes
 from mesh_motion_server.numerics.orientation import OrientedCells, oriented
 from mesh_motion_server.numerics.patch_check import check_patches, patch_warnings
-from mesh_motion_server.numerics.read_only import read_only
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.numerics.support_radius import suggest_support_radius
 
@@ -128,18 +127,6 @@ def _check_extent(points: NDArray[np.float64]) -> None:
         )
 
 
-@njit(cache=True)
-def _first_repetition(nodes: NDArray[np.int64]) -> int:
-    """Number of the first row with a repeated entry, or -1."""
-    m, k = nodes.shape
-    for e in range(m):
-        for i in range(k):
-            for j in range(i):
-                if nodes[e, i] == nodes[e, j]:
-                    return int(e)
-    return -1
-
-
 def _check_indices(n: int, cells: CellTable) -> None:
     """Every node index in range, no node twice in a cell."""
     for block, first in zip(cells.blocks, cells.offsets, strict=False):
@@ -152,7 +139,7 @@ def _check_indices(n: int, cells: CellTable) -> None:
                 hint="node indices start at 0" if block.nodes.max() == n else "",
                 details={"cell": first + row, "index": int(block.nodes[row, place]), "nodes": n},
             )
-        row = _first_repetition(read_only(block.nodes))
+        row = kernels.first_row_with_repetition(np.ascontiguousarray(block.nodes))
         if row >= 0:
             raise InvalidInput(
                 f"cell {first + row} ({block.type.name}) names a node twice: {block.nodes[row].tolist()}",

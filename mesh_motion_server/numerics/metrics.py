@@ -4,7 +4,7 @@ The size metric compares a cell with itself in the reference mesh, ``τ = Σ_k �
 determinants α_k (on a line the ratio of lengths (3.6)), ``size = sign(τ) · min(|τ|, 1/|τ|)``: thesis (2.13), which as
 printed sums the ratios and so gives n for an undeformed cell. Skew is absolute: 1 for the ideal cell, 0 for a
 degenerate one. It is made of the entries of λ = AᵀA (3.22), thesis (2.14), (3.30); the formulas of all cell types stand
-in :mod:`~mesh_motion_server.numerics.corner_kernels`. Size and skew are combined to
+in ``kernels/src/quality/cell_types.h``. Size and skew are combined to
 
 ======================  =================================  =========================================
 metric                  formula                            source
@@ -37,22 +37,20 @@ Engineering with Computers 28 (2012) 419–429.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics import corner_kernels as kernels
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellBlock, CellTable, CellType
+from mesh_motion_server.numerics.cells import CellBlock, CellTable, CellType
 from mesh_motion_server.numerics.quality_summary import QualitySummary, summarize
-from mesh_motion_server.numerics.read_only import read_only
-from mesh_motion_server.numerics.thread_share import threads_for
 
 __all__ = [
+    "METRIC_CODES",
     "QUALITY_METRICS",
     "AtRest",
     "CellQuality",
@@ -85,16 +83,10 @@ QUALITY_METRICS: dict[str, str] = {
     "relative-size-skew": "sign(size) √|size| min(1, skew / skew at rest)",
 }
 
+#: Number of each quality metric in the compiled loops.
+METRIC_CODES = {name: code for code, name in enumerate(QUALITY_METRICS)}
+_RELATIVE = "relative-size-skew"
 _NO_SKEWS = np.empty(0)
-_SHAPES = {
-    "line": kernels.LENGTH,
-    "triangle": kernels.MEAN_RATIO,
-    "quad": kernels.ANGLES,
-    "tetra": kernels.MEAN_RATIO,
-    "hexahedron": kernels.ANGLES,
-    "wedge": kernels.ANGLES,
-    "pyramid": kernels.MEAN_RATIO,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +139,10 @@ class CellQuality:
         code, skew = metric_code(name), self.skew
         if name in ("size", "skew"):
             return self.size if name == "size" else self.skew
-        if code == kernels.RELATIVE:
+        if name == _RELATIVE:
             skew = self.relative_skew
-        with threads_for(work_items(len(self))):
-            values: Floats = kernels.metric_values(read_only(self.size), read_only(skew), code)
+        values = np.empty(len(self))
+        kernels.metric_values(np.ascontiguousarray(self.size), np.ascontiguousarray(skew), code, values)
         return values
 
 
@@ -198,7 +190,8 @@ def skews_of(rest: AtRest) -> Floats | None:
 
 def rest_for(metric: str, rest: AtRest) -> AtRest:
     """Of the cells at rest what a metric needs: the sizes alone, but for "relative-size-skew"."""
-    if metric_code(metric) != kernels.RELATIVE:
+    metric_code(metric)
+    if metric != _RELATIVE:
         return sizes_of(rest)
     _known(skews_of(rest))
     return rest
@@ -223,34 +216,21 @@ class Extremes(NamedTuple):
 
 
 def metric_code(name: str) -> int:
-    """Number of a metric in the compiled kernels; InvalidInput on an unknown name."""
+    """Number of a metric in the compiled loops; InvalidInput on an unknown name."""
     if name not in QUALITY_METRICS:
         raise InvalidInput(
             f"unknown quality metric {name!r}; known are {', '.join(QUALITY_METRICS)}", details={"metric": str(name)}
         )
-    return kernels.METRIC_CODES[name]
+    return METRIC_CODES[name]
 
 
-@lru_cache
-def ideal_corner(type_name: str) -> Floats:
-    """(d + 1, d) array for the kernels: G = W⁻¹ W⁻ᵀ, then the row (det W, det W / Π|W_i|, …)."""
-    W = CELL_TYPES[type_name].ideal_array
-    d = len(W)
-    out = np.zeros((d + 1, max(d, 2)))
-    inverse = np.linalg.inv(W)
-    out[:d, :d] = inverse @ inverse.T
-    det = float(np.linalg.det(W))
-    out[d, :2] = det, det / float(np.prod(np.linalg.norm(W, axis=0)))
-    return out
-
-
-def shape_code(cell_type: CellType) -> int:
-    """Which formula of the kernels gives this cell type's skew."""
-    return _SHAPES[cell_type.name]
+def uses_angles(cell_type: CellType) -> bool:
+    """Whether the angles between its edges make a cell type's skew, and not the mean ratio."""
+    return cell_type.name in ("quad", "hexahedron", "wedge")
 
 
 def empty_quality(count: int) -> CellQuality:
-    """Uninitialised result arrays for the kernels."""
+    """Uninitialised result arrays for the compiled loops."""
     return CellQuality(np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_))
 
 
@@ -260,40 +240,15 @@ def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
         yield block, slice(first, first + len(block))
 
 
-def work_items(cells: int) -> int:
-    """How many work items the kernels' parallel loops have for so many cells."""
-    return -(-cells // kernels.BLOCK)
-
-
-def judged_blocks(
-    kernel: Callable[..., Any], positions: Floats, cells: CellTable, rest: AtRest
-) -> Iterator[tuple[slice, Callable[..., Any]]]:
-    """Each block's slice of cell numbers, and a kernel that judges cells with its first arguments: those of the block.
-
-    The last of these are the reference sizes and the skews at ``rest``, none of them where the sizes alone are given.
-
-    The threads are those that the block is worth, until the next one is asked for.
-    """
+def judged(cells: CellTable, rest: AtRest) -> tuple[list[Ints], Floats, Floats]:
+    """What loops over all cells take: the nodes of each block, the reference sizes, and the skews at rest, if known."""
     skews = skews_of(rest)
-    for block, rows in block_slices(cells):
-        with threads_for(work_items(len(block))):
-            yield (
-                rows,
-                partial(
-                    kernel,
-                    positions,
-                    read_only(block.nodes),
-                    block.type.corner_array,
-                    shape_code(block.type),
-                    ideal_corner(block.type.name),
-                    read_only(sizes_of(rest)[rows]),
-                    read_only(_NO_SKEWS if skews is None else skews[rows]),
-                ),
-            )
+    nodes = [np.ascontiguousarray(block.nodes) for block in cells]
+    return nodes, np.ascontiguousarray(sizes_of(rest)), _NO_SKEWS if skews is None else np.ascontiguousarray(skews)
 
 
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
-    """Points as the kernels want them; InvalidInput if they are not (n, d) with the cells' dimension."""
+    """Points as the compiled loops want them; InvalidInput if they are not (n, d) with the cells' dimension."""
     positions = np.ascontiguousarray(points, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != dimension:
         raise InvalidInput(
@@ -301,7 +256,7 @@ def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
             code="INVALID_ARGUMENT.SHAPE",
             details={"shape": list(positions.shape), "dimension": dimension},
         )
-    return read_only(positions)
+    return positions
 
 
 def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
@@ -320,8 +275,7 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
     positions = as_positions(points, cells.dimension)
     out = np.empty(len(cells))
     for block, rows in block_slices(cells):
-        with threads_for(work_items(len(block))):
-            kernels.node_sizes(positions, read_only(block.nodes), block.type.corner_array, out[rows])
+        kernels.cell_sizes(positions, np.ascontiguousarray(block.nodes), out[rows])
     return out
 
 
@@ -352,7 +306,7 @@ def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes
     positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
     out = empty_quality(len(cells))
     for block, rows in block_slices(cells):
-        _block_quality(positions, block.type, block.nodes, sizes[rows], out, rows)
+        _block_quality(positions, block.nodes, sizes[rows], out, rows)
     return replace(out, rest=skews_of(reference_sizes))
 
 
@@ -378,14 +332,9 @@ def quality_extremes(
     points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
 ) -> Extremes:
     """Smallest value of a metric, its cell and the number of inverted cells, in one pass that stores nothing."""
-    positions, code = as_positions(points, cells.dimension), metric_code(metric)
-    best, inversions = (np.inf, 0), 0
-    for rows, extremes in judged_blocks(kernels.node_extremes, positions, cells, rest_for(metric, reference_sizes)):
-        least, where, inverted = extremes(code)
-        first = int(np.argmin(least))
-        best = min(best, (float(least[first]), rows.start + int(where[first])))
-        inversions += int(inverted.sum())
-    return Extremes(*best, inversions)
+    positions, arrays = as_positions(points, cells.dimension), judged(cells, rest_for(metric, reference_sizes))
+    values, numbers, inverted = kernels.lowest_cells(positions, *arrays, metric_code(metric), 1)
+    return Extremes(float(values[0]), int(numbers[0]), inverted)
 
 
 def minimum_quality(
@@ -395,36 +344,26 @@ def minimum_quality(
     return quality_extremes(points, cells, reference_sizes, metric).minimum
 
 
-def _block_quality(
-    points: Floats, cell_type: CellType, nodes: Ints, reference: Floats, out: CellQuality, rows: slice
-) -> None:
+def _block_quality(points: Floats, nodes: Ints, reference: Floats, out: CellQuality, rows: slice) -> None:
     """Quality of cells of one type, written into out[rows]."""
-    with threads_for(work_items(len(nodes))):
-        kernels.node_quality(
-            points,
-            read_only(nodes),
-            cell_type.corner_array,
-            shape_code(cell_type),
-            ideal_corner(cell_type.name),
-            read_only(reference),
-            out.size[rows],
-            out.skew[rows],
-            out.inverted[rows],
-        )
+    kernels.cell_quality(
+        points,
+        np.ascontiguousarray(nodes),
+        np.ascontiguousarray(reference),
+        out.size[rows],
+        out.skew[rows],
+        out.inverted[rows],
+    )
 
 
 def _chosen_quality(points: Floats, block: CellBlock, chosen: Ints, reference: Floats, out: CellQuality) -> None:
     """Quality of the cells of a block with the given numbers (s,) in it."""
-    with threads_for(work_items(len(chosen))):
-        kernels.chosen_quality(
-            points,
-            read_only(block.nodes),
-            block.type.corner_array,
-            shape_code(block.type),
-            ideal_corner(block.type.name),
-            read_only(reference),
-            read_only(chosen),
-            out.size,
-            out.skew,
-            out.inverted,
-        )
+    kernels.chosen_quality(
+        points,
+        np.ascontiguousarray(block.nodes),
+        np.ascontiguousarray(reference),
+        np.ascontiguousarray(chosen),
+        out.size,
+        out.skew,
+        out.inverted,
+    )

@@ -26,11 +26,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics import corner_kernels as kernels
 from mesh_motion_server.numerics.cells import CellTable, CellType
 from mesh_motion_server.numerics.metrics import (
     AtRest,
@@ -39,14 +39,9 @@ from mesh_motion_server.numerics.metrics import (
     block_slices,
     cell_quality,
     empty_quality,
-    ideal_corner,
-    shape_code,
     sizes_of,
     skews_of,
-    work_items,
 )
-from mesh_motion_server.numerics.read_only import read_only
-from mesh_motion_server.numerics.thread_share import threads_for
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.evaluation import Evaluator
@@ -154,8 +149,8 @@ def transformed_quality(
         ∇S of each cell.
     """
     positions, out = as_positions(points, cells.dimension), empty_quality(len(cells))
-    for cell_type, nodes, rows in _batches(cells):
-        _transform(positions, cell_type, nodes, reference_sizes, gradients[rows], out, rows)
+    for _, nodes, rows in _batches(cells):
+        _transform(positions, nodes, reference_sizes, gradients[rows], out, rows)
     return out
 
 
@@ -164,35 +159,25 @@ def _centre_gradient(
 ) -> CellQuality:
     """Thesis (3.20), (3.27): one gradient for a cell."""
     out = empty_quality(len(cells))
-    for cell_type, nodes, rows in _batches(cells):
+    for _, nodes, rows in _batches(cells):
         gradients = field.gradient(points[nodes].mean(axis=1))
-        _transform(points, cell_type, nodes, reference_sizes, gradients, out, rows)
+        _transform(points, nodes, reference_sizes, gradients, out, rows)
     return out
 
 
 def _transform(
-    points: Floats,
-    cell_type: CellType,
-    nodes: Ints,
-    reference_sizes: Floats,
-    gradients: Floats,
-    out: CellQuality,
-    rows: slice,
+    points: Floats, nodes: Ints, reference_sizes: Floats, gradients: Floats, out: CellQuality, rows: slice
 ) -> None:
     """(I + ∇S) A of cells of one type, written into out[rows]."""
-    with threads_for(work_items(len(nodes))):
-        kernels.transformed_quality(
-            points,
-            read_only(nodes),
-            cell_type.corner_array,
-            shape_code(cell_type),
-            ideal_corner(cell_type.name),
-            read_only(reference_sizes[rows]),
-            read_only(gradients),
-            out.size[rows],
-            out.skew[rows],
-            out.inverted[rows],
-        )
+    kernels.transformed_quality(
+        points,
+        nodes,
+        np.ascontiguousarray(reference_sizes[rows]),
+        np.ascontiguousarray(gradients),
+        out.size[rows],
+        out.skew[rows],
+        out.inverted[rows],
+    )
 
 
 def _edge_midpoint_gradient(
@@ -205,17 +190,14 @@ def _edge_midpoint_gradient(
         start, end = points[ends[:, 0]], points[ends[:, 1]]
         edges = end - start
         edges = edges + np.einsum("eij,ej->ei", field.gradient(0.5 * (start + end)), edges)
-        with threads_for(work_items(len(nodes))):
-            kernels.column_quality(
-                read_only(edges),
-                read_only(columns),
-                shape_code(cell_type),
-                ideal_corner(cell_type.name),
-                read_only(reference_sizes[rows]),
-                out.size[rows],
-                out.skew[rows],
-                out.inverted[rows],
-            )
+        kernels.column_quality(
+            edges,
+            columns,
+            np.ascontiguousarray(reference_sizes[rows]),
+            out.size[rows],
+            out.skew[rows],
+            out.inverted[rows],
+        )
     return out
 
 

@@ -1,20 +1,16 @@
-"""What a report says about the quality of a mesh: extremes, mean, percentiles and the worst cells.
-
-A :class:`~mesh_motion_server.numerics.quality_tally.Tally` of each metric says in which bins the percentiles and the
-worst cells are; only the cells in those bins are looked at once more.
-"""
+"""What a report says about the quality of a mesh: extremes, mean, percentiles and the worst cells."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.quality_tally import Tally
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.metrics import CellQuality
@@ -31,7 +27,6 @@ __all__ = [
     "reported_metrics",
     "smallest",
     "summarize",
-    "summary_of",
     "worst_cells",
 ]
 
@@ -167,14 +162,13 @@ def reported_metrics(metric: str) -> list[str]:
 
 def distribution(values: Floats) -> Distribution:
     """Minimum, mean and percentiles of the values (m,), m ≥ 1, of a quality metric."""
-    tally = Tally.of(values)
-    ranked = tally.at_ranks(percentile_ranks(len(values)))
-    return Distribution(tally.least, tally.mean, *ranked.found(values[ranked.numbers]))
+    return Distribution(*kernels.distribution(np.ascontiguousarray(values)).tolist())
 
 
 def smallest(values: Floats, count: int) -> Ints:
     """Numbers of the smallest values, smallest first; of equal values the lower number first."""
-    return _smallest(Tally.of(values).lowest(count), values, count)
+    numbers: Ints = kernels.smallest_values(np.ascontiguousarray(values), count)
+    return numbers
 
 
 def summarize(
@@ -204,73 +198,20 @@ def summarize(
     InvalidInput
         On an unknown metric.
     """
-    tallies = {name: Tally.of(quality.metric(name)) for name in reported_metrics(metric)}
-    inverted = int(np.count_nonzero(quality.inverted))
-    centres = lambda numbers: cells.centres(points, numbers)  # noqa: E731
-    return summary_of(tallies, inverted, quality.subset, centres, metric=metric, worst=worst)
-
-
-def summary_of(
-    tallies: dict[str, Tally],
-    inverted: int,
-    look: Callable[[Ints], CellQuality],
-    centres: Callable[[Ints], Floats],
-    *,
-    metric: str,
-    worst: int,
-) -> QualitySummary:
-    """The summary of tallied cells, of which the few whose values are wanted are looked at once more.
-
-    Parameters
-    ----------
-    tallies : dict
-        Of each of :func:`reported_metrics`.
-    inverted : int
-        Number of inverted cells.
-    look : callable
-        Quality of the cells with the given numbers (s,).
-    centres : callable
-        (s, d) centres of the cells with the given numbers (s,), mesh length unit.
-    metric, worst
-        As in :func:`summarize`.
-    """
-    ranks = percentile_ranks(len(tallies[metric]))
-    ranked = {name: tally.at_ranks(ranks) for name, tally in tallies.items()}
-    candidates = tallies[metric].lowest(worst)
-    numbers = [candidates, *(of.numbers for of in ranked.values())]
-    seen, ends = look(np.concatenate(numbers)), np.cumsum([len(of) for of in numbers])
-    found = {
-        name: Distribution(
-            tallies[name].least, tallies[name].mean, *of.found(seen.subset(slice(start, stop)).metric(name))
-        )
-        for (name, of), start, stop in zip(ranked.items(), ends, ends[1:], strict=False)
-    }
-    lowest = _smallest(np.arange(len(candidates)), seen.metric(metric)[: len(candidates)], worst)
-    cells = candidates[lowest]
+    values = {name: quality.metric(name) for name in reported_metrics(metric)}
+    numbers = smallest(values[metric], worst)
     return QualitySummary.of(
-        found,
+        {name: distribution(own) for name, own in values.items()},
         metric,
-        inverted=inverted,
-        cells=len(tallies[metric]),
-        worst=worst_cells(cells, seen.subset(lowest), centres(cells), metric),
+        inverted=int(np.count_nonzero(quality.inverted)),
+        cells=len(quality),
+        worst=worst_cells(numbers, quality.subset(numbers), cells.centres(points, numbers), metric),
     )
 
 
 def percentile_ranks(count: int) -> list[int]:
     """Ranks, from 0 in ascending order, of the percentiles p1, p5 and p50 of so many values."""
     return [p * (count - 1) // 100 for p in _PERCENTILES]
-
-
-def _smallest(candidates: Ints, values: Floats, count: int) -> Ints:
-    """The ``count`` of the candidates (ascending numbers of values) with the smallest values, in order."""
-    count = min(count, len(candidates))
-    if len(candidates) > count > 0:
-        found = values[candidates]
-        limit = np.partition(found, count - 1)[count - 1]
-        less, equal = candidates[found < limit], candidates[found == limit]
-        candidates = np.sort(np.concatenate([less, equal[: count - len(less)]]))
-    order: Ints = candidates[np.argsort(values[candidates], kind="stable")]
-    return order[:count]
 
 
 def worst_cells(numbers: Ints, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:

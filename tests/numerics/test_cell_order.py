@@ -2,45 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells, sorted_in_buckets
-
-Sort = Callable[..., tuple[np.ndarray, np.ndarray]]
+from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells
 
 
 @pytest.mark.parametrize("count", [3, 40, 5000])
 @pytest.mark.parametrize("columns", [2, 4, 8])
-@pytest.mark.parametrize("sort", [sorted_cells, sorted_in_buckets])
-def test_cells_are_sorted_by_their_node_tuples(sort: Sort, count: int, columns: int) -> None:
+def test_cells_are_sorted_by_their_node_tuples(count: int, columns: int) -> None:
     random = np.random.default_rng(count)
     rows = random.integers(0, count, (500, columns))
     rows[::5, 0] = rows[0, 0]  # more than are sorted by insertion
     rows[::7, :-1] = rows[0, :-1]
-    found, order = sort([(np.arange(count), rows)], count)
+    found, order = sorted_cells([(np.arange(count), rows)], count)
     assert found.tolist() == sorted(rows.tolist())
     np.testing.assert_array_equal(rows[order], found)
     same = np.all(found[1:] == found[:-1], axis=1)
     assert (np.diff(order)[same] > 0).all()  # equal cells stay in the order they came
 
 
-@pytest.mark.parametrize("sort", [sorted_cells, sorted_in_buckets])
-def test_each_piece_is_renumbered_by_its_own_map(sort: Sort) -> None:
+def test_each_piece_is_renumbered_by_its_own_map() -> None:
     first, second = np.array([4, 0, 2]), np.array([3, 1])
     pieces = [(first, np.array([[0, 1], [2, 0]])), (second, np.array([[1, 0]]))]
-    found, order = sort(pieces, 5)
+    found, order = sorted_cells(pieces, 5)
     assert found.tolist() == [[1, 3], [2, 4], [4, 0]]
     assert order.tolist() == [2, 1, 0]
 
 
-def test_many_cells_are_sorted_as_few_are() -> None:
-    rows = np.random.default_rng(4).integers(0, 800, (6000, 4))
+@pytest.mark.parametrize("width", [np.int32, np.int64])
+def test_many_cells_of_pieces_in_any_width(width: type) -> None:
+    rows = np.random.default_rng(4).integers(0, 800, (6000, 4)).astype(width)
     found, order = sorted_cells([(np.arange(800), rows[:2500]), (np.arange(800), rows[2500:])], 800)
     assert found.tolist() == sorted(rows.tolist())
     np.testing.assert_array_equal(rows[order], found)
+
+
+def test_numbers_that_no_node_has_are_refused() -> None:
+    for new, cells in (([0, 5], [[0, 1]]), ([0, -1], [[0, 1]]), ([0, 1], [[0, 2]]), ([0, 1], [[-1, 0]])):
+        with pytest.raises(ValueError, match="pieces"):
+            sorted_cells([(np.array(new), np.array(cells))], 5)
 
 
 def test_the_first_repeated_cell_is_found() -> None:

@@ -1,6 +1,6 @@
 """One pass over a mesh says what the summary of its stored qualities says, bitwise, on any number of threads."""
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 
@@ -56,11 +56,11 @@ def test_threads_do_not_matter():
     points, cells = MESHES["triangle"]
     many = CellTable.from_arrays({"triangle": np.tile(cells.blocks[0].nodes, (400, 1))})
     sizes, moved = reference_sizes(points, many), shaken(points, 0.03)
-    before, found = numba.get_num_threads(), []
-    for threads in (1, numba.config.NUMBA_NUM_THREADS):
-        numba.set_num_threads(threads)
+    before, found = kernels.get_threads(), []
+    for threads in (1, kernels.available_threads()):
+        kernels.set_threads(threads)
         found.append(mesh_summary(moved, many, sizes))
-    numba.set_num_threads(before)
+    kernels.set_threads(before)
     assert found[0] == found[1]
 
 

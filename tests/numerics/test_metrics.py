@@ -1,16 +1,16 @@
 """Known cells have known qualities, whatever their place, angle and scale; what is no number is the worst."""
 
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import get_num_threads, set_num_threads
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.corner_kernels import METRIC_CODES
 from mesh_motion_server.numerics.method import CHOICES
 from mesh_motion_server.numerics.metrics import (
+    METRIC_CODES,
     QUALITY_METRICS,
     cell_quality,
     cells_at_rest,
@@ -194,15 +194,15 @@ def test_threads_do_not_change_a_bit():
     points, cells = grid(300)
     sizes = reference_sizes(points, cells)
     moved = points + 0.3 * np.sin(3 * points[:, ::-1])
-    before = get_num_threads()
+    before = kernels.get_threads()
     try:
         results = []
         for threads in (1, before):
-            set_num_threads(threads)
+            kernels.set_threads(threads)
             quality = cell_quality(moved, cells, sizes)
             results.append((quality.size.tobytes(), quality.skew.tobytes(), quality.metric("size-skew").tobytes()))
     finally:
-        set_num_threads(before)
+        kernels.set_threads(before)
     assert results[0] == results[1]
 
 

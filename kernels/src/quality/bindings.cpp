@@ -1,7 +1,31 @@
+#include <nanobind/stl/vector.h>
+
 #include "bind.h"
+#include "quality/cell_bounds.h"
+#include "quality/cell_order.h"
+#include "quality/order_statistics.h"
+#include "quality/summaries.h"
 
 namespace mesh_motion {
 
-void bind_quality([[maybe_unused]] nanobind::module_& m) {}
+void bind_quality(nanobind::module_& m) {
+    bind(m, "cell_sizes", cell_sizes);
+    bind(m, "cell_quality", cell_quality);
+    bind(m, "chosen_quality", chosen_quality);
+    bind(m, "transformed_quality", transformed_quality);
+    bind(m, "column_quality", column_quality);
+    bind(m, "metric_values", metric_values);
+    bind(m, "lowest_cells", lowest_cells);
+    bind(m, "judged_cells", judged_cells);
+    bind(m, "distribution", distribution);
+    bind(m, "smallest_values", smallest_values);
+    bind(m, "count_in_bins", count_in_bins);
+    bind(m, "values_in_bin", values_in_bin);
+    bind(m, "bounded_quality", bounded_quality);
+    bind(m, "sort_cells", sort_cells<std::int32_t, std::int32_t>);
+    bind(m, "sort_cells", sort_cells<Index, std::int32_t>);
+    bind(m, "sort_cells", sort_cells<Index, Index>);
+    bind(m, "first_row_with_repetition", first_row_with_repetition);
+}
 
 }  // namespace mesh_motion

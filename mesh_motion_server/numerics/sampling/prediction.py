@@ -229,7 +229,6 @@ def _by_groups(
     for block, rows in block_slices(cells):
         modelled, low = bounded_quality(
             points,
-            block.type,
             block.nodes,
             sizes[rows],
             group[rows],

@@ -1,0 +1,77 @@
+#include "quality/cell_order.h"
+
+#include <algorithm>
+
+#include "parallel.h"
+
+namespace mesh_motion {
+namespace {
+
+constexpr Index buckets_at_once = 512;
+
+}  // namespace
+
+template <class Number, class Order>
+void sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Number>>>& pieces, Index nodes,
+                Matrix<Index> rows, Vector<Order> order) {
+    const Index m = rows.shape(0), width = rows.shape(1);
+    Index total = 0;
+    std::vector<Index> place(nodes + 1);  // where the next row of a first node goes
+    for (const auto& [map, cells] : pieces) {
+        require(cells.shape(1) == width, "pieces: expected cells of one type");
+        total += cells.shape(0);
+        for (Index node : map) require(node >= 0 && node < nodes, "pieces: expected new numbers below `nodes`");
+        for (Number node : cells)
+            require(node >= 0 && node < map.size(), "pieces: expected a new number for each node of the cells");
+        for (Index e = 0; e < cells.shape(0); ++e) ++place[map[cells(e, 0)] + 1];
+    }
+    require(m == total && order.size() == total, "rows, order: expected a row for each cell");
+    for (Index node = 0; node < nodes; ++node) place[node + 1] += place[node];
+    const std::vector<Index> starts = place;
+    Index came = 0;
+    for (const auto& [map, cells] : pieces)
+        for (Index e = 0; e < cells.shape(0); ++e, ++came) {
+            const Index at = place[map[cells(e, 0)]]++;
+            for (Index k = 0; k < width; ++k) rows(at, k) = map[cells(e, k)];
+            order[at] = static_cast<Order>(came);
+        }
+    for_ranges(nodes, buckets_at_once, [&](Index first, Index last) {
+        std::vector<Index> sorted;
+        std::vector<std::pair<Index, Order>> places;  // of a bucket's rows, and their order
+        for (Index node = first; node < last; ++node) {
+            const Index begin = starts[node], end = starts[node + 1];
+            const auto less = [&](const auto& a, const auto& b) {
+                const Index *left = rows.data() + a.first * width, *right = rows.data() + b.first * width;
+                const auto [x, y] = std::mismatch(left, left + width, right);
+                return x == left + width ? a.first < b.first : *x < *y;
+            };
+            places.clear();
+            for (Index at = begin; at < end; ++at) places.emplace_back(at, order[at]);
+            if (std::is_sorted(places.begin(), places.end(), less)) continue;
+            std::sort(places.begin(), places.end(), less);
+            sorted.clear();
+            for (const auto& [at, number] : places)
+                sorted.insert(sorted.end(), rows.data() + at * width, rows.data() + (at + 1) * width);
+            std::copy(sorted.begin(), sorted.end(), rows.data() + begin * width);
+            for (Index at = begin; at < end; ++at) order[at] = places[at - begin].second;
+        }
+    });
+}
+
+template void sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const std::int32_t>>>&, Index,
+                         Matrix<Index>, Vector<std::int32_t>);
+template void sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Index>>>&, Index, Matrix<Index>,
+                         Vector<std::int32_t>);
+template void sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Index>>>&, Index, Matrix<Index>,
+                         Vector<Index>);
+
+Index first_row_with_repetition(Matrix<const Index> nodes) {
+    const Index m = nodes.shape(0), width = nodes.shape(1);
+    for (Index e = 0; e < m; ++e)
+        for (Index i = 0; i < width; ++i)
+            for (Index j = 0; j < i; ++j)
+                if (nodes(e, i) == nodes(e, j)) return e;
+    return -1;
+}
+
+}  // namespace mesh_motion

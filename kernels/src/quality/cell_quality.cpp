@@ -1,0 +1,400 @@
+#include "quality/cell_quality.h"
+
+#include <limits>
+
+#include "parallel.h"
+
+namespace mesh_motion {
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double smallest = 1e-290;  // determinants below are 0: their roots would have lost digits
+
+/// One corner's Jacobians of a chunk of cells, entry by entry, so that cells lie side by side.
+template <int d>
+struct alignas(64) Jacobians {
+    double entry[d][d][chunk];
+};
+
+/// One corner of one cell, out of the chunk.
+template <int d>
+struct Corner {
+    double a[d][d];
+
+    Corner(const Jacobians<d>& all, Index s) {
+        for (int i = 0; i < d; ++i)
+            for (int j = 0; j < d; ++j) a[i][j] = all.entry[i][j][s];
+    }
+
+    double determinant() const {
+        if constexpr (d == 1) {
+            return a[0][0];
+        } else if constexpr (d == 2) {
+            return a[0][0] * a[1][1] - a[0][1] * a[1][0];
+        } else {
+            return a[0][0] * (a[1][1] * a[2][2] - a[2][1] * a[1][2]) +
+                   a[1][0] * (a[2][1] * a[0][2] - a[0][1] * a[2][2]) +
+                   a[2][0] * (a[0][1] * a[1][2] - a[1][1] * a[0][2]);
+        }
+    }
+
+    /// Entry i, j of λ = AᵀA.
+    double lambda(int i, int j) const {
+        double sum = a[0][i] * a[0][j];
+        for (int k = 1; k < d; ++k) sum += a[k][i] * a[k][j];
+        return sum;
+    }
+};
+
+/// tr(G λ).
+template <class Type>
+double weighted_trace(const Corner<Type::dimension>& corner) {
+    constexpr int d = Type::dimension;
+    double own = 0.0, mixed = 0.0;
+    for (int i = 0; i < d; ++i) {
+        own += Type::gram[i][i] * corner.lambda(i, i);
+        for (int j = i + 1; j < d; ++j) mixed += 2.0 * Type::gram[i][j] * corner.lambda(i, j);
+    }
+    return own + mixed;
+}
+
+/// f_k of a corner with the determinant α_k.
+template <class Type>
+double shape_term(const Corner<Type::dimension>& corner, double determinant) {
+    constexpr int d = Type::dimension;
+    const double extent = std::abs(determinant);
+    double term = 1.0;
+    if constexpr (Type::formula == Formula::mean_ratio) {
+        term = weighted_trace<Type>(corner) * (1.0 / d);
+        if constexpr (d == 2) {
+            term *= Type::ideal / extent;
+        } else {
+            const double root = inverse_cube_root(extent * (1.0 / Type::ideal));
+            term *= root * root;
+        }
+    } else if constexpr (Type::formula == Formula::angles) {
+        double lengths = std::sqrt(corner.lambda(0, 0) * corner.lambda(1, 1));
+        if constexpr (d == 2) {
+            term = Type::ideal * lengths / extent;
+        } else {
+            lengths *= std::sqrt(corner.lambda(2, 2)) * Type::ideal;
+            const double root = inverse_cube_root(extent / lengths);
+            term = root * root;
+        }
+    }
+    return extent > smallest ? term : (extent == extent ? infinity : extent);
+}
+
+/// Judges `count` ≤ chunk cells. gather(k, jacobians) writes the Jacobians of their corners k.
+template <class Type, class Gather>
+void judge_chunk(Gather&& gather, Index count, const double* reference, double* size, double* skew, bool* inverted) {
+    constexpr int n = static_cast<int>(Type::corners.size());
+    Jacobians<Type::dimension> jacobians;
+    alignas(64) double extent[chunk], terms[chunk], positive[chunk];  // Σ α, Σ f, and how many α are positive
+    for (Index s = 0; s < count; ++s) extent[s] = terms[s] = positive[s] = 0.0;
+    for (int k = 0; k < n; ++k) {
+        gather(k, jacobians);
+        for (Index s = 0; s < count; ++s) {
+            const Corner<Type::dimension> corner(jacobians, s);
+            const double alpha = corner.determinant(), term = shape_term<Type>(corner, alpha);
+            extent[s] += alpha;
+            terms[s] += term;
+            positive[s] += alpha > 0.0 ? 1.0 : 0.0;
+        }
+    }
+    for (Index s = 0; s < count; ++s) {
+        // min(|τ|, 1/|τ|) with the sign of τ, by one division
+        const double told = reference[s];
+        const bool smaller = std::abs(extent[s]) <= std::abs(told);
+        const double ratio = (smaller ? extent[s] : told) / (smaller ? told : extent[s]);
+        const double shape = (positive[s] == n) | (positive[s] == 0.0) ? n / terms[s] : 0.0;
+        // a number minus itself is 0 and a NaN or an infinity is not: positions that are no numbers are the worst
+        const bool valid = (extent[s] - extent[s] == 0.0) & (terms[s] == terms[s]) & (ratio == ratio);
+        size[s] = valid ? ratio : -infinity;
+        skew[s] = valid ? shape : -infinity;
+        inverted[s] = !valid | (positive[s] < n);
+    }
+}
+
+/// Writes the Jacobians of the corners k of cells from positions; cell(s) are the nodes of the cell s.
+template <class Type, class Cell>
+auto from_points(Matrix<const double> points, Index count, Cell cell) {
+    constexpr int d = Type::dimension;
+    return [=](int k, Jacobians<d>& jacobians) {
+        const auto& corner = Type::corners[k];
+        for (Index s = 0; s < count; ++s) {
+            const Index* nodes = cell(s);
+            const double* __restrict origin = points.data() + d * nodes[corner[0]];
+            for (int j = 0; j < d; ++j) {
+                const double* __restrict end = points.data() + d * nodes[corner[j + 1]];
+                for (int i = 0; i < d; ++i) jacobians.entry[i][j][s] = end[i] - origin[i];
+            }
+        }
+    };
+}
+
+/// f(first, count) for the chunks of the cells first … last − 1.
+template <class F>
+void for_chunks(Index first, Index last, F&& f) {
+    for (; first < last; first += chunk) f(first, std::min(chunk, last - first));
+}
+
+/// Judges cells of one block from their nodes.
+template <class Type>
+void judge_rows(Matrix<const double> points, Matrix<const Index> nodes, const double* reference, double* size,
+                double* skew, bool* inverted) {
+    for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
+        const Index* rows = nodes.data() + first * Type::nodes;
+        judge_chunk<Type>(from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; }), count,
+                          reference + first, size + first, skew + first, inverted + first);
+    });
+}
+
+void require_results(Index m, Vector<const double> reference, Vector<double> size, Vector<double> skew,
+                     Vector<bool> inverted) {
+    require(reference.size() == m && size.size() == m && skew.size() == m && inverted.size() == m,
+            "reference, size, skew, inverted: expected one entry for each cell");
+}
+
+constexpr double margin = 1.0 + 1e-9;  // of a comparison of sixth powers whose terms are rounded some thirty times
+constexpr double tiny = 1e-280;        // products below may have lost digits
+
+/// Whether the sixth power of a tetrahedron's size-skew is above the bound, for each of the ratios of its size.
+inline bool surely_above(double det, double q, double told, double bound) {
+    const double own = det * det * det, reference = told * told * told, cube = q * q * q;
+    const double t2 = det * (1.0 / Tetra::ideal) * (det * (1.0 / Tetra::ideal));
+    const double above = 729.0 * t2 * t2, least = bound * cube * cube;
+    const bool grown = above * reference > least * own, shrunk = above * own > least * reference;
+    return grown & shrunk & (least * own > tiny) & (least * reference > tiny);
+}
+
+}  // namespace
+
+Cells::Cells(Matrix<const double> points, std::vector<Matrix<const Index>> blocks, Vector<const double> reference,
+             Vector<const double> rest)
+    : points_(points), reference_(reference), rest_(rest) {
+    Index first = 0;
+    for (const auto& nodes : blocks) {
+        with_cell_type(points.shape(1), nodes.shape(1), [&](auto type) {
+            blocks_.push_back({nodes, first, judge_rows<decltype(type)>});
+        });
+        first += nodes.shape(0);
+    }
+    require(reference.size() == first, "reference: expected one entry for each cell");
+    require(rest.size() == first || rest.size() == 0, "rest: expected one entry for each cell, or none");
+}
+
+template <class F>
+void Cells::by_block(Index first, Index last, F&& f) const {
+    for (const Block& block : blocks_) {
+        const Index from = std::max(first, block.first), to = std::min(last, block.first + block.nodes.shape(0));
+        if (from < to) f(block, from, to);
+    }
+}
+
+void Cells::judge(Index first, Index last, double* size, double* skew, bool* inverted) const {
+    by_block(first, last, [&](const Block& block, Index from, Index to) {
+        const Index place = from - first;
+        block.judge(points_, block.nodes.rows(from - block.first, to - block.first), reference_.data() + from,
+                    size + place, skew + place, inverted + place);
+    });
+}
+
+void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew, bool* inverted) const {
+    std::vector<Index> nodes;
+    std::vector<double> reference;
+    const Index* at = numbers.begin();
+    for (const Block& block : blocks_) {
+        const Index* end = std::lower_bound(at, static_cast<const Index*>(numbers.end()), block.first + block.nodes.shape(0));
+        nodes.clear();
+        reference.clear();
+        for (const Index* number = at; number < end; ++number) {
+            const auto row = block.nodes[*number - block.first];
+            nodes.insert(nodes.end(), row.begin(), row.end());
+            reference.push_back(reference_[*number]);
+        }
+        const Index place = at - numbers.begin();
+        block.judge(points_, {nodes.data(), {end - at, block.nodes.shape(1)}}, reference.data(), size + place,
+                    skew + place, inverted + place);
+        at = end;
+    }
+}
+
+/// With v = √size · skew and skew³ = 27 (det / det W)² / q³ (2.14), v⁶ > limit⁶ is two comparisons without roots or
+/// divisions, one for each of the ratios whose smaller one is the size. A margin far above rounding keeps the answer true
+/// of the values as they are judged; what leaves the range of numbers is never above. Relative to the skews at rest:
+/// above the limit times that skew, and the size above limit².
+Index Cells::mark_near(Index first, Index last, Metric metric, double limit, bool* near) const {
+    const bool relative = metric == Metric::relative_size_skew;
+    Index found = 0;
+    by_block(first, last, [&](const Block& block, Index from, Index to) {
+        bool* marks = near + (from - first);
+        const Index count = to - from;
+        if (block.nodes.shape(1) != Tetra::nodes || points_.shape(1) != 3 || !(limit > 0.0) ||
+            !(relative || metric == Metric::size_skew)) {
+            std::fill_n(marks, count, true);
+            found += count;
+            return;
+        }
+        Jacobians<3> jacobians;
+        const Index* rows = block.nodes.data() + (from - block.first) * Tetra::nodes;
+        from_points<Tetra>(points_, count, [rows](Index s) { return rows + s * Tetra::nodes; })(0, jacobians);
+        const double* reference = reference_.data() + from;
+        const double square = limit * limit * margin, bound = limit * limit * limit * (limit * limit * limit) * margin;
+        for (Index s = 0; s < count; ++s) {
+            const Corner<3> corner(jacobians, s);
+            const double det = corner.determinant(), told = reference[s], q = weighted_trace<Tetra>(corner);
+            if (relative) {
+                const double rest = rest_.data()[from + s], squared = rest * rest;
+                marks[s] = !(surely_above(det, q, told, bound * squared * squared * squared) & (det > square * told) &
+                             (told > square * det));
+            } else {
+                marks[s] = !surely_above(det, q, told, bound);
+            }
+        }
+        for (Index s = 0; s < count; ++s) found += marks[s];
+    });
+    return found;
+}
+
+void metric_of(Metric metric, Index count, const double* size, const double* skew, const double* rest, double* values) {
+    const auto fill = [&]<Metric which>() {
+        for (Index s = 0; s < count; ++s) {
+            double shape = skew[s];
+            if (which == Metric::relative_size_skew && rest) {
+                shape /= rest[s];
+                shape = shape < 1.0 ? shape : 1.0;  // what is better than at rest is as good
+            }
+            values[s] = metric_value<which>(size[s], shape);
+        }
+    };
+    switch (metric) {
+        case Metric::size: return fill.template operator()<Metric::size>();
+        case Metric::skew: return fill.template operator()<Metric::skew>();
+        case Metric::size_skew: return fill.template operator()<Metric::size_skew>();
+        case Metric::size_skew_root: return fill.template operator()<Metric::size_skew_root>();
+        case Metric::size_skew_product: return fill.template operator()<Metric::size_skew_product>();
+        case Metric::relative_size_skew: return fill.template operator()<Metric::relative_size_skew>();
+    }
+    throw std::invalid_argument("metric: expected a number from 0 to 5");
+}
+
+void cell_sizes(Matrix<const double> points, Matrix<const Index> nodes, Vector<double> sizes) {
+    require(sizes.size() == nodes.shape(0), "sizes: expected one entry for each cell");
+    with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
+        for_ranges(sizes.size(), judged_at_once, [&](Index begin, Index end) {
+            for_chunks(begin, end, [&](Index first, Index count) {
+                const Index* rows = nodes.data() + first * Type::nodes;
+                const auto gather =
+                    from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
+                Jacobians<Type::dimension> jacobians;
+                std::fill_n(&sizes[first], count, 0.0);
+                for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
+                    gather(k, jacobians);
+                    for (Index s = 0; s < count; ++s)
+                        sizes[first + s] += Corner<Type::dimension>(jacobians, s).determinant();
+                }
+            });
+        });
+    });
+}
+
+void cell_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+                  Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
+    require_results(nodes.shape(0), reference, size, skew, inverted);
+    with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
+        for_ranges(nodes.shape(0), judged_at_once, [&](Index first, Index last) {
+            judge_rows<Type>(points, nodes.rows(first, last), reference.data() + first, size.data() + first,
+                             skew.data() + first, inverted.data() + first);
+        });
+    });
+}
+
+void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+                    Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
+    require_results(chosen.size(), Vector<const double>(reference.data(), {chosen.size()}), size, skew, inverted);
+    require(reference.size() == nodes.shape(0), "reference: expected one entry for each cell");
+    with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
+        for_ranges(chosen.size(), judged_at_once, [&](Index begin, Index end) {
+            for_chunks(begin, end, [&](Index first, Index count) {
+                double told[chunk];
+                for (Index s = 0; s < count; ++s) told[s] = reference[chosen[first + s]];
+                const Index *rows = nodes.data(), *numbers = chosen.data() + first;
+                const auto cell = [=](Index s) { return rows + numbers[s] * Type::nodes; };
+                judge_chunk<Type>(from_points<Type>(points, count, cell), count, told, &size[first], &skew[first],
+                                  &inverted[first]);
+            });
+        });
+    });
+}
+
+void transformed_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+                         Cube<const double> gradients, Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
+    const Index dimension = points.shape(1);
+    require_results(nodes.shape(0), reference, size, skew, inverted);
+    require(gradients.shape() == std::array{nodes.shape(0), dimension, dimension},
+            "gradients: expected a (d, d) matrix for each cell");
+    with_cell_type(dimension, nodes.shape(1), [&]<class Type>(Type) {
+        constexpr int d = Type::dimension;
+        for_ranges(nodes.shape(0), judged_at_once, [&](Index begin, Index end) {
+            for_chunks(begin, end, [&](Index first, Index count) {
+                const Index* rows = nodes.data() + first * Type::nodes;
+                const auto before =
+                    from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
+                const auto after = [&](int k, Jacobians<d>& jacobians) {
+                    before(k, jacobians);
+                    for (Index s = 0; s < count; ++s) {
+                        const double* gradient = gradients.data() + (first + s) * d * d;
+                        const Corner<d> corner(jacobians, s);
+                        for (int i = 0; i < d; ++i)
+                            for (int j = 0; j < d; ++j)
+                                for (int l = 0; l < d; ++l)
+                                    jacobians.entry[i][j][s] += gradient[i * d + l] * corner.a[l][j];
+                    }
+                };
+                judge_chunk<Type>(after, count, reference.data() + first, &size[first], &skew[first],
+                                  &inverted[first]);
+            });
+        });
+    });
+}
+
+void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vector<const double> reference,
+                    Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
+    require_results(columns.shape(0), reference, size, skew, inverted);
+    require(columns.shape(2) == edges.shape(1), "columns: expected an edge for each dimension");
+    const auto judge = [&]<class Type>(Type) {
+        constexpr int d = Type::dimension;
+        if (d != edges.shape(1) || Index(Type::corners.size()) != columns.shape(1)) return false;
+        for_ranges(columns.shape(0), judged_at_once, [&](Index begin, Index end) {
+            for_chunks(begin, end, [&](Index first, Index count) {
+                const auto gather = [&](int k, Jacobians<d>& jacobians) {
+                    for (Index s = 0; s < count; ++s)
+                        for (int j = 0; j < d; ++j) {
+                            const Index column = columns(first + s, k, j);
+                            for (int i = 0; i < d; ++i) {
+                                const double value = edges(std::abs(column) - 1, i);
+                                jacobians.entry[i][j][s] = column > 0 ? value : -value;
+                            }
+                        }
+                };
+                judge_chunk<Type>(gather, count, reference.data() + first, &size[first], &skew[first],
+                                  &inverted[first]);
+            });
+        });
+        return true;
+    };
+    // the number of corners tells the types of a dimension apart, too
+    require(judge(Line{}) || judge(Triangle{}) || judge(Quad{}) || judge(Tetra{}) || judge(Hexahedron{}) ||
+                judge(Wedge{}) || judge(Pyramid{}),
+            "columns: no cell type has so many corners in this dimension");
+}
+
+void metric_values(Vector<const double> size, Vector<const double> skew, Index metric, Vector<double> values) {
+    require(skew.size() == size.size() && values.size() == size.size(), "size, skew, values: expected one length");
+    for_ranges(size.size(), 4 * judged_at_once, [&](Index first, Index last) {
+        metric_of(static_cast<Metric>(metric), last - first, &size[first], &skew[first], nullptr, &values[first]);
+    });
+}
+
+}  // namespace mesh_motion

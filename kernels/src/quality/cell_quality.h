@@ -1,0 +1,109 @@
+// Relative size and skew of cells, from positions of their nodes or from what is known of their edges.
+#pragma once
+
+#include <bit>
+#include <cmath>
+
+#include "quality/cell_types.h"
+#include "view.h"
+
+namespace mesh_motion {
+
+/// Cells that are judged side by side: the Jacobians of one corner of 128 cells are 9 KiB.
+inline constexpr Index chunk = 128;
+/// Cells of one task; fixed, so that no result depends on the number of threads.
+inline constexpr Index judged_at_once = 64 * chunk;
+
+/// Quality metrics by their number in numerics/metrics.py.
+enum class Metric : Index { size, skew, size_skew, size_skew_root, size_skew_product, relative_size_skew };
+
+/// One quality metric of one cell, of the relative one with its relative skew; −∞ stays −∞.
+template <Metric metric>
+inline double metric_value(double size, double skew) {
+    if constexpr (metric == Metric::size) return size;
+    if constexpr (metric == Metric::skew) return skew;
+    const double grown = std::abs(size);
+    double value;
+    if constexpr (metric == Metric::size_skew_root)
+        value = std::sqrt(grown * skew);
+    else if constexpr (metric == Metric::size_skew_product)
+        value = grown * skew;
+    else
+        value = std::sqrt(grown) * skew;
+    value = size > 0.0 ? value : -value;
+    return grown <= 1.0 ? value : size;
+}
+
+/// values[s] of the metric, from size[s] and skew[s]; the relative one takes the skew at rest from rest[s].
+void metric_of(Metric metric, Index count, const double* size, const double* skew, const double* rest, double* values);
+
+/// x^(−1/3) of x > 10⁻²⁹⁰ to 2 ulp, without a division: y ← y (1 − e)^(−1/3) for e = 1 − x y³, to the third order in e.
+inline double inverse_cube_root(double x) {
+    // the leading half of x's bits, divided by −3, is a guess of those of the root, 3.5 % off at most
+    const std::uint64_t third = (std::bit_cast<std::uint64_t>(x) >> 32) * 0x55555556u >> 32;
+    double y = std::bit_cast<double>((0x553ee8b4u - third) << 32);
+    for (int i = 0; i < 2; ++i) {
+        const double e = 1.0 - x * y * y * y;
+        y += y * (e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0))));
+    }
+    return y;
+}
+
+/// Judges cells of several blocks that are numbered through.
+class Cells {
+  public:
+    /// Each block's nodes (m_i, k) into points (n, d), reference (m,) sizes and, for the relative metric, the skews at
+    /// rest (m,) of all cells (or none).
+    Cells(Matrix<const double> points, std::vector<Matrix<const Index>> blocks, Vector<const double> reference,
+          Vector<const double> rest);
+
+    Index size() const { return reference_.size(); }
+    bool has_rest() const { return rest_.size() == size(); }
+    const double* rest() const { return rest_.data(); }
+
+    /// Sizes, skews and whether they are inverted of the cells first … last − 1.
+    void judge(Index first, Index last, double* size, double* skew, bool* inverted) const;
+    /// The same of cells with ascending numbers.
+    void judge_chosen(Vector<const Index> numbers, double* size, double* skew, bool* inverted) const;
+    /// near[s]: whether the metric of the cell first + s may be at most the limit; how many of at most `chunk` cells.
+    /// All may be where finding out costs as much as judging.
+    Index mark_near(Index first, Index last, Metric metric, double limit, bool* near) const;
+
+  private:
+    struct Block {
+        Matrix<const Index> nodes;
+        Index first;
+        void (*judge)(Matrix<const double>, Matrix<const Index>, const double*, double*, double*, bool*);
+    };
+    /// f(block, first, last) for the cells of each block among the cells first … last − 1.
+    template <class F>
+    void by_block(Index first, Index last, F&& f) const;
+
+    Matrix<const double> points_;
+    std::vector<Block> blocks_;
+    Vector<const double> reference_, rest_;
+};
+
+/// sizes (m,) = Σ_k det A_k of each cell.
+void cell_sizes(Matrix<const double> points, Matrix<const Index> nodes, Vector<double> sizes);
+
+/// Size, skew and inverted (m,) of each cell from its nodes (m, k) and reference sizes (m,).
+void cell_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+                  Vector<double> size, Vector<double> skew, Vector<bool> inverted);
+
+/// The same of the chosen cells (s,) only, in that order.
+void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+                    Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
+
+/// The same with every corner Jacobian A replaced by (I + J) A, J = gradients (m, d, d) of the cell.
+void transformed_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+                         Cube<const double> gradients, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
+
+/// The same from edge vectors (e, d): columns (m, corners, d) are ±(edge number + 1).
+void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vector<const double> reference,
+                    Vector<double> size, Vector<double> skew, Vector<bool> inverted);
+
+/// Values (m,) of a metric; the relative one takes the relative skews.
+void metric_values(Vector<const double> size, Vector<const double> skew, Index metric, Vector<double> values);
+
+}  // namespace mesh_motion

@@ -1,0 +1,247 @@
+#include "quality/order_statistics.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <numeric>
+
+#include "parallel.h"
+
+namespace mesh_motion {
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr std::array<double, percentiles> parts{0.01, 0.05, 0.5};
+constexpr double deviations = 4.0;  // of a rank in a sample: beyond them it is one in 16 000
+constexpr Index few = 1 << 14;      // values that are all kept
+constexpr Index block = 1 << 15;    // values of one task, a multiple of the lanes
+constexpr Index piece = 128;        // values that are looked at together
+
+/// Bin of a value; not falling in the value, whatever is rounded. −∞ goes to the first.
+inline Index bin_of(double value, double low, double scale, Index bins) {
+    const double place = (value - low) * scale;
+    if (!(place > 0.0)) return 0;
+    return place >= static_cast<double>(bins) ? bins - 1 : static_cast<Index>(place);
+}
+
+/// A number that looks random (splitmix64), the same on every machine.
+std::uint64_t scrambled(std::uint64_t x) {
+    x = (x + 0x9e3779b97f4a7c15u) * 0xbf58476d1ce4e5b9u;
+    x = (x ^ x >> 27) * 0x94d049bb133111ebu;
+    return x ^ x >> 31;
+}
+
+}  // namespace
+
+std::array<Index, percentiles> percentile_ranks(Index m) { return {(m - 1) / 100, 5 * (m - 1) / 100, 50 * (m - 1) / 100}; }
+
+double select(std::vector<double>& values, Index rank) {
+    constexpr Index bins = 1024;
+    std::erase_if(values, [](double value) { return value != value; });  // what is no number has no rank
+    if (rank >= static_cast<Index>(values.size())) return std::numeric_limits<double>::quiet_NaN();
+    while (static_cast<Index>(values.size()) > 4 * bins) {  // counts of equal bins are quicker than comparisons
+        const auto [least, most] = std::minmax_element(values.begin(), values.end());
+        const double low = *least, scale = bins / (*most - low);
+        if (!(scale < infinity && scale > 0.0)) break;  // equal values, or some that are not finite
+        std::array<Index, bins> counts{};
+        for (double value : values) ++counts[bin_of(value, low, scale, bins)];
+        Index wanted = 0;
+        for (; rank >= counts[wanted]; ++wanted) rank -= counts[wanted];
+        if (counts[wanted] > static_cast<Index>(values.size()) / 2) {
+            for (Index bin = 0; bin < wanted; ++bin) rank += counts[bin];
+            break;
+        }
+        std::erase_if(values, [&](double value) { return bin_of(value, low, scale, bins) != wanted; });
+    }
+    std::nth_element(values.begin(), values.begin() + rank, values.end());
+    return values[rank];
+}
+
+std::vector<Index> sample_of(Index m, Index count) {
+    std::vector<Index> numbers(count);
+    for (Index i = 0; i < count; ++i) {
+        const Index first = i * m / count, last = (i + 1) * m / count;
+        numbers[i] = first + static_cast<Index>(scrambled(i) % static_cast<std::uint64_t>(last - first));
+    }
+    return numbers;
+}
+
+Index sample_size(Index m) { return m < few ? 0 : std::clamp<Index>(m / 16, 1 << 11, 1 << 15); }
+
+Brackets brackets_of(std::vector<double>& sample) {
+    std::erase_if(sample, [](double value) { return value != value; });
+    Brackets brackets;
+    const Index n = static_cast<Index>(sample.size());
+    auto begin = sample.begin();
+    const auto at = [&](double place, double beyond) {
+        if (place < 0.0 || place >= static_cast<double>(n)) return beyond;
+        const auto nth = sample.begin() + static_cast<Index>(place);
+        if (nth >= begin) std::nth_element(begin, nth, sample.end()), begin = nth;  // what is below stays below
+        else std::nth_element(sample.begin(), nth, begin);
+        return *nth;
+    };
+    for (int p = 0; p < percentiles; ++p) {
+        const double rank = parts[p] * n, off = deviations * std::sqrt(rank * (1.0 - parts[p])) + 2.0;
+        const double low = at(rank - off, -infinity), high = at(rank + off, infinity);
+        brackets[p] = {low, high, std::count(sample.begin(), sample.end(), high) > 1};
+    }
+    return brackets;
+}
+
+Tally::Tally() { least.fill(infinity); }
+
+void Tally::add(const double* values, Index count, const Brackets* brackets) {
+    const auto note = [&](Index first, Index width) {
+        for (Index l = 0; l < width; ++l) {
+            const double value = values[first + l];
+            sums.part[l] += value;
+            least[l] = value < least[l] ? value : least[l];
+        }
+    };
+    const Index whole = count / lanes * lanes;
+    for (Index first = 0; first < whole; first += lanes) note(first, lanes);
+    note(whole, count - whole);
+    if (!brackets) return;
+    for (int p = 0; p < percentiles; ++p) {
+        const Bracket bracket = (*brackets)[p];
+        for (Index s = 0; s < count; ++s) below[p] += values[s] < bracket.low;
+        if (bracket.tied)
+            for (Index s = 0; s < count; ++s) upto[p] += values[s] <= bracket.high;
+    }
+    const auto [a, b, c] = *brackets;
+    alignas(64) bool marks[piece];
+    for (Index first = 0; first < count; first += piece) {
+        const Index here = std::min(piece, count - first);
+        for (Index s = 0; s < here; ++s) {
+            const double value = values[first + s];
+            marks[s] = a.holds(value) | b.holds(value) | c.holds(value);
+        }
+        std::fill(marks + here, marks + piece, false);
+        for (Index s = 0; s < here; s += 8) {
+            std::uint64_t word;
+            std::memcpy(&word, marks + s, 8);
+            if (!word) continue;
+            for (Index l = s; l < s + 8; ++l)
+                if (marks[l]) near.push_back(values[first + l]);
+        }
+    }
+}
+
+bool distribution_of(const std::vector<Tally>& tallies, Index m, const Brackets* brackets, Distribution& found) {
+    double total = 0.0, least = infinity;
+    for (const Tally& tally : tallies) {
+        total += tally.sums.total();
+        least = std::min(least, *std::min_element(tally.least.begin(), tally.least.end()));
+    }
+    found[0] = least;
+    found[1] = total / static_cast<double>(m);
+    if (!brackets) return false;
+    const auto ranks = percentile_ranks(m);
+    std::atomic<bool> proven = true;
+    for_blocks(percentiles, [&](Index p) {
+        const Bracket& bracket = (*brackets)[p];
+        Index rank = ranks[p], upto = 0;
+        std::vector<double> inside;
+        for (const Tally& tally : tallies) {
+            rank -= tally.below[p];
+            upto += tally.upto[p] - tally.below[p];
+            std::copy_if(tally.near.begin(), tally.near.end(), std::back_inserter(inside),
+                         [&](double value) { return bracket.holds(value); });
+        }
+        if (rank >= 0 && rank < static_cast<Index>(inside.size()))
+            found[2 + p] = select(inside, rank);
+        else if (rank >= 0 && rank < upto)
+            found[2 + p] = bracket.high;
+        else
+            proven = false;
+    });
+    return proven;
+}
+
+void Lowest::add(const double* values, Index first, Index count, double limit) {
+    for (Index at = 0; at < count; at += piece) {
+        const Index here = std::min(piece, count - at);
+        Index low = 0;
+        for (Index s = 0; s < here; ++s) low += values[at + s] <= limit;
+        if (!low) continue;
+        for (Index s = at; s < at + here; ++s)
+            if (values[s] <= limit) add(values[s], first + s);
+    }
+}
+
+void Lowest::trim() {
+    if (static_cast<Index>(kept_.size()) <= count_) return;
+    std::nth_element(kept_.begin(), kept_.begin() + count_, kept_.end());
+    kept_.resize(count_);
+}
+
+std::pair<std::vector<double>, std::vector<Index>> Lowest::in_order() {
+    trim();
+    std::sort(kept_.begin(), kept_.end());
+    std::pair<std::vector<double>, std::vector<Index>> found;
+    for (const auto& [value, number] : kept_) {
+        found.first.push_back(value);
+        found.second.push_back(number);
+    }
+    return found;
+}
+
+Owned<double, 1> distribution(Vector<const double> values) {
+    const Index m = values.size();
+    require(m > 0, "values: expected at least one");
+    std::vector<double> sample;
+    for (Index number : sample_of(m, sample_size(m))) sample.push_back(values[number]);
+    Brackets brackets;
+    const Brackets* known = sample.empty() ? nullptr : &(brackets = brackets_of(sample));
+    std::vector<Tally> tallies((m + block - 1) / block);
+    for_ranges(m, block, [&](Index first, Index last) {
+        tallies[first / block].add(values.data() + first, last - first, known);
+    });
+    Distribution found;
+    if (!distribution_of(tallies, m, known, found)) {
+        std::vector<double> all(values.begin(), values.end());
+        const auto ranks = percentile_ranks(m);
+        for (int p = 0; p < percentiles; ++p) {
+            auto left = all;
+            found[2 + p] = select(left, ranks[p]);
+        }
+    }
+    return owned(std::vector<double>(found.begin(), found.end()));
+}
+
+Owned<Index, 1> smallest_values(Vector<const double> values, Index count) {
+    require(count >= 0, "count: expected no negative number");
+    const Index m = values.size(), numbers = sample_size(m);
+    double limit = infinity;
+    if (count > 0 && count <= numbers) {
+        std::vector<double> sample;
+        for (Index number : sample_of(m, numbers)) sample.push_back(values[number]);
+        const double last = select(sample, count - 1);
+        if (last == last) limit = last;
+    }
+    std::vector<Lowest> lowest((m + block - 1) / block, Lowest(count));
+    for_ranges(m, block, [&](Index first, Index last) {
+        lowest[first / block].add(values.data() + first, first, last - first, limit);
+        lowest[first / block].trim();
+    });
+    Lowest all(count);
+    for (const Lowest& part : lowest) all.add(part);
+    return owned(all.in_order().second);
+}
+
+void count_in_bins(Vector<const double> values, double low, double scale, Vector<Index> counts) {
+    require(counts.size() > 0, "counts: expected at least one bin");
+    for (double value : values) ++counts[bin_of(value, low, scale, counts.size())];
+}
+
+Owned<double, 1> values_in_bin(Vector<const double> values, double low, double scale, Index bins, Index wanted) {
+    require(bins > 0, "bins: expected at least one");
+    std::vector<double> found;
+    for (double value : values)
+        if (bin_of(value, low, scale, bins) == wanted) found.push_back(value);
+    return owned(std::move(found));
+}
+
+}  // namespace mesh_motion

@@ -1,0 +1,28 @@
+// Judging a whole mesh in one pass that stores nothing of its size: its worst cells, or the distributions too.
+//
+// Blocks of cells are numbered through; `metric` is a number of numerics/metrics.py, `rest` holds the skews at rest
+// where it is the relative one.
+#pragma once
+
+#include "quality/cell_quality.h"
+
+namespace mesh_motion {
+
+using Blocks = std::vector<Matrix<const Index>>;
+
+/// The `count` lowest values of a metric, ascending, their cells, of equal values the lower ones, and how many cells are
+/// inverted.
+///
+/// A sample gives a limit that the lowest are not above. Of tetrahedra a comparison of sixth powers tells those that
+/// certainly are, and only the others are judged: for about half of the time of judging all.
+std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
+                                                                  Vector<const double> reference,
+                                                                  Vector<const double> rest, Index metric, Index count);
+
+/// Minimum, mean and percentiles (metrics, 5) of size, skew, size-skew and, where it is none of these, the metric; the
+/// `count` lowest cells of the metric, and how many cells are inverted.
+std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const double> points, const Blocks& blocks,
+                                                                  Vector<const double> reference,
+                                                                  Vector<const double> rest, Index metric, Index count);
+
+}  // namespace mesh_motion
