@@ -21,7 +21,7 @@ def expected_errors() -> Iterator[None]:
         yield
     except _kinds() as error:
         complain(str(error))
-        raise typer.Exit(status_of(error.code)) from None
+        raise typer.Exit(status_of(getattr(error, "code", ""))) from None
     except KeyboardInterrupt:
         complain("interrupted")
         raise typer.Exit(ExitStatus.INTERRUPTED) from None

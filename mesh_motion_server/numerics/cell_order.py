@@ -32,7 +32,9 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
         Where each row came from, counted through the pieces.
     """
     width = np.int32 if nodes <= 2**31 else np.int64
-    given = [(np.ascontiguousarray(new, dtype=np.int64), np.ascontiguousarray(cells, dtype=width)) for new, cells in pieces]
+    given = [
+        (np.ascontiguousarray(new, dtype=np.int64), np.ascontiguousarray(cells, dtype=width)) for new, cells in pieces
+    ]
     total = sum(len(cells) for _, cells in given)
     rows = np.empty((total, given[0][1].shape[1]), dtype=np.int64)
     # kept as long as the session: half the memory where the numbers allow it
