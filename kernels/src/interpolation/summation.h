@@ -80,6 +80,7 @@ struct CentreGrid {
             for (Index y = y_low; y <= y_high; ++y) {
                 const Index row = (z * shape[1] + y) * shape[0];
                 const Index first = starts[row + x_low], last = starts[row + x_high + 1];
+                require(0 <= first && last <= starts[starts.size() - 1], "starts: expected numbers that do not fall");
                 if (last > first) runs.add(first, last);
             }
         return runs;
