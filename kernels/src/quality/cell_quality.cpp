@@ -1,6 +1,7 @@
 #include "quality/cell_quality.h"
 
 #include <limits>
+#include <numeric>
 
 #include "parallel.h"
 
@@ -8,7 +9,7 @@ namespace mesh_motion {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double smallest = 1e-290;  // determinants below are 0: their roots would have lost digits
+constexpr double smallest = 1e-290;  // smaller determinants are taken as 0: their roots would have lost digits
 
 /// One corner's Jacobians of a chunk of cells, entry by entry, so that cells lie side by side.
 template <int d>
@@ -21,12 +22,12 @@ template <int d>
 struct Corner {
     double a[d][d];
 
-    Corner(const Jacobians<d>& all, Index s) {
+    [[gnu::always_inline]] Corner(const Jacobians<d>& all, Index s) {
         for (int i = 0; i < d; ++i)
             for (int j = 0; j < d; ++j) a[i][j] = all.entry[i][j][s];
     }
 
-    double determinant() const {
+    [[gnu::always_inline]] double determinant() const {
         if constexpr (d == 1) {
             return a[0][0];
         } else if constexpr (d == 2) {
@@ -39,7 +40,7 @@ struct Corner {
     }
 
     /// Entry i, j of λ = AᵀA.
-    double lambda(int i, int j) const {
+    [[gnu::always_inline]] double lambda(int i, int j) const {
         double sum = a[0][i] * a[0][j];
         for (int k = 1; k < d; ++k) sum += a[k][i] * a[k][j];
         return sum;
@@ -48,41 +49,39 @@ struct Corner {
 
 /// tr(G λ).
 template <class Type>
-double weighted_trace(const Corner<Type::dimension>& corner) {
+[[gnu::always_inline]] inline double weighted_trace(const Corner<Type::dimension>& corner) {
     constexpr int d = Type::dimension;
     double own = 0.0, mixed = 0.0;
-    for (int i = 0; i < d; ++i) {
-        own += Type::gram[i][i] * corner.lambda(i, i);
-        for (int j = i + 1; j < d; ++j) mixed += 2.0 * Type::gram[i][j] * corner.lambda(i, j);
+    for (int i = 0; i < d; ++i) own += Type::gram[i][i] * corner.lambda(i, i);
+    for (int i = 0; i < d * (d - 1) / 2; ++i) {  // the pairs 0 1, 1 2 and 2 0; nested loops would not be unrolled
+        const int j = (i + 1) % d;
+        mixed += 2.0 * Type::gram[i][j] * corner.lambda(i, j);
     }
     return own + mixed;
 }
 
-/// f_k of a corner with the determinant α_k.
+/// What may be divided by.
+inline double at_least_smallest(double extent) { return extent > smallest ? extent : smallest; }
+
+/// f_k of a corner with the determinant α_k; some number where that is 0.
 template <class Type>
-double shape_term(const Corner<Type::dimension>& corner, double determinant) {
+[[gnu::always_inline]] inline double shape_term(const Corner<Type::dimension>& corner, double determinant) {
     constexpr int d = Type::dimension;
-    const double extent = std::abs(determinant);
-    double term = 1.0;
-    if constexpr (Type::formula == Formula::mean_ratio) {
-        term = weighted_trace<Type>(corner) * (1.0 / d);
-        if constexpr (d == 2) {
-            term *= Type::ideal / extent;
-        } else {
-            const double root = inverse_cube_root(extent * (1.0 / Type::ideal));
-            term *= root * root;
-        }
-    } else if constexpr (Type::formula == Formula::angles) {
-        double lengths = std::sqrt(corner.lambda(0, 0) * corner.lambda(1, 1));
-        if constexpr (d == 2) {
-            term = Type::ideal * lengths / extent;
-        } else {
-            lengths *= std::sqrt(corner.lambda(2, 2)) * Type::ideal;
-            const double root = inverse_cube_root(extent / lengths);
-            term = root * root;
-        }
+    const double extent = at_least_smallest(std::abs(determinant));
+    if constexpr (Type::formula == Formula::length) {
+        return 1.0;
+    } else if constexpr (Type::formula == Formula::mean_ratio) {
+        const double mean = weighted_trace<Type>(corner) * (1.0 / d);
+        if constexpr (d == 2) return mean * Type::ideal / extent;
+        const double root = inverse_cube_root(extent * (1.0 / Type::ideal));
+        return mean * root * root;
+    } else {
+        double lengths = std::sqrt(corner.lambda(0, 0) * corner.lambda(1, 1)) * Type::ideal;
+        if constexpr (d == 2) return lengths / extent;
+        lengths *= std::sqrt(corner.lambda(d - 1, d - 1));
+        const double root = inverse_cube_root(extent / at_least_smallest(lengths));
+        return root * root;
     }
-    return extent > smallest ? term : (extent == extent ? infinity : extent);
 }
 
 /// Judges `count` ≤ chunk cells. gather(k, jacobians) writes the Jacobians of their corners k.
@@ -90,8 +89,8 @@ template <class Type, class Gather>
 void judge_chunk(Gather&& gather, Index count, const double* reference, double* size, double* skew, bool* inverted) {
     constexpr int n = static_cast<int>(Type::corners.size());
     Jacobians<Type::dimension> jacobians;
-    alignas(64) double extent[chunk], terms[chunk], positive[chunk];  // Σ α, Σ f, and how many α are positive
-    for (Index s = 0; s < count; ++s) extent[s] = terms[s] = positive[s] = 0.0;
+    alignas(64) double extent[chunk], terms[chunk], signs[chunk];  // Σ α, Σ f, Σ sign α
+    for (Index s = 0; s < count; ++s) extent[s] = terms[s] = signs[s] = 0.0;
     for (int k = 0; k < n; ++k) {
         gather(k, jacobians);
         for (Index s = 0; s < count; ++s) {
@@ -99,7 +98,7 @@ void judge_chunk(Gather&& gather, Index count, const double* reference, double* 
             const double alpha = corner.determinant(), term = shape_term<Type>(corner, alpha);
             extent[s] += alpha;
             terms[s] += term;
-            positive[s] += alpha > 0.0 ? 1.0 : 0.0;
+            signs[s] += (alpha > smallest ? 1.0 : 0.0) - (alpha < -smallest ? 1.0 : 0.0);
         }
     }
     for (Index s = 0; s < count; ++s) {
@@ -107,12 +106,12 @@ void judge_chunk(Gather&& gather, Index count, const double* reference, double* 
         const double told = reference[s];
         const bool smaller = std::abs(extent[s]) <= std::abs(told);
         const double ratio = (smaller ? extent[s] : told) / (smaller ? told : extent[s]);
-        const double shape = (positive[s] == n) | (positive[s] == 0.0) ? n / terms[s] : 0.0;
+        const double shape = std::abs(signs[s]) == n ? n / terms[s] : 0.0;
         // a number minus itself is 0 and a NaN or an infinity is not: positions that are no numbers are the worst
         const bool valid = (extent[s] - extent[s] == 0.0) & (terms[s] == terms[s]) & (ratio == ratio);
         size[s] = valid ? ratio : -infinity;
         skew[s] = valid ? shape : -infinity;
-        inverted[s] = !valid | (positive[s] < n);
+        inverted[s] = !valid | (signs[s] < n);
     }
 }
 
@@ -160,7 +159,7 @@ constexpr double margin = 1.0 + 1e-9;  // of a comparison of sixth powers whose 
 constexpr double tiny = 1e-280;        // products below may have lost digits
 
 /// Whether the sixth power of a tetrahedron's size-skew is above the bound, for each of the ratios of its size.
-inline bool surely_above(double det, double q, double told, double bound) {
+[[gnu::always_inline]] inline bool surely_above(double det, double q, double told, double bound) {
     const double own = det * det * det, reference = told * told * told, cube = q * q * q;
     const double t2 = det * (1.0 / Tetra::ideal) * (det * (1.0 / Tetra::ideal));
     const double above = 729.0 * t2 * t2, least = bound * cube * cube;
@@ -224,15 +223,15 @@ void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew
 /// divisions, one for each of the ratios whose smaller one is the size. A margin far above rounding keeps the answer true
 /// of the values as they are judged; what leaves the range of numbers is never above. Relative to the skews at rest:
 /// above the limit times that skew, and the size above limit².
-Index Cells::mark_near(Index first, Index last, Metric metric, double limit, bool* near) const {
+Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Index* near) const {
     const bool relative = metric == Metric::relative_size_skew;
     Index found = 0;
     by_block(first, last, [&](const Block& block, Index from, Index to) {
-        bool* marks = near + (from - first);
+        Index* marks = near + (from - first);
         const Index count = to - from;
         if (block.nodes.shape(1) != Tetra::nodes || points_.shape(1) != 3 || !(limit > 0.0) ||
             !(relative || metric == Metric::size_skew)) {
-            std::fill_n(marks, count, true);
+            std::fill_n(marks, count, 1);
             found += count;
             return;
         }
@@ -241,18 +240,25 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, boo
         from_points<Tetra>(points_, count, [rows](Index s) { return rows + s * Tetra::nodes; })(0, jacobians);
         const double* reference = reference_.data() + from;
         const double square = limit * limit * margin, bound = limit * limit * limit * (limit * limit * limit) * margin;
-        for (Index s = 0; s < count; ++s) {
-            const Corner<3> corner(jacobians, s);
-            const double det = corner.determinant(), told = reference[s], q = weighted_trace<Tetra>(corner);
-            if (relative) {
-                const double rest = rest_.data()[from + s], squared = rest * rest;
-                marks[s] = !(surely_above(det, q, told, bound * squared * squared * squared) & (det > square * told) &
-                             (told > square * det));
-            } else {
-                marks[s] = !surely_above(det, q, told, bound);
+        const auto mark = [&](auto is_relative, const double* rest) {
+            for (Index s = 0; s < count; ++s) {
+                const Corner<3> corner(jacobians, s);
+                const double det = corner.determinant(), told = reference[s], q = weighted_trace<Tetra>(corner);
+                double own = bound;
+                bool above = true;
+                if constexpr (is_relative) {
+                    const double squared = rest[s] * rest[s];
+                    own *= squared * squared * squared;
+                    above = (det > square * told) & (told > square * det);
+                }
+                marks[s] = !(above & surely_above(det, q, told, own));
             }
-        }
-        for (Index s = 0; s < count; ++s) found += marks[s];
+        };
+        if (relative)
+            mark(std::true_type{}, rest_.data() + from);
+        else
+            mark(std::false_type{}, nullptr);
+        found = std::accumulate(marks, marks + count, found);
     });
     return found;
 }

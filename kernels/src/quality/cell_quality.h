@@ -41,12 +41,12 @@ void metric_of(Metric metric, Index count, const double* size, const double* ske
 inline double inverse_cube_root(double x) {
     // the leading half of x's bits, divided by −3, is a guess of those of the root, 3.5 % off at most
     const std::uint64_t third = (std::bit_cast<std::uint64_t>(x) >> 32) * 0x55555556u >> 32;
-    double y = std::bit_cast<double>((0x553ee8b4u - third) << 32);
-    for (int i = 0; i < 2; ++i) {
+    const double y = std::bit_cast<double>((0x553ee8b4u - third) << 32);
+    const auto better = [x](double y) {
         const double e = 1.0 - x * y * y * y;
-        y += y * (e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0))));
-    }
-    return y;
+        return y + y * (e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0))));
+    };
+    return better(better(y));
 }
 
 /// Judges cells of several blocks that are numbered through.
@@ -67,7 +67,7 @@ class Cells {
     void judge_chosen(Vector<const Index> numbers, double* size, double* skew, bool* inverted) const;
     /// near[s]: whether the metric of the cell first + s may be at most the limit; how many of at most `chunk` cells.
     /// All may be where finding out costs as much as judging.
-    Index mark_near(Index first, Index last, Metric metric, double limit, bool* near) const;
+    Index mark_near(Index first, Index last, Metric metric, double limit, Index* near) const;
 
   private:
     struct Block {

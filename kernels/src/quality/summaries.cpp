@@ -76,7 +76,7 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const d
         const Index task = begin / judged_at_once;
         std::vector<Index> near;
         for (Index first = begin; first < end; first += chunk) {
-            bool marks[chunk];
+            Index marks[chunk];
             const Index last = std::min(end, first + chunk);
             if (cells.mark_near(first, last, ranked, limit, marks))
                 for (Index e = first; e < last; ++e)
