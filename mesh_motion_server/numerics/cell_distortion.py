@@ -125,7 +125,7 @@ def cell_blocks(
     least_weight: float,
     floor: float,
 ) -> None:
-    """Update the blocks (m, k d, k d) of each group's cells heavier than ``least_weight`` in place."""
+    """Update the blocks (m, k², d²) of each group's cells heavier than ``least_weight`` in place."""
     for (group, rows), out in zip(_rows(groups), blocks, strict=True):
         least = floor / len(weights), least_weight
         kernels.cell_blocks(*_arrays(points, group, norm), weights[rows], *least, norm.p, out)

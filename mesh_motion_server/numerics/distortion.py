@@ -199,9 +199,9 @@ def corner_blocks(
     """Update the blocks (c, d², d²) of the corners heavier than ``least_weight`` in place.
 
     They are positive semi-definite: the negative part of the Hessian, of ℓ and the p-mean's rank-one term, with respect
-    to J is dropped (kernels/src/correction/corner.h). Row and column ``j d + i`` belong to the coordinate i of the edge
-    j, which ends at node j + 1; the rows of node 0 are minus the sums. Single precision is enough for a model of the
-    curvature, and halves the memory.
+    to J is dropped (kernels/src/correction/corner.h). Row ``j d + k`` and column ``a d + b`` couple the coordinate a of
+    the edge j, which ends at node j + 1, with b of the edge k; what belongs to node 0 is minus the sums. Single
+    precision is enough for a model of the curvature, and halves the memory.
     """
     least = floor / len(weights), least_weight
     kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *_law(norm), blocks)

@@ -89,7 +89,7 @@ class CellAdjacency:
         return _gathered(self.starts, self.entries, cell_values)
 
     def add(self, blocks: NDArray[np.float32], hessian: NDArray[np.float64]) -> None:
-        """Add the cells' blocks (m, k d, k d) to the Hessian (b, d, d)."""
+        """Add the cells' blocks (m, k², d²) to the Hessian (b, d, d)."""
         kernels.add_cells(self.starts, self.entries, self.slots, blocks, hessian)
 
 

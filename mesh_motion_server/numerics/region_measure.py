@@ -83,8 +83,8 @@ class _Cells:
     def __init__(self, region: FreeRegion, norm: PNorm) -> None:
         d = region.simplices.dimension
         self._region, self._norm, self._filled = region, norm, False
-        widths = [(len(group), d * group.nodes.shape[1]) for group in region.groups]
-        self._blocks = [np.empty((cells, width, width), dtype=np.float32) for cells, width in widths]
+        sizes = [(len(group), group.nodes.shape[1] ** 2, d * d) for group in region.groups]
+        self._blocks = [np.empty(size, dtype=np.float32) for size in sizes]
         self._hessian = np.empty((len(region.adjacency.columns), d, d))
 
     def mean(self, points: Floats) -> tuple[float, Floats]:

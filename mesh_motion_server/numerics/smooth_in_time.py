@@ -157,7 +157,7 @@ def gradient_stiffness(region: FreeRegion) -> Floats:
     ideal = region.simplices.ideal
     n, d, _ = ideal.shape
     products = np.einsum("cik,cjk->cij", ideal, ideal)
-    blocks = np.einsum("cjl,ik->cjilk", products, np.eye(d)).reshape(n, d * d, d * d)
+    blocks = np.einsum("cjl,ik->cjlik", products, np.eye(d)).reshape(n, d * d, d * d)
     stiffness: Floats = 2.0 / n * region.adjacency.assemble(np.ascontiguousarray(blocks, dtype=np.float32), d)
     return stiffness
 

@@ -44,7 +44,8 @@ def test_gathers_are_the_sums_over_corners(kind: str) -> None:
     dense = np.zeros((len(points), d, len(points), d))
     edges_to_nodes = np.kron(np.hstack([-np.ones((d, 1)), np.eye(d)]), np.eye(d))  # (d², (d + 1) d)
     for nodes, block in zip(region.simplices.nodes, blocks, strict=True):
-        full = (edges_to_nodes.T @ block.astype(float) @ edges_to_nodes).reshape(d + 1, d, d + 1, d)
+        at_edges = block.astype(float).reshape(d, d, d, d).swapaxes(1, 2).reshape(d * d, d * d)
+        full = (edges_to_nodes.T @ at_edges @ edges_to_nodes).reshape(d + 1, d, d + 1, d)
         dense[np.ix_(nodes, range(d), nodes, range(d))] += full
     found = np.zeros_like(dense)
     adjacency, hessian = region.adjacency, region.adjacency.assemble(blocks, d)

@@ -212,8 +212,9 @@ void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, 
                  Vector<const double> weights, double floor, double least_weight, double p, Cube<float> blocks) {
     const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}};
     cells.check(weights.size());
-    const Index width = nodes.shape(1) * points.shape(1);
-    require(blocks.shape() == std::array{cells.size(), width, width}, "blocks: expected shape (m, k d, k d)");
+    const Index n_nodes = nodes.shape(1), width = n_nodes * points.shape(1);
+    require(blocks.shape() == std::array{cells.size(), n_nodes * n_nodes, points.shape(1) * points.shape(1)},
+            "blocks: expected shape (m, k², d²)");
     cells.with_type([&](auto dimension) {
         constexpr int d = dimension;
         using Pulls = std::array<std::array<Pack, d>, most>;
@@ -253,7 +254,9 @@ void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, 
             for (Index l = 0; l < count; ++l) {
                 const Matrix<float> block = blocks[at[l]];
                 for (Index r = 0; r < width; ++r)
-                    for (Index s = 0; s <= r; ++s) block(r, s) = block(s, r) = static_cast<float>(whole[r][s][l]);
+                    for (Index s = 0; s <= r; ++s)
+                        block(r / d * n_nodes + s / d, r % d * d + s % d) =
+                            block(s / d * n_nodes + r / d, s % d * d + r % d) = static_cast<float>(whole[r][s][l]);
             }
         };
         for_ranges(cells.size(), blocks_of_task, [&](Index first, Index last) {

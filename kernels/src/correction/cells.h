@@ -31,7 +31,8 @@ void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> node
                     Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
                     Vector<const double> weights, Cube<double> shares);
 
-/// blocks (m, k d, k d) = H with the weights w + floor, of the cells that weigh at least least_weight.
+/// blocks (m, k², d²) = H with the weights w + floor, of the cells that weigh at least least_weight: [a k + b] couples the
+/// nodes a and b.
 void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                  Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
                  Vector<const double> weights, double floor, double least_weight, double p, Cube<float> blocks);

@@ -190,9 +190,13 @@ void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corne
                 curvature<d>(j, inverse_square<d>(j), ideal, {all(1.0), h1, h2, all(p), h1}, weight, total);
                 for (Index l = 0; l < count; ++l) {
                     float* block = blocks[at[l]].data();
-                    for (int r = 0; r < d * d; ++r)
-                        for (int k = 0; k <= r; ++k)
-                            block[r * d * d + k] = block[k * d * d + r] = static_cast<float>(total[r][k][l]);
+                    for (int edge = 0; edge < d; ++edge)
+                        for (int other = 0; other <= edge; ++other)
+                            for (int i = 0; i < d; ++i)
+                                for (int k = 0; k < (edge == other ? i + 1 : d); ++k)
+                                    block[((edge * d + other) * d + i) * d + k] =
+                                        block[((other * d + edge) * d + k) * d + i] =
+                                            static_cast<float>(total[edge * d + i][other * d + k][l]);
                 }
                 count = 0;
             };

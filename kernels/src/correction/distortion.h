@@ -29,7 +29,7 @@ void determinants(Matrix<const double> points, Matrix<const std::int32_t> corner
                   Vector<double> taus);
 
 /// blocks (c, d², d²) = (w + floor) times the positive part of the Hessian of ℓ and of the p-mean's rank-one term, of the
-/// corners that weigh at least least_weight. Row and column j d + i belong to the coordinate i of the edge j.
+/// corners that weigh at least least_weight: [j d + k, a d + b] couples the coordinate a of edge j with b of edge k.
 void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                    Vector<const double> weights, double floor, double least_weight, double p, double m, double epsilon,
                    double a, Cube<float> blocks);

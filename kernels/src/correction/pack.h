@@ -11,8 +11,6 @@
 
 namespace mesh_motion {
 
-#pragma GCC diagnostic ignored "-Wpsabi"  // all functions of packs are inlined: there is no binary interface to change
-
 using Pack = double __attribute__((vector_size(lanes * sizeof(double))));
 /// What a comparison of packs gives; as a condition of ?: it chooses by lane.
 using Mask = decltype(Pack{} < Pack{});

@@ -9,6 +9,12 @@ namespace {
 
 constexpr Index rows_of_gather = 1 << 11, rows_of_assembly = 1 << 6;
 
+constexpr Index ahead = 8;  // entries: their blocks are all over memory, and fetched before they are needed
+
+void prefetch(Vector<const float> values) {
+    for (Index k = 0; k < values.size(); k += 16) __builtin_prefetch(&values[k]);
+}
+
 /// starts and entries by counting sort.
 template <class Node>
 std::pair<std::vector<Index>, std::vector<std::int32_t>> places(Matrix<const Node> cells, Index n_free) {
@@ -36,17 +42,25 @@ void check_lists(Vector<const Index> starts, Vector<const std::int32_t> entries)
     require(starts.size() > 0 && starts[starts.size() - 1] == entries.size(), "starts: expected to end at the entries");
 }
 
-/// row (d, d²) = the rows of a corner's node a: an edge's, or minus the sum of all for node 0.
+/// row (d + 1, d²): the blocks that couple a node of a corner with each of its nodes, from its edge's (d, d²) with each
+/// edge; what belongs to node 0 is minus the sum over the edges (d, d, d²).
 template <int d>
-std::array<std::array<double, d * d>, d> rows_of(const float* block, int a) {
-    std::array<std::array<double, d * d>, d> row{};
-    for (int r = 0; r < d; ++r)
-        for (int q = 0; q < d * d; ++q)
-            if (a > 0)
-                row[r][q] = block[((a - 1) * d + r) * d * d + q];
-            else
-                for (int j = 0; j < d; ++j) row[r][q] -= block[(j * d + r) * d * d + q];
-    return row;
+void couplings(Vector<const float> block, bool of_edge, double* __restrict row) {
+    constexpr int size = d * d, width = size * d;
+    if (of_edge) {
+        for (int q = 0; q < width; ++q) row[size + q] = block[q];
+    } else {
+        for (int q = 0; q < width; ++q) {
+            double sum = 0.0;
+            for (int j = 0; j < d; ++j) sum += block[j * width + q];
+            row[size + q] = -sum;
+        }
+    }
+    for (int q = 0; q < size; ++q) {
+        double sum = 0.0;
+        for (int b = 1; b <= d; ++b) sum += row[b * size + q];
+        row[q] = -sum;
+    }
 }
 
 }  // namespace
@@ -143,25 +157,26 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
             "hessian: expected shape (b, d, d)");
     with_dimension(hessian.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
+        // what couplings() takes for an entry: all of a corner's block for its node 0, or the rows of an edge
+        const auto block = [&](Index entry) {
+            const Index c = entry / (d + 1), a = entry % (d + 1), width = d * d * d;
+            return Vector<const float>(&blocks(c, 0, 0) + std::max<Index>(a - 1, 0) * width, {a ? width : d * width});
+        };
         for_ranges(starts.size() - 1, rows_of_assembly, [&](Index first, Index last) {
             for (Index i = first; i < last; ++i) {
                 if (std::none_of(&entries[starts[i]], &entries[starts[i]] + (starts[i + 1] - starts[i]),
                                  [&](auto entry) { return weights[entry / (d + 1)] >= least_weight; }))
                     continue;
-                const Cube<double> row = hessian.rows(row_starts[i], row_starts[i + 1]);
-                std::fill(row.begin(), row.end(), 0.0);
+                const Cube<double> anew = hessian.rows(row_starts[i], row_starts[i + 1]);
+                std::fill(anew.begin(), anew.end(), 0.0);
                 for (Index e = starts[i]; e < starts[i + 1]; ++e) {
-                    const auto rows = rows_of<d>(blocks[entries[e] / (d + 1)].data(), entries[e] % (d + 1));
+                    if (e + ahead < entries.size()) prefetch(block(entries[e + ahead]));
+                    double row[(d + 1) * d * d];
+                    couplings<d>(block(entries[e]), entries[e] % (d + 1) > 0, row);
                     for (int b = 0; b <= d; ++b) {
                         if (slots(e, b) < 0) continue;
                         double* out = hessian.data() + Index{slots(e, b)} * d * d;
-                        for (int r = 0; r < d; ++r)
-                            for (int q = 0; q < d; ++q) {
-                                if (b > 0)
-                                    out[r * d + q] += rows[r][(b - 1) * d + q];
-                                else  // the column of node 0 is minus the sum of all
-                                    for (int j = 0; j < d; ++j) out[r * d + q] -= rows[r][j * d + q];
-                            }
+                        for (int q = 0; q < d * d; ++q) out[q] += row[b * d * d + q];
                     }
                 }
             }
@@ -174,19 +189,22 @@ void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, M
     check_lists(starts, entries);
     const Index k = slots.shape(1);
     require(slots.shape(0) == entries.size(), "slots: expected shape (e, k)");
-    require(blocks.shape(1) == k * hessian.shape(1) && blocks.shape(2) == k * hessian.shape(1),
-            "blocks: expected shape (m, k d, k d)");
     require(hessian.shape(2) == hessian.shape(1), "hessian: expected shape (b, d, d)");
+    require(blocks.shape(1) == k * k && blocks.shape(2) == hessian.shape(1) * hessian.shape(1),
+            "blocks: expected shape (m, k², d²)");
     with_dimension(hessian.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
+        const auto row = [&](Index entry) {
+            return Vector<const float>(&blocks(entry / k, entry % k * k, 0), {k * d * d});
+        };
         for_ranges(starts.size() - 1, rows_of_assembly, [&](Index first, Index last) {
             for (Index e = starts[first]; e < starts[last]; ++e) {
-                const float* rows = blocks.data() + Index{entries[e]} * d * k * d;
+                const Vector<const float> from = row(entries[e]);
+                if (e + ahead < entries.size()) prefetch(row(entries[e + ahead]));
                 for (Index b = 0; b < k; ++b) {
                     if (slots(e, b) < 0) continue;
                     double* out = hessian.data() + Index{slots(e, b)} * d * d;
-                    for (int r = 0; r < d; ++r)
-                        for (int q = 0; q < d; ++q) out[r * d + q] += rows[(r * k + b) * d + q];
+                    for (int q = 0; q < d * d; ++q) out[q] += from[b * d * d + q];
                 }
             }
         });

@@ -36,7 +36,7 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
                       Vector<const Index> row_starts, Cube<const float> blocks, Vector<const double> weights,
                       double least_weight, Cube<double> hessian);
 
-/// hessian (b, d, d) += the cells' blocks (m, k d, k d).
+/// hessian (b, d, d) += the cells' blocks (m, k², d²).
 void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                Cube<const float> blocks, Cube<double> hessian);
 
