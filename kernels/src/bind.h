@@ -6,6 +6,8 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include <chrono>
+#include <thread>
 #include <utility>
 
 #include "view.h"
@@ -49,10 +51,26 @@ struct type_caster<mesh_motion::Owned<T, N>> {
 
 namespace mesh_motion {
 
+/// The interpreter's lock given back while a loop runs. An interpreter that has ended meanwhile ends the thread of who
+/// takes it again, before Python 3.14 by unwinding its stack: here, where that would abort the process, it stays instead.
+struct Unlocked {
+    PyThreadState* state = PyEval_SaveThread();
+
+    Unlocked() = default;
+    Unlocked(const Unlocked&) = delete;
+    ~Unlocked() {
+        try {
+            PyEval_RestoreThread(state);
+        } catch (...) {
+            for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
+        }
+    }
+};
+
 /// Gives Python a loop, which runs without the interpreter's lock.
 template <class Loop>
 void bind(nanobind::module_& m, const char* name, Loop loop) {
-    m.def(name, loop, nanobind::call_guard<nanobind::gil_scoped_release>());
+    m.def(name, loop, nanobind::call_guard<Unlocked>());
 }
 
 // one function a folder (its bindings.cpp) tells what Python sees of it

@@ -1,0 +1,67 @@
+"""Moves of meshes on one, two and three threads; prints ``case threads digest`` for each."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from pathlib import Path
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "numerics"))
+from box_meshes import box_mesh
+
+from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.roles import Patch
+
+#: A hexahedron in tetrahedra around a diagonal: neighbours are cut the same way.
+_SIX = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+
+#: Mesh, boxes along each axis, degrees that the body turns by, method. The corrections have to work.
+CASES: dict[str, tuple[str, int, float, Method]] = {
+    "2D dense": ("quad + triangle", 60, 20.0, Method(support_radius=1.0, solver="dense", correction="none")),
+    "2D sparse": ("quad + triangle", 60, 10.0, Method(support_radius=0.3, solver="sparse", correction="none")),
+    "2D corrected": ("quad + triangle", 30, 60.0, Method(support_radius=1.0, quality_threshold=0.3)),
+    "2D maximum": (
+        "quad + triangle",
+        20,
+        45.0,
+        Method(support_radius=1.0, quality_threshold=0.5, correction_target="maximum"),
+    ),
+    "2D two scales": ("quad + triangle", 100, 20.0, Method(support_radius=1.5, solver="two-scale", correction="none")),
+    "2D far field": ("quad + triangle", 150, 20.0, Method(basis="tps", correction="none", far_field_tolerance=1e-3)),
+    "2D reduced": ("quad + triangle", 60, 20.0, Method(support_radius=1.0, reduction="greedy", correction="none")),
+    "3D dense": ("tetra", 15, 20.0, Method(support_radius=1.0, solver="dense", correction="none")),
+    "3D corrected": ("tetra", 5, 60.0, Method(support_radius=1.0, quality_threshold=0.4)),
+    "3D hexahedra": ("hexahedron", 5, 80.0, Method(support_radius=1.0, quality_threshold=0.45)),
+    "3D mixed": ("hexahedron + wedge", 5, 80.0, Method(support_radius=1.0, quality_threshold=0.45)),
+    "3D two scales": ("tetra", 20, 20.0, Method(support_radius=1.5, solver="two-scale", correction="none")),
+}
+
+
+def moved(name: str) -> str:
+    """A digest of the coordinates and of the qualities of a move of a case."""
+    kind, boxes, degrees, method = CASES[name]
+    mesh = box_mesh("hexahedron" if kind == "tetra" else kind, boxes)
+    cells = mesh.cells
+    if kind == "tetra":
+        cells = CellTable.from_arrays({kind: np.concatenate([cells.blocks[0].nodes[:, tetra] for tetra in _SIX])})
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    model = MotionModel.build(mesh.points, cells, patches, method)
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()[: model.points.shape[1], : model.points.shape[1]]
+    targets = 0.5 + (mesh.points[model.roles.moving] - 0.5) @ turn.T + 0.03
+    motion = model.move(mesh.points, targets)
+    digest = hashlib.sha256(motion.points.tobytes())
+    digest.update(repr((motion.standard, motion.corrected)).encode())
+    return digest.hexdigest()
+
+
+if __name__ == "__main__":
+    for threads in (1, 2, 3):
+        kernels.set_threads(threads)
+        for case in sys.argv[1:] or CASES:
+            sys.stdout.write(f"{case}\t{threads}\t{moved(case)}\n")

@@ -1,0 +1,45 @@
+"""A move has the same bits on any number of threads and at any vector width."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mesh_motion_kernels as kernels
+import pytest
+
+_SCRIPT = Path(__file__).with_name("moves.py")
+_BUILT = sorted(found.parent.name for found in Path(kernels.__file__).parent.glob("*/_kernels*"))
+#: What this machine can run of what is built.
+LEVELS = [level for level in _BUILT if level <= kernels._widest()]
+
+
+def _digests(level: str) -> dict[tuple[str, str], str]:
+    """By case and threads, of a process of its own. BLAS gets one thread, as in a worker."""
+    done = subprocess.run(
+        [sys.executable, str(_SCRIPT)],
+        env=os.environ | {"MESH_MOTION_LEVEL": level, "MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    lines = [line.split("\t") for line in done.stdout.splitlines()]
+    return {(case, threads): digest for case, threads, digest in lines}
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, str]:
+    """By case, of the narrowest vectors on one thread."""
+    return {case: digest for (case, threads), digest in _digests(LEVELS[0]).items() if threads == "1"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", LEVELS)
+def test_moves_have_the_same_bits(level: str, expected: dict[str, str]) -> None:
+    found = _digests(level)
+    assert len(found) == 3 * len(expected) > 0
+    differing = [f"{case}, {threads} threads" for (case, threads), digest in found.items() if digest != expected[case]]
+    assert not differing

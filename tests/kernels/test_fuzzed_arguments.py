@@ -1,0 +1,53 @@
+"""Whatever Python sends, a loop answers with a result, a TypeError or a ValueError; the process never ends."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_SCRIPT = Path(__file__).with_name("fuzz.py")
+_SPEC = importlib.util.spec_from_file_location("fuzz", _SCRIPT)
+assert _SPEC is not None
+assert _SPEC.loader is not None
+fuzz = importlib.util.module_from_spec(_SPEC)
+sys.modules["fuzz"] = fuzz
+_SPEC.loader.exec_module(fuzz)
+
+LOOPS = fuzz.loops()
+
+
+@pytest.fixture(scope="module")
+def findings() -> dict[str, str]:
+    """What is wrong with each loop, tried in processes of their own: one that ends goes on behind the guilty one."""
+    found: dict[str, str] = {}
+    while len(found) < len(LOOPS):
+        rest = LOOPS[len(found) :]
+        try:
+            done = subprocess.run(
+                [sys.executable, "-X", "faulthandler", str(_SCRIPT), *rest],
+                capture_output=True,
+                text=True,
+                timeout=120,
+                check=False,
+            )
+            output, ending = done.stdout, f"ends the process: {done.returncode}\n{done.stderr}"
+        except subprocess.TimeoutExpired as error:
+            output, ending = (error.stdout or b"").decode(), "does not end, or all together take too long"
+        lines = [line.split("\t") for line in output.splitlines()]
+        found |= {line[0]: line[1] for line in lines if len(line) == 2}
+        if len(lines) < len(rest):
+            found[rest[len(lines)]] = ending
+    return found
+
+
+def test_there_are_loops() -> None:
+    assert {"available_threads", "match_facets", "take_differences"} <= set(LOOPS)
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_no_argument_ends_the_process(name: str, findings: dict[str, str]) -> None:
+    assert findings[name] == ""
