@@ -16,15 +16,17 @@ import numpy as np
 
 TRIALS = 300
 _BESIDE = 64  # numbers before and after an array
-_ARRAY = re.compile(r"ndarray\[dtype=(\w+), shape=\(([^)]*)\)[^\]]*\]")
+_ARRAY = re.compile(r"ndarray\[dtype=(\w+), shape=\(([^)]*)\)")
+_SEVERAL = re.compile(r"(tuple|collections\.abc\.Sequence)\[(.*)\]$")
 
 
 class Parameter(NamedTuple):
-    """What a loop expects: an array of a type, axes and perhaps written to, or a scalar."""
+    """What a loop expects: an array of a type, axes and perhaps written to, a scalar, or several in a tuple or list."""
 
     kind: str
     axes: int = 0
     written: bool = False
+    inner: tuple[Parameter, ...] = ()
 
 
 class Guarded(NamedTuple):
@@ -40,17 +42,32 @@ def loops() -> list[str]:
     return sorted(name for name, found in vars(kernels).items() if hasattr(found, "__nb_signature__"))
 
 
-def parameters(name: str) -> list[Parameter]:
-    """From the signature that the binding tells."""
-    [(signature, *_)] = getattr(kernels, name).__nb_signature__
-    inside = signature.partition("(")[2].rpartition(") ->")[0]
-    found = []
-    for text in re.findall(r"arg\d*: ((?:[^\[,]|\[[^\]]*\])+)", inside):
-        array = _ARRAY.match(text)
-        found.append(
-            Parameter(array[1], array[2].count("*"), "writable=False" not in text) if array else Parameter(text.strip())
-        )
-    return found
+def overloads(name: str) -> list[list[Parameter]]:
+    """The parameters of each form of a loop, from the signatures that the binding tells."""
+    texts = [
+        signature[0].partition("(")[2].rpartition(") ->")[0] for signature in getattr(kernels, name).__nb_signature__
+    ]
+    return [[_parameter(arg.partition(": ")[2]) for arg in _split(text) if arg != "/"] for text in texts]
+
+
+def _split(text: str) -> list[str]:
+    """At the commas that are in no bracket."""
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter in "[(") - (letter in "])")
+        if letter == "," and not depth:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [part.strip() for part in parts if part.strip()]
+
+
+def _parameter(text: str) -> Parameter:
+    if array := _ARRAY.match(text):
+        return Parameter(array[1], array[2].count("*"), "writable=False" not in text)
+    if several := _SEVERAL.match(text):
+        return Parameter(several[1], inner=tuple(_parameter(part) for part in _split(several[2])))
+    return Parameter(text)
 
 
 def filled(shape: tuple[int, ...], dtype: str, rng: np.random.Generator) -> Guarded:
@@ -80,15 +97,24 @@ def scalar(kind: str, rng: np.random.Generator) -> Any:
 def drawn(expected: list[Parameter], rng: np.random.Generator) -> tuple[list[Any], list[Guarded]]:
     """Arguments of the right types. Few sizes are used at a time, so that some shapes match and some do not."""
     sizes = rng.choice([0, 1, 2, 3, 4, 5, 8], size=3)
-    guarded, arguments = [], []
-    for parameter in expected:
+    guarded: list[Guarded] = []
+
+    def value(parameter: Parameter) -> Any:
         if parameter.axes:
-            shape = tuple(int(n) for n in rng.choice(sizes, size=parameter.axes))
-            guarded.append(filled(shape, parameter.kind, rng))
-            arguments.append(guarded[-1].array)
-        else:
-            arguments.append(scalar(parameter.kind, rng))
-    return arguments, guarded
+            guarded.append(filled(tuple(int(n) for n in rng.choice(sizes, parameter.axes)), parameter.kind, rng))
+            return guarded[-1].array
+        if parameter.kind == "tuple":
+            return tuple(map(value, parameter.inner))
+        if parameter.inner:
+            return [value(parameter.inner[0]) for _ in range(rng.integers(4))]
+        return scalar(parameter.kind, rng)
+
+    return [value(parameter) for parameter in expected], guarded
+
+
+def shown(value: Any) -> Any:
+    """An argument with the shapes of its arrays."""
+    return type(value)(map(shown, value)) if isinstance(value, list | tuple) else getattr(value, "shape", value)
 
 
 def wrong(parameter: Parameter) -> Iterator[Any]:
@@ -97,6 +123,7 @@ def wrong(parameter: Parameter) -> Iterator[Any]:
     yield "text"
     if not parameter.axes:
         yield [1]
+        yield [None] if parameter.inner else ()
         return
     axes, kind = parameter.axes, parameter.kind
     array = np.zeros((3,) * axes, dtype=kind)
@@ -130,30 +157,30 @@ def refused(name: str, arguments: list[Any]) -> bool:
 
 def fuzz(name: str) -> str:
     """What is wrong with a loop, if anything is."""
-    rng, expected = np.random.default_rng(0), parameters(name)
-    unknown = {p.kind for p in expected if not p.axes} - {"bool", "int", "float"}
-    if unknown:
-        return f"no values are known for {unknown}"
-    for _ in range(TRIALS):
-        arguments, guarded = drawn(expected, rng)
-        shapes = [found.shape if isinstance(found, np.ndarray) else found for found in arguments]
-        try:
-            getattr(kernels, name)(*arguments)
-        except (TypeError, ValueError):
-            pass
-        except Exception as error:
-            return f"{error!r} of {shapes}"
-        if any(_outside(each.around) != each.before for each in guarded):
-            return f"writes beside arrays of {shapes}"
-    for place, parameter in enumerate(expected):
-        for value in wrong(parameter):
-            arguments, _ = drawn(expected, rng)
-            arguments[place] = value
-            if not refused(name, arguments):
-                return f"takes {type(value).__name__} {getattr(value, 'dtype', value)} as argument {place}"
-    arguments, _ = drawn(expected, rng)
-    if not refused(name, [*arguments, 0]) or (arguments and not refused(name, arguments[:-1])):
-        return "takes another number of arguments"
+    rng, forms = np.random.default_rng(0), overloads(name)
+    for expected in forms:
+        for _ in range(TRIALS):
+            arguments, guarded = drawn(expected, rng)
+            try:
+                getattr(kernels, name)(*arguments)
+            except (TypeError, ValueError):
+                pass
+            except Exception as error:
+                return f"{error!r} of {shown(arguments)}"
+            if any(_outside(each.around) != each.before for each in guarded):
+                return f"writes beside arrays of {shown(arguments)}"
+        for place, parameter in enumerate(expected):
+            kinds = {form[place].kind for form in forms if len(form) > place} - {parameter.kind}
+            for value in wrong(parameter):
+                if str(getattr(value, "dtype", None)) in kinds:
+                    continue
+                arguments, _ = drawn(expected, rng)
+                arguments[place] = value
+                if not refused(name, arguments):
+                    return f"takes {type(value).__name__} {getattr(value, 'dtype', value)} as argument {place}"
+        arguments, _ = drawn(expected, rng)
+        if not refused(name, [*arguments, 0]) or (arguments and not refused(name, arguments[:-1])):
+            return "takes another number of arguments"
     return ""
 
 
