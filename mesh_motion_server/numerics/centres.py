@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.cell_lists import count_neighbours, mark_neighbours, mark_reached, sort_by_cells
 from mesh_motion_server.numerics.hashed_cells import HashedCells
 from mesh_motion_server.numerics.kernels import Basis
 from mesh_motion_server.numerics.threads import limited_to
@@ -111,7 +111,9 @@ class CentreLayout:
         """
         inside = np.empty(len(points), dtype=np.bool_)
         with limited_to(threads):
-            mark_reached(points, self.origin, self.inverse_side, self.shape, self._reached_cells, inside)
+            kernels.mark_reached(
+                np.ascontiguousarray(points), self.origin, self.inverse_side, self.shape, self._reached_cells, inside
+            )
         if unasked is not None:
             inside[unasked] = False
         return np.flatnonzero(inside)
@@ -130,7 +132,7 @@ class CentreLayout:
     def _reached_cells(self) -> NDArray[np.bool_]:
         """Flat, x fastest, a cell more on each side: whether a cell or one next to it holds a centre."""
         reached = np.zeros(int(np.prod(self.shape + 2)), dtype=np.bool_)
-        mark_neighbours(self.starts, self.shape, reached)
+        kernels.mark_neighbours(self.starts, self.shape, reached)
         return reached
 
     def sum(
@@ -172,6 +174,6 @@ def _sorted_by_cells(points: NDArray[np.float64], side: float) -> CentreLayout:
         side *= 2.0
     shape = (np.floor(extent / side) + 1.0).astype(np.int64)
     order, starts = np.empty(len(points), dtype=np.int64), np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
-    sort_by_cells(points, origin, 1.0 / side, shape, order, starts)
-    fraction = count_neighbours(starts, shape) / len(points) ** 2
+    kernels.sort_by_cells(points, origin, 1.0 / side, shape, order, starts)
+    fraction = kernels.count_neighbours(starts, shape) / len(points) ** 2
     return CentreLayout(order, np.ascontiguousarray(points[order].T), origin, 1.0 / side, shape, starts, fraction)

@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
@@ -36,7 +37,6 @@ from mesh_motion_server.numerics.interpolant import Factorization, Interpolant
 from mesh_motion_server.numerics.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.rigid_transforms import Transform, generated_group
-from mesh_motion_server.numerics.two_scale.coarse_points import drop_followers
 from mesh_motion_server.numerics.two_scale.compact_levels import BASIS, CLOSEST, LEVEL_RADII, LEVEL_RATIO, MAX_LEVELS
 from mesh_motion_server.numerics.two_scale.factorization import SEPARATION
 from mesh_motion_server.numerics.two_scale.interpolant import TwoScaleInterpolant
@@ -180,7 +180,7 @@ def _separated(images: _Images, count: int, separation: float, first: Integers) 
     near = cKDTree(images.places).query_pairs(separation, output_type="ndarray")
     pairs = np.unique(np.sort(rank[images.owners[near]], axis=1), axis=0)
     taken = np.full(count, True)
-    drop_followers(pairs[pairs[:, 0] != pairs[:, 1]], taken)
+    kernels.drop_followers(pairs[pairs[:, 0] != pairs[:, 1]], taken)
     return np.flatnonzero(taken[rank])
 
 

@@ -2,6 +2,5 @@
 
 ``derivative_bounds`` says how fast a basis function's derivatives fall with the distance; ``box_tree`` sorts points
 and centres into boxes; ``plan`` decides for each box of points and box of centres which polynomial is good enough;
-``chebyshev`` evaluates, carries and sums these polynomials; ``far_sum`` puts the parts together; ``evaluator`` is what
-a motion evaluates its interpolants with.
+``far_sum`` has them summed, carried down and evaluated; ``evaluator`` is what a motion evaluates its interpolants with.
 """

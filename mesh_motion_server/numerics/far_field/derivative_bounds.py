@@ -82,9 +82,9 @@ class DerivativeBounds:
     Attributes
     ----------
     table : (max order + 1, 1 + distances) array
-        Column 0 is for any distance, column i + 1 for distances from 2^(i / per_octave + first) on; infinite where
-        there is no bound.
-    first, per_octave : float
+        Column 0 is for any distance, column i + 1 for those from ``distances[i]`` on; infinite where there is no bound.
+    distances : (distances,) array
+        Ascending.
     reach : float
         φ is zero from here on; infinite for a basis without compact support.
     across : int
@@ -92,8 +92,7 @@ class DerivativeBounds:
     """
 
     table: Floats
-    first: float
-    per_octave: float
+    distances: Floats
     reach: float
     across: int
 
@@ -120,7 +119,7 @@ def _tabulated(basis: Basis, octaves: int) -> DerivativeBounds:
         table[order] = _bound(basis, order, distances, 2.0**octaves)
     table.setflags(write=False)
     reach = 1.0 if basis.compact else math.inf
-    return DerivativeBounds(table, float(_FIRST), float(_PER_OCTAVE), reach, _ZEROS.get(basis.name, ORDERS[-1]))
+    return DerivativeBounds(table, distances[1:].copy(), reach, _ZEROS.get(basis.name, ORDERS[-1]))
 
 
 def _bound(basis: Basis, order: int, distances: Floats, furthest: float) -> Floats:

@@ -31,7 +31,7 @@ class FarFieldEvaluator(LocalEvaluator):
     ----------
     tolerance : float
     threads : int, optional
-        At most as many as numba was started with, which is the default.
+        At most as many as are available, which is the default.
     """
 
     def __init__(self, tolerance: float, threads: int | None = None) -> None:

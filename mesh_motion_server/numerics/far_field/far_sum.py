@@ -15,18 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.far_field.box_tree import BoxTree
-from mesh_motion_server.numerics.far_field.chebyshev import box_points, carry_down, evaluate
 from mesh_motion_server.numerics.far_field.derivative_bounds import derivative_bounds
 from mesh_motion_server.numerics.far_field.plan import Plan, Runs, make_plan
 from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.summation import TILE, add_sums
-from mesh_motion_server.numerics.threads import threads_for
+from mesh_motion_server.numerics.threads import limited_to
 
 __all__ = ["FarSum"]
 
@@ -35,49 +32,10 @@ Indices = NDArray[np.int64]
 
 #: Most points of a leaf, and centres of one.
 _POINTS, _CENTRES = 512, 48
-#: Groups that a thread takes at a time: they differ much in their work.
-_CHUNK = 4
 #: A polynomial's evaluation at a point: for each of its values, and for its Lagrange functions.
 _A_VALUE, _A_POINT = 0.35, 100.0
 #: Carrying a polynomial to a child, for each product.
 _A_PRODUCT = 0.5
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _group_sums(
-    code: int,
-    points: Floats,
-    points_of: Indices,
-    starts: Indices,
-    runs: Indices,
-    centres: Floats,
-    weights: Floats,
-    inverse_radius: float,
-    out: Floats,
-) -> None:
-    """``out[i] = Σ_j w_j φ`` (n, k) at the points (n, 3) of each group over the group's centres.
-
-    The group's centres are copied side by side first: runs are short.
-    """
-    k = out.shape[1]
-    for g in prange(len(points_of)):
-        count = 0
-        for run in range(starts[g], starts[g + 1]):
-            count += runs[run, 1] - runs[run, 0]
-        near, own = np.empty((3, count)), np.empty((k, count))
-        at = 0
-        for run in range(starts[g], starts[g + 1]):
-            for j in range(runs[run, 0], runs[run, 1]):
-                for m in range(3):
-                    near[m, at] = centres[m, j]
-                for c in range(k):
-                    own[c, at] = weights[c, j]
-                at += 1
-        tile = np.empty(TILE)
-        for i in range(points_of[g, 0], points_of[g, 1]):
-            for c in range(k):
-                out[i, c] = 0.0
-            add_sums(code, points[i], 0, count, near, own, inverse_radius, tile, out[i])
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,31 +116,28 @@ class FarSum:
         tree, near = self.points, self.plan.near
         n, k, d = len(tree.points), self.weights.shape[0], self.interpolant.dimension
         out = np.zeros((n, k))
-        self._sums(near, tree.points, tree.points_of[near.box], out, threads)
-        starts, values = self._polynomials(d, k, threads)
-        with threads_for(float(n * _A_POINT), threads):
-            evaluate(
-                tree.leaves, tree.points_of, tree.points, tree.low, tree.high, self._orders, starts, values, d, out
-            )
+        with limited_to(threads):
+            self._sums(near, tree.points, tree.points_of[near.box], out)
+            starts, values = self._polynomials(d, k)
+            boxes = (tree.low, tree.high, self._orders, starts)
+            kernels.add_polynomials(tree.leaves, tree.points_of, tree.points, *boxes, values, d, out)
         unsorted = np.empty_like(out)
         unsorted[tree.order] = out
         return unsorted
 
-    def _sums(self, runs: Runs, points: Floats, points_of: Indices, out: Floats, threads: int | None) -> None:
+    def _sums(self, runs: Runs, points: Floats, points_of: Indices, out: Floats) -> None:
         """Sums at the points (n, 3) of each group (g, 2) into ``out`` (n, k)."""
-        work = float(np.sum(np.diff(points_of, axis=1)[:, 0] * runs.centres))
-        with threads_for(work, threads), numba.parallel_chunksize(_CHUNK):
-            _group_sums(
-                self.interpolant.basis.code,
-                points,
-                points_of,
-                runs.starts,
-                runs.runs,
-                np.ascontiguousarray(self.centres.points.T),
-                self.weights,
-                1.0 / self.interpolant.support_radius,
-                out,
-            )
+        kernels.sum_groups(
+            self.interpolant.basis.code,
+            points,
+            points_of,
+            runs.starts,
+            runs.runs,
+            np.ascontiguousarray(self.centres.points.T),
+            self.weights,
+            1.0 / self.interpolant.support_radius,
+            out,
+        )
 
     @cached_property
     def _orders(self) -> Indices:
@@ -194,17 +149,16 @@ class FarSum:
             order[first:last] = np.maximum(order[first:last], order[tree.parent[first:last]])
         return order
 
-    def _polynomials(self, d: int, k: int, threads: int | None) -> tuple[Indices, Floats]:
+    def _polynomials(self, d: int, k: int) -> tuple[Indices, Floats]:
         """First value (b + 1,) and values of the polynomial of each box."""
         tree, far = self.points, self.plan.far
         rows = np.append(0, np.cumsum(far.order**d))
         places, sums = np.empty((rows[-1], 3)), np.empty((rows[-1], k))
-        with threads_for(float(rows[-1]), threads):
-            box_points(far.box, far.order, rows, d, tree.low, tree.high, places)
-        self._sums(far, places, np.stack([rows[:-1], rows[1:]], axis=1), sums, threads)
+        kernels.box_points(far.box, far.order, rows, d, tree.low, tree.high, places)
+        self._sums(far, places, np.stack([rows[:-1], rows[1:]], axis=1), sums)
         starts = np.append(0, np.cumsum(self._orders**d * k))
         values = np.empty(starts[-1])
         groups = (np.searchsorted(far.box, np.arange(tree.n_boxes + 1)), far.order, rows, sums)
-        with threads_for(_A_PRODUCT * float(starts[-1] * 10), threads):
-            carry_down(tree.levels, tree.parent, tree.low, tree.high, self._orders, starts, groups, d, k, values)
+        boxes = (tree.low, tree.high, self._orders, starts)
+        kernels.carry_down(tree.levels, tree.parent, *boxes, *groups, d, values)
         return starts, values

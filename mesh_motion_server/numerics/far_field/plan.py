@@ -9,11 +9,10 @@ add up to the bound times the sum of the weights at most.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.far_field.box_tree import BoxTree
@@ -30,7 +29,6 @@ _SHARE = 0.8
 _MOST = {1: 10, 2: 10, 3: 8}
 
 _LEBESGUE = np.array([0.0, 0.0, *(lebesgue_constant(order) for order in ORDERS)])
-_FIRST_ORDER, _LAST_ORDER = ORDERS[0], ORDERS[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +101,10 @@ def make_plan(
     tolerance : float
         Error allowed for a unit of weight.
     """
-    far, near, bound = _walk(
-        (points.low / radius, points.high / radius, points.parent, points.points_of, points.children_of),
-        (centres.low / radius, centres.high / radius, centres.points_of, centres.children_of, weight),
-        (bounds.table, bounds.first, bounds.per_octave, bounds.reach, bounds.across, _LEBESGUE),
+    far, near, bound = kernels.plan_far_field(
+        *(points.low / radius, points.high / radius, points.parent, points.points_of, points.children_of),
+        *(centres.low / radius, centres.high / radius, centres.points_of, centres.children_of, weight),
+        *(bounds.table, bounds.distances, bounds.reach, bounds.across, _LEBESGUE),
         tolerance,
         dimension,
         _MOST[dimension],
@@ -117,7 +115,7 @@ def make_plan(
 
 def _grouped(entries: Indices) -> Runs:
     """Entries (e, 4) of box, order, first and last centre as groups, with adjacent runs joined."""
-    group = entries[:, 0] * (_LAST_ORDER + 1) + entries[:, 1]
+    group = entries[:, 0] * (ORDERS[-1] + 1) + entries[:, 1]
     entries = entries[np.argsort(group * (1 + np.max(entries[:, 2], initial=0)) + entries[:, 2])]
     new_group = np.ones(len(entries), dtype=bool)
     new_group[1:] = np.any(entries[1:, :2] != entries[:-1, :2], axis=1)
@@ -129,124 +127,3 @@ def _grouped(entries: Indices) -> Runs:
     heads = np.flatnonzero(new_group)
     starts = np.append(np.searchsorted(first, heads), len(first))
     return Runs(entries[heads, 0].copy(), entries[heads, 1].copy(), starts, np.ascontiguousarray(runs))
-
-
-@njit(cache=True, error_model="numpy")
-def _room(entries, n):  # type: ignore[no-untyped-def]
-    """Entries (e, …) with room for one more than n."""
-    if n < len(entries):
-        return entries
-    larger = np.empty((2 * len(entries),) + entries.shape[1:], dtype=entries.dtype)  # noqa: RUF005 - for numba
-    larger[:n] = entries[:n]
-    return larger
-
-
-@njit(cache=True, error_model="numpy")
-def _separation(low, high, other_low, other_high):  # type: ignore[no-untyped-def]
-    """Least and largest distance between points of two boxes (3,)."""
-    near, far = 0.0, 0.0
-    for m in range(3):
-        gap = max(other_low[m] - high[m], low[m] - other_high[m], 0.0)
-        reach = max(other_high[m] - low[m], high[m] - other_low[m])
-        near += gap * gap
-        far += reach * reach
-    return math.sqrt(near), math.sqrt(far)
-
-
-@njit(cache=True, error_model="numpy")
-def _box_factors(low, high, lebesgue, factors):  # type: ignore[no-untyped-def]
-    """``factors[p] = Σ_m Λ_p^(m−1) 2 (a_m/2)^p``, the longest side first; ``factors`` (max order + 1,)."""
-    halves = np.sort(0.5 * (high - low))[::-1]
-    for order in range(_FIRST_ORDER, _LAST_ORDER + 1):
-        total, amplified = 0.0, 1.0
-        for m in range(3):
-            total += amplified * 2.0 * (0.5 * halves[m]) ** order
-            amplified *= lebesgue[order]
-        factors[order] = total
-
-
-@njit(cache=True, error_model="numpy")
-def _good_order(near, far, most, factors, bounds, tolerance):  # type: ignore[no-untyped-def]
-    """The lowest order up to ``most`` that is good enough for two boxes, or 0; and its error for a unit of weight."""
-    table, first, per_octave, reach, across, _ = bounds
-    if far > reach:
-        most = min(most, across)
-    column = 0
-    if near > 0.0:
-        column = min(max(math.floor((math.log2(near) - first) * per_octave) + 1, 0), table.shape[1] - 1)
-    for order in range(_FIRST_ORDER, most + 1):
-        error = table[order, column] * factors[order]
-        if error <= tolerance:
-            return order, error
-    return 0, 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def _entered(entries, n, box, order, run):  # type: ignore[no-untyped-def]
-    """Entries (e, 4) with one more, of a run (2,) of centres; and their number."""
-    entries = _room(entries, n)
-    entries[n] = box, order, run[0], run[1]
-    return entries, n + 1
-
-
-@njit(cache=True, error_model="numpy")
-def _pushed(boxes, n, first, last):  # type: ignore[no-untyped-def]
-    """Boxes (e,) with first … last - 1 behind n of them; and their number."""
-    for box in range(first, last):
-        boxes = _room(boxes, n)
-        boxes[n] = box
-        n += 1
-    return boxes, n
-
-
-@njit(cache=True, error_model="numpy")
-def _worthwhile_order(size, highest, d, share):  # type: ignore[no-untyped-def]
-    """The highest order whose polynomial of order^d points is worth its while for a box of ``size`` points."""
-    most = highest
-    while most >= _FIRST_ORDER and most**d > share * size:
-        most -= 1
-    return most
-
-
-@njit(cache=True, error_model="numpy")
-def _walk(points, centres, bounds, tolerance, d, highest, share):  # type: ignore[no-untyped-def]
-    """Far and near entries (e, 4) of box, order, first and last centre; the bound (b,) of each box of points."""
-    low, high, parent, points_of, children_of = points
-    other_low, other_high, centres_of, parts_of, weight = centres
-    reach, lebesgue = bounds[3], bounds[5]
-    far, near = np.empty((1024, 4), dtype=np.int64), np.empty((1024, 4), dtype=np.int64)
-    n_far, n_near = 0, 0
-    left = np.empty(1024, dtype=np.int64)  # boxes of centres that a box of points leaves to its children
-    left_of = np.zeros((len(parent), 2), dtype=np.int64)
-    left[0], n_left = 0, 1
-    bound, factors = np.zeros(len(parent)), np.zeros(_LAST_ORDER + 1)
-    stack = np.empty(1024, dtype=np.int64)
-    for box in range(len(parent)):
-        leaf = children_of[box, 0] == children_of[box, 1]
-        begin, end = (0, 1) if box == 0 else (left_of[parent[box], 0], left_of[parent[box], 1])
-        bound[box] = 0.0 if box == 0 else bound[parent[box]]
-        _box_factors(low[box], high[box], lebesgue, factors)
-        most = _worthwhile_order(points_of[box, 1] - points_of[box, 0], highest, d, share)
-        extent = np.max(high[box] - low[box])
-        left_of[box, 0] = n_left
-        for i in range(begin, end):
-            stack[0], depth = left[i], 1
-            while depth > 0:
-                depth -= 1
-                other = stack[depth]
-                nearest, furthest = _separation(low[box], high[box], other_low[other], other_high[other])
-                if nearest > reach:
-                    continue
-                order, error = _good_order(nearest, furthest, most, factors, bounds, tolerance)
-                cut = parts_of[other, 0] < parts_of[other, 1]
-                if order > 0:
-                    far, n_far = _entered(far, n_far, box, order, centres_of[other])
-                    bound[box] += error * weight[other]
-                elif cut and (leaf or np.max(other_high[other] - other_low[other]) > extent):
-                    stack, depth = _pushed(stack, depth, parts_of[other, 0], parts_of[other, 1])
-                elif leaf:
-                    near, n_near = _entered(near, n_near, box, 0, centres_of[other])
-                else:
-                    left, n_left = _pushed(left, n_left, other, other + 1)
-        left_of[box, 1] = n_left
-    return far[:n_far].copy(), near[:n_near].copy(), bound

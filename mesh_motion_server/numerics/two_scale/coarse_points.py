@@ -8,12 +8,12 @@ the nodes, and no part of any surface is left out.
 
 from __future__ import annotations
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-__all__ = ["coarse_points", "drop_followers", "separated_points"]
+__all__ = ["coarse_points", "separated_points"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -40,16 +40,8 @@ def separated_points(points: Floats, separation: float, first: Indices | None = 
     candidates = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
     pairs = cKDTree(points[candidates]).query_pairs(separation, output_type="ndarray")
     taken = np.full(len(candidates), True)
-    drop_followers(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], taken)
+    kernels.drop_followers(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], taken)
     return np.sort(candidates[taken])
-
-
-@njit(cache=True)
-def drop_followers(pairs: Indices, taken: Mask) -> None:
-    """Clear ``taken`` of the second of every pair (p, 2) of which the first is taken; pairs in order of the first."""
-    for p in range(len(pairs)):
-        if taken[pairs[p, 0]]:
-            taken[pairs[p, 1]] = False
 
 
 def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int, separation: float = 0.0) -> Indices:
@@ -90,26 +82,5 @@ def _farthest_first(points: Floats, spacing: Floats, candidates: Indices, count:
     if len(chosen) == len(candidates) and separation == 0.0:
         return candidates
     weights = 1.0 / np.maximum(spacing[candidates], separation) ** 2
-    return candidates[chosen[: _choose(points[candidates], weights, separation**2, chosen)]]
-
-
-@njit(cache=True, error_model="numpy")
-def _choose(points: Floats, weights: Floats, least: float, chosen: Indices) -> int:
-    """Fill ``chosen``: each next point has the largest weight × squared distance from those before; first is 0.
-
-    Returns how many there are until all others are at less than the squared distance ``least`` from one of them.
-    """
-    nearest = np.full(len(points), np.inf)
-    best = 0
-    for rank in range(len(chosen)):
-        chosen[rank] = best
-        x, y, z = points[best, 0], points[best, 1], points[best, 2]
-        best, largest = -1, -1.0
-        for i in range(len(points)):
-            dx, dy, dz = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
-            nearest[i] = min(nearest[i], dx * dx + dy * dy + dz * dz)
-            if nearest[i] * weights[i] > largest and nearest[i] >= least and nearest[i] > 0.0:
-                best, largest = i, nearest[i] * weights[i]
-        if best < 0:
-            return rank + 1
-    return len(chosen)
+    places = np.ascontiguousarray(points[candidates])
+    return candidates[chosen[: kernels.choose_farthest(places, weights, separation**2, chosen)]]

@@ -13,14 +13,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.read_only import read_only
-from mesh_motion_server.numerics.threads import threads_for
 from mesh_motion_server.numerics.two_scale.boxes import Box
-from mesh_motion_server.numerics.two_scale.spline import spline_gradients, spline_values
 
 __all__ = ["NestedGrid", "NestedSpline"]
 
@@ -58,15 +55,16 @@ class NestedSpline:
 
     def values(self, points: Floats, out: Floats) -> None:
         """Fill ``out`` (n, k) at (n, d) points; a point outside all boxes takes the value of the nearest rim."""
-        spline_values(
-            read_only(points), self.origin, self.inverse_spacing, self.cells, self.start, self.coefficients, out
-        )
+        kernels.spline_values(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
 
     def gradients(self, points: Floats, out: Floats) -> None:
         """Fill ``out`` (n, k, d) at (n, d) points."""
-        spline_gradients(
-            read_only(points), self.origin, self.inverse_spacing, self.cells, self.start, self.coefficients, out
-        )
+        kernels.spline_gradients(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
+
+    @property
+    def _boxes(self) -> tuple[Floats, Floats, Indices, Indices]:
+        """What the compiled loops know of the boxes."""
+        return self.origin, self.inverse_spacing, self.cells, self.start
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,18 +151,8 @@ def _quasi_interpolated(values: Floats, axis: int) -> Floats:
     before, after = values.shape[:axis], values.shape[axis + 1 :]
     out = np.empty((*before, values.shape[axis] - 2, *after))
     rows, stride = int(np.prod(before)), int(np.prod(after))
-    with threads_for(float(out.size)):
-        _filter(np.ascontiguousarray(values).reshape(rows, -1), stride, out.reshape(rows, -1))
+    kernels.quasi_interpolate(np.ascontiguousarray(values).reshape(rows, -1), stride, out.reshape(rows, -1))
     return out
-
-
-@njit(cache=True, error_model="numpy", parallel=True)
-def _filter(values: Floats, stride: int, out: Floats) -> None:
-    """Along each row: ``stride`` numbers apart are neighbours."""
-    for row in prange(out.shape[0]):
-        for i in range(out.shape[1]):
-            around = values[row, i] + values[row, i + 2 * stride]
-            out[row, i] = (8.0 / 6.0) * values[row, i + stride] - (1.0 / 6.0) * around
 
 
 def _subdivided(coefficients: Floats, axis: int, first: int, cells: int) -> Floats:

@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -42,56 +42,6 @@ _DIRECT, _BLEND = 2.0, 1.0
 _SHARES = 2.0 ** -np.arange(2.0, 8.01, 0.5)
 #: Nodes from which the number of direct ones is estimated.
 _SAMPLE = 2000
-
-
-@njit(cache=True, error_model="numpy")
-def _weights(t: float, width: int, out: Floats) -> None:
-    """Lagrange weights at t in [0, 1] between the two middle points."""
-    if width == 2:
-        out[0], out[1] = 1.0 - t, t
-        return
-    out[0] = -t * (t - 1.0) * (t - 2.0) / 6.0
-    out[1] = (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
-    out[2] = -(t + 1.0) * t * (t - 2.0) / 2.0
-    out[3] = (t + 1.0) * t * (t - 1.0) / 6.0
-
-
-@njit(cache=True, error_model="numpy")
-def _mark(places: Floats, shape: Indices, width: int, marked: NDArray[np.bool_]) -> None:
-    """Mark the grid points (flat) that interpolation at ``places`` (n, 3), in spacings, asks for."""
-    first = width // 2 - 1
-    for i in range(len(places)):
-        a = max(int(places[i, 0]) - first, 0)
-        b = max(int(places[i, 1]) - first, 0)
-        c = max(int(places[i, 2]) - first, 0)
-        for x in range(min(width, shape[0])):
-            for y in range(min(width, shape[1])):
-                for z in range(min(width, shape[2])):
-                    marked[((a + x) * shape[1] + b + y) * shape[2] + c + z] = True
-
-
-@njit(cache=True, error_model="numpy")
-def _interpolate(places: Floats, shape: Indices, width: int, rows: Indices, values: Floats, out: Floats) -> None:
-    """Sum of the stencil's values (g, k), at rows of the flat grid index, with the tensor product of weights."""
-    first = width // 2 - 1
-    weights = np.ones((3, 4))
-    for i in range(len(places)):
-        start = np.zeros(3, dtype=np.int64)
-        count = np.ones(3, dtype=np.int64)
-        for axis in range(3):
-            if shape[axis] > 1:
-                cell = int(places[i, axis])
-                start[axis], count[axis] = cell - first, width
-                _weights(places[i, axis] - cell, width, weights[axis])
-        for k in range(values.shape[1]):
-            out[i, k] = 0.0
-        for x in range(count[0]):
-            for y in range(count[1]):
-                for z in range(count[2]):
-                    flat = ((start[0] + x) * shape[1] + start[1] + y) * shape[2] + start[2] + z
-                    weight = weights[0, x] * weights[1, y] * weights[2, z]
-                    for k in range(values.shape[1]):
-                        out[i, k] += weight * values[rows[flat], k]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +94,7 @@ class CartesianGrid:
     def asked(self, places: Floats) -> Indices:
         """(g,) flat numbers of the grid points that interpolation at the places (n, 3) asks for, ascending."""
         marked = np.zeros(int(np.prod(self.shape)), dtype=np.bool_)
-        _mark(places, self.shape, INTERPOLATIONS[self.interpolation], marked)
+        kernels.mark_stencils(places, self.shape, INTERPOLATIONS[self.interpolation], marked)
         return np.flatnonzero(marked)
 
     def points(self, numbers: Indices, d: int) -> Floats:
@@ -157,7 +107,7 @@ class CartesianGrid:
         rows = np.zeros(int(np.prod(self.shape)), dtype=np.int64)
         rows[numbers] = np.arange(len(numbers))
         out = np.empty((len(places), values.shape[1]))
-        _interpolate(places, self.shape, INTERPOLATIONS[self.interpolation], rows, values, out)
+        kernels.interpolate_on_grid(places, self.shape, INTERPOLATIONS[self.interpolation], rows, values, out)
         return out
 
 

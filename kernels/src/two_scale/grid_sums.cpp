@@ -1,0 +1,148 @@
+#include "two_scale/grid_sums.h"
+
+#include "far_field/chebyshev.h"
+#include "far_field/gathered.h"
+#include "parallel.h"
+
+namespace mesh_motion {
+namespace {
+
+/// Chebyshev points along an axis of a block for its furthest and nearest far centres, and grid points at most.
+constexpr int least_order = 4, last_order = 8, side = 13;
+
+/// A block's extent along an axis.
+struct Part {
+    Index first;
+    int size;
+    double middle, half;
+
+    /// Part i of about equal ones, as few as may be, of n points.
+    Part(Index i, Index n, double low, double spacing) {
+        const Index parts = count(n);
+        first = n * i / parts;
+        size = static_cast<int>(n * (i + 1) / parts - first);
+        middle = low + 0.5 * spacing * static_cast<double>(2 * first + size - 1);
+        half = 0.5 * spacing * (size - 1);
+    }
+    static Index count(Index n) { return (n + side - 1) / side; }
+
+    /// Lagrange functions of an order at its grid points.
+    void resample(int order, Resampling& matrix) const {
+        for (int x = 0; x < size; ++x) set(order, size > 1 ? 2.0 * x / (size - 1) - 1.0 : 0.0, x, matrix);
+    }
+    /// Those of an order at the Chebyshev points of the next.
+    static void raise(int order, Resampling& matrix) {
+        for (int x = 0; x <= order; ++x) set(order, chebyshev_place(order + 1, x), x, matrix);
+    }
+
+  private:
+    static void set(int order, double u, int x, Resampling& matrix) {
+        std::array<double, most_order> functions;
+        lagrange_functions(u, order, functions);
+        for (int i = 0; i < order; ++i) matrix[i][x] = functions[i];
+    }
+};
+
+using Block = std::array<Part, 3>;
+
+/// The order of interpolation that each centre asks for; 0 for those that are near.
+std::vector<int> orders_of(Matrix<const double> centres, const Block& block, Vector<const double> distances) {
+    const double half = std::max({block[0].half, block[1].half, block[2].half});
+    std::vector<int> orders(centres.shape(1));
+    for (Index j = 0; j < centres.shape(1); ++j) {
+        double square = 0.0;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double beyond = std::max(std::abs(centres(axis, j) - block[axis].middle) - half, 0.0);
+            square += beyond * beyond;
+        }
+        const double away = half + std::sqrt(square);  // opposite a face the distance from the middle, of a corner more
+        for (int order = last_order; order >= least_order; --order)
+            if (away > distances[order] * half) orders[j] = order;
+    }
+    return orders;
+}
+
+/// f(row, place) for each place of a grid of coordinates along three axes.
+template <class F>
+void for_places(const std::array<std::vector<double>, 3>& along, F&& f) {
+    Index row = 0;
+    for (double x : along[0])
+        for (double y : along[1])
+            for (double z : along[2]) f(row++, Point{x, y, z});
+}
+
+template <class Basis>
+void sum_block(Matrix<const double> centres, Matrix<const double> weights, double inverse_radius, const Block& block,
+               Vector<const double> low, double spacing, Vector<const double> distances, Cube<double> out) {
+    const Index k = weights.shape(0);
+    const std::vector<int> orders = orders_of(centres, block, distances);
+    std::vector<double> room(resampling_room<3>(side, k));
+    // the sums over the centres of an order
+    const auto sums = [&](int order, const std::array<std::vector<double>, 3>& along) {
+        std::vector<double> values(along[0].size() * along[1].size() * along[2].size() * k);
+        const Index count = std::count(orders.begin(), orders.end(), order);
+        if (count == 0) return values;
+        const Gathered members(centres, weights, count, [&](auto&& add) {
+            for (Index j = 0; j < centres.shape(1); ++j)
+                if (orders[j] == order) add(j);
+        });
+        for_places(along, [&](Index row, const Point& x) {
+            members.sum<Basis>(x, inverse_radius, Vector<double>(values.data() + row * k, {k}));
+        });
+        return values;
+    };
+    std::vector<double> few;
+    for (int order = least_order; order <= last_order; ++order) {
+        std::array<std::vector<double>, 3> along;
+        for (int axis = 0; axis < 3; ++axis)
+            for (int i = 0; i < order; ++i)
+                along[axis].push_back(block[axis].middle + block[axis].half * chebyshev_place(order, i));
+        std::vector<double> raised = sums(order, along);
+        if (order > least_order) {
+            Resampling matrix;
+            Part::raise(order - 1, matrix);
+            const Resampling* const matrices[]{&matrix, &matrix, &matrix};
+            const int sizes[]{order, order, order};
+            add_resampled<3>(few.data(), order - 1, matrices, sizes, k, raised.data(), room.data());
+        }
+        few = std::move(raised);
+    }
+    std::array<std::vector<double>, 3> along;
+    std::array<Resampling, 3> matrix;
+    for (int axis = 0; axis < 3; ++axis) {
+        block[axis].resample(last_order, matrix[axis]);
+        for (int i = 0; i < block[axis].size; ++i)
+            along[axis].push_back(low[axis] + spacing * static_cast<double>(block[axis].first + i));
+    }
+    std::vector<double> total = sums(0, along);
+    const Resampling* const matrices[]{&matrix[0], &matrix[1], &matrix[2]};
+    const int sizes[]{block[0].size, block[1].size, block[2].size};
+    add_resampled<3>(few.data(), last_order, matrices, sizes, k, total.data(), room.data());
+    const double* line = total.data();
+    for (Index x = block[0].first; x < block[0].first + sizes[0]; ++x)
+        for (Index y = block[1].first; y < block[1].first + sizes[1]; ++y, line += sizes[2] * k)
+            std::copy(line, line + sizes[2] * k, out[x][y].data() + block[2].first * k);
+}
+
+}  // namespace
+
+void sum_on_grid(int code, Matrix<const double> centres, Matrix<const double> weights, double inverse_radius,
+                 Vector<const double> low, double spacing, Vector<const double> distances, Cube<double> out) {
+    const Index k = weights.shape(0);
+    require(centres.shape(0) == 3 && weights.shape(1) == centres.shape(1) && k > 0,
+            "centres, weights: expected (3, nc), (k, nc)");
+    require(low.size() == 3 && distances.size() == last_order + 1, "low, distances: expected (3,), (9,)");
+    require(out.shape(2) % k == 0, "out: expected (nx, ny, nz k)");
+    const std::array<Index, 3> n{out.shape(0), out.shape(1), out.shape(2) / k};
+    const std::array<Index, 3> parts{Part::count(n[0]), Part::count(n[1]), Part::count(n[2])};
+    with_basis(code, [&](auto basis) {
+        for_blocks(parts[0] * parts[1] * parts[2], [&](Index b) {
+            const Block block{Part(b / (parts[1] * parts[2]), n[0], low[0], spacing),
+                              Part(b / parts[2] % parts[1], n[1], low[1], spacing),
+                              Part(b % parts[2], n[2], low[2], spacing)};
+            sum_block<decltype(basis)>(centres, weights, inverse_radius, block, low, spacing, distances, out);
+        });
+    });
+}
+
+}  // namespace mesh_motion

@@ -1,0 +1,239 @@
+#include "two_scale/spline.h"
+
+#include <cmath>
+#include <cstring>
+
+#include "parallel.h"
+#include "quad.h"
+
+namespace mesh_motion {
+namespace {
+
+constexpr Index block = 2048;       // points of one task
+constexpr Index numbers = 1 << 16;  // of one task of quasi-interpolation
+constexpr double sixth = 1.0 / 6.0;
+
+/// For the four splines of an axis that do not vanish in a cell.
+using Four = std::array<double, 4>;
+
+/// The four splines at t in [0, 1].
+Four splines(double t) {
+    const double u = 1.0 - t, t2 = t * t, u2 = u * u;
+    return {sixth * u2 * u, 4.0 * sixth - t2 + 0.5 * t2 * t, 4.0 * sixth - u2 + 0.5 * u2 * u, sixth * t2 * t};
+}
+
+/// Their derivatives.
+Four slopes(double t) {
+    const double u = 1.0 - t;
+    return {-0.5 * u * u, (-2.0 + 1.5 * t) * t, (2.0 - 1.5 * u) * u, 0.5 * t * t};
+}
+
+/// One box of A axes, the last of which has cells.
+template <int A>
+struct Box {
+    std::array<double, A> origin, end, cells;
+    std::array<Index, A> stride;  // rows of coefficients from one layer to the next; 0 along an axis without cells
+    double inverse;
+    Index start;
+};
+
+template <int A>
+std::vector<Box<A>> boxes_of(Matrix<const double> origin, Vector<const double> inverse, Matrix<const Index> cells,
+                             Vector<const Index> start, Index rows) {
+    std::vector<Box<A>> boxes(inverse.size());
+    for (Index b = 0; b < inverse.size(); ++b) {
+        Index layers = 1;
+        for (int axis = A; axis-- > 0;) {
+            const Index n = cells(b, axis);
+            require(0 <= n && n < rows, "cells: expected as many as there are coefficients");
+            boxes[b].origin[axis] = origin(b, axis);
+            boxes[b].cells[axis] = static_cast<double>(n);
+            boxes[b].stride[axis] = n > 0 ? layers : 0;
+            layers *= n > 0 ? n + 3 : 1;
+            require(layers <= rows, "coefficients: expected all of each box");
+        }
+        require(cells(b, A - 1) > 0, "cells: expected the same axes without cells in all boxes");
+        require(0 <= start[b] && start[b] <= rows - layers, "coefficients: expected all of each box");
+        for (int axis = 0; axis < A; ++axis)
+            boxes[b].end[axis] = boxes[b].origin[axis] + boxes[b].cells[axis] / inverse[b];
+        boxes[b].inverse = inverse[b];
+        boxes[b].start = start[b];
+    }
+    return boxes;
+}
+
+template <int A>
+const Box<A>& box_of(const std::array<double, A>& x, const std::vector<Box<A>>& boxes) {
+    const Box<A>* box = boxes.data();
+    for (; box != &boxes.back(); ++box) {
+        bool inside = true;
+        for (int axis = 0; axis < A && inside; ++axis)
+            inside = box->origin[axis] <= x[axis] && x[axis] <= box->end[axis];
+        if (inside) break;
+    }
+    return *box;
+}
+
+/// Around a point in a box: its first coefficient, how far layers are apart, and their weights; those of the slope
+/// along each axis if asked for.
+template <int A, bool sloped>
+struct Stencil {
+    const double* first;
+    const std::array<Index, A>& stride;
+    std::array<Four, A> value, slope;
+
+    Stencil(const std::array<double, A>& x, const Box<A>& box, Matrix<const double> coefficients) : stride(box.stride) {
+        Index row = box.start;
+        for (int axis = 0; axis < A; ++axis) {
+            if (box.stride[axis] == 0) {
+                value[axis] = {1.0, 0.0, 0.0, 0.0};
+                slope[axis] = {};
+                continue;
+            }
+            // not a number stays that, in cell 0
+            const double place = std::min(std::max((x[axis] - box.origin[axis]) * box.inverse, 0.0), box.cells[axis]);
+            const double cell = place > 0.0 ? std::min(std::floor(place), box.cells[axis] - 1.0) : 0.0;
+            row += static_cast<Index>(cell) * box.stride[axis];
+            value[axis] = splines(place - cell);
+            if constexpr (sloped)
+                for (int m = 0; m < 4; ++m) slope[axis][m] = slopes(place - cell)[m] * box.inverse;
+        }
+        first = coefficients.data() + row * coefficients.shape(1);
+    }
+};
+
+/// sums[f] = Σ of the W numbers at each point of a stencil, for F sets of weights. Numbers of a line along the last
+/// axis lie beside each other: they fill the vectors, whatever W is. Points of a line are `step` numbers apart.
+template <int A, int W, int F, class Step>
+[[gnu::always_inline]] inline void sum_stencil(const double* __restrict first, Step step,
+                                               const std::array<Index, A>& stride,
+                                               const std::array<const Four*, A> (&weights)[F], double (&sums)[F][W]) {
+    constexpr int leading = A == 3 ? 16 : A == 2 ? 4 : 1;
+    Quad lines[F][W] = {};
+#pragma GCC unroll 16
+    for (int p = 0; p < leading; ++p) {
+        const int layer[] = {A == 3 ? p / 4 : p, p % 4};
+        const double* line = first;
+        for (int axis = 0; axis < A - 1; ++axis) line += layer[axis] * stride[axis] * step;
+        Quad numbers[W];
+        if constexpr (std::is_same_v<Step, Index>)
+            numbers[0] = Quad{line[0], line[step], line[2 * step], line[3 * step]};
+        else
+            for (int q = 0; q < W; ++q) std::memcpy(&numbers[q], line + 4 * q, sizeof(Quad));
+        for (int f = 0; f < F; ++f) {
+            double weight = 1.0;
+            for (int axis = 0; axis < A - 1; ++axis) weight *= (*weights[f][axis])[layer[axis]];
+            for (int q = 0; q < W; ++q) lines[f][q] += weight * numbers[q];
+        }
+    }
+    for (int f = 0; f < F; ++f) {
+        const Four& last = *weights[f][A - 1];
+        double line[4 * W];
+        std::memcpy(line, lines[f], sizeof line);
+        for (int c = 0; c < W; ++c)
+            sums[f][c] = (last[0] * line[c] + last[1] * line[W + c]) +
+                         (last[2] * line[2 * W + c] + last[3] * line[3 * W + c]);
+    }
+}
+
+/// f(A, W) with both as constants: the axes up to the last with cells, and the components if they are 2 or 3; or else
+/// W = 1, one component after the other.
+template <class F>
+void with_shape(Matrix<const Index> cells, Index k, F&& f) {
+    require(cells.shape(0) > 0 && cells.shape(1) == 3, "cells: expected (b, 3) of at least one box");
+    Index axes = 3;
+    while (axes > 1 && cells(0, axes - 1) == 0) --axes;
+    with_dimension(axes, [&](auto a) {
+        if (k == 3) f(a, std::integral_constant<int, 3>{});
+        else if (k == 2) f(a, std::integral_constant<int, 2>{});
+        else f(a, std::integral_constant<int, 1>{});
+    });
+}
+
+/// sums(i, c, stencil, step) for every point i and, W by W, its components from c on.
+template <int A, int W, bool sloped, class Sums>
+void for_stencils(Matrix<const double> points, const std::vector<Box<A>>& boxes, Matrix<const double> coefficients,
+                  Sums&& sums) {
+    const Index k = coefficients.shape(1);
+    for_ranges(points.shape(0), block, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            std::array<double, A> x;
+            for (int axis = 0; axis < A; ++axis) x[axis] = points(i, axis);
+            const Box<A>& box = box_of<A>(x, boxes);
+            const Stencil<A, sloped> stencil(x, box, coefficients);
+            if constexpr (W > 1) sums(i, Index{0}, stencil, std::integral_constant<Index, W>{});
+            else
+                for (Index c = 0; c < k; ++c) sums(i, c, stencil, k);
+        }
+    });
+}
+
+void check(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
+           Matrix<const Index> cells, Vector<const Index> start) {
+    require(points.shape(1) <= 3, "points: expected at most three coordinates");
+    require(origin.shape(0) == inverse.size() && origin.shape(1) == 3 && cells.shape() == origin.shape() &&
+                start.size() == inverse.size(),
+            "origin, inverse, cells, start: expected (b, 3), (b,), (b, 3), (b,)");
+}
+
+}  // namespace
+
+void spline_values(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
+                   Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> coefficients,
+                   Matrix<double> out) {
+    check(points, origin, inverse, cells, start);
+    const Index k = coefficients.shape(1);
+    require(out.shape(0) == points.shape(0) && out.shape(1) == k, "out: expected (n, k)");
+    with_shape(cells, k, [&](auto a, auto w) {
+        constexpr int A = a, W = w;
+        require(A <= points.shape(1), "points: expected a coordinate for each axis with cells");
+        const auto boxes = boxes_of<A>(origin, inverse, cells, start, coefficients.shape(0));
+        for_stencils<A, W, false>(points, boxes, coefficients, [&](Index i, Index c, const auto& at, auto step) {
+            std::array<const Four*, A> weights[1];
+            for (int axis = 0; axis < A; ++axis) weights[0][axis] = &at.value[axis];
+            double sums[1][W];
+            sum_stencil<A, W, 1>(at.first + c, step, at.stride, weights, sums);
+            for (int m = 0; m < W; ++m) out(i, c + m) = sums[0][m];
+        });
+    });
+}
+
+void spline_gradients(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
+                      Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> coefficients,
+                      Cube<double> out) {
+    check(points, origin, inverse, cells, start);
+    const Index k = coefficients.shape(1), d = out.shape(2);
+    require(out.shape(0) == points.shape(0) && out.shape(1) == k && d <= 3, "out: expected (n, k, d)");
+    with_shape(cells, k, [&](auto a, auto w) {
+        constexpr int A = a, W = w;
+        require(A <= points.shape(1) && A <= d, "points, out: expected a coordinate for each axis with cells");
+        const auto boxes = boxes_of<A>(origin, inverse, cells, start, coefficients.shape(0));
+        for_stencils<A, W, true>(points, boxes, coefficients, [&](Index i, Index c, const auto& at, auto step) {
+            std::array<const Four*, A> weights[A];
+            for (int m = 0; m < A; ++m)
+                for (int axis = 0; axis < A; ++axis) weights[m][axis] = axis == m ? &at.slope[axis] : &at.value[axis];
+            double sums[A][W];
+            sum_stencil<A, W, A>(at.first + c, step, at.stride, weights, sums);
+            for (int v = 0; v < W; ++v)
+                for (Index m = 0; m < d; ++m) out(i, c + v, m) = m < A ? sums[m][v] : 0.0;
+        });
+    });
+}
+
+void quasi_interpolate(Matrix<const double> values, Index stride, Matrix<double> out) {
+    const Index rows = out.shape(0), length = out.shape(1);
+    require(stride > 0 && values.shape(0) == rows && values.shape(1) == length + 2 * stride,
+            "values: expected rows of two strides more than those of out");
+    for_ranges(rows * length, numbers, [&](Index first, Index last) {
+        for (Index at = first; at < last;) {
+            const Index row = at / length, begin = at - row * length, end = std::min(last - row * length, length);
+            const double* __restrict f = values.data() + row * (length + 2 * stride);
+            double* __restrict c = out.data() + row * length;
+            for (Index i = begin; i < end; ++i)
+                c[i] = 8.0 * sixth * f[i + stride] - sixth * (f[i] + f[i + 2 * stride]);
+            at = row * length + end;
+        }
+    });
+}
+
+}  // namespace mesh_motion
