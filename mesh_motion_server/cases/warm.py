@@ -14,14 +14,10 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.far_field.far_sum import FarSum
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.loading import load_session_kernels
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.reduction import REDUCTIONS
 from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels
 
 __all__ = ["compile_kernels", "tiny_mesh", "tiny_meshes"]
 
@@ -56,11 +52,8 @@ def compile_kernels(told: Callable[[str], None] = lambda _: None) -> float:
         told(f"{name} cells")
         for method in _methods(points.shape[1]):
             _move(points, cells, method, sliding=name in ("quad", "hexahedron"))
-        load_session_kernels(points, cells)
     told("large meshes")
     _many_unknowns()
-    load_two_scale_kernels()
-    _far_field()
     return time.perf_counter() - begin
 
 
@@ -68,13 +61,6 @@ def _many_unknowns() -> None:
     """A correction of more nodes than are solved for directly."""
     points, cells = tiny_mesh("triangle", _MANY_ROWS)
     _move(points, cells, Method(support_radius=1.0, correction_target="maximum", quality_threshold=0.9), sliding=False)
-
-
-def _far_field() -> None:
-    """Polynomials for far centres, which few points do not need."""
-    places = np.random.default_rng(0).random((4000, 2))
-    found = factorize(places[:40], basis="tps", support_radius=None).solve(places[:40])
-    FarSum.build(found, places, tolerance=0.1).values()
 
 
 def tiny_meshes(rows: int = 4) -> Iterator[tuple[str, Mesh]]:

@@ -35,12 +35,7 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
     model_class: Any = getattr(importlib.import_module(numerics), "MotionModel", None)
     if model_class is None:
         return
-    # imported here: a host without these numerics needs no compiled kernels
-    from mesh_motion_server.numerics.loading import load_session_kernels  # noqa: PLC0415
-    from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels  # noqa: PLC0415
-
     for points, cells in _meshes():
-        load_session_kernels(points, cells)
         for solver in _SOLVERS:
             if interrupted():
                 return
@@ -48,8 +43,6 @@ def warm_up(numerics: str, interrupted: Callable[[], bool]) -> None:
                 _move(model_class, points, cells, Method(support_radius=2.0, solver=solver))
             except MeshMotionError:
                 return  # only a session's own request has somebody to tell
-    if not interrupted():
-        load_two_scale_kernels()
 
 
 def _move(model_class: Any, points: NDArray[np.float64], cells: CellTable, method: Method) -> None:

@@ -18,7 +18,6 @@ from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion import MotionModel
 from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.numerics.two_scale.loading import load_two_scale_kernels
 
 __all__ = ["MotionModelMover"]
 
@@ -47,5 +46,4 @@ class MotionModelMover:
     @classmethod
     def prepare(cls, task: Task, options: Mapping[str, Any]) -> None:
         """Load or compile every kernel: move a small mesh of the same cells, to a quality that takes all there is."""
-        load_two_scale_kernels()
         cls(small_task(task), **{**options, "quality_threshold": 0.99}).move(0)
