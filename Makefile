@@ -31,9 +31,6 @@ DRIVERS := out/drivers
 JOBS ?= 2
 PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 
-# The kernels' threads sleep while they wait, as the server's workers set it: on a busy machine spinning costs more.
-export OMP_WAIT_POLICY ?= passive
-
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
 

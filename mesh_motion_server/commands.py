@@ -285,31 +285,16 @@ def demo(
 
 
 @app.command(short_help="Print versions.")
-def version(
-    warm: Annotated[bool, typer.Option("--warm", help="Compile the kernels now, so that no session waits.")] = False,
-) -> None:
-    """Print the versions of the program, its protocol and what it stands on.
-
-    \b
-    mesh-motion version --warm
-    """
+def version() -> None:
+    """Print the versions of the program, its protocol and what it stands on."""
     from importlib.metadata import PackageNotFoundError
     from importlib.metadata import version as installed
 
     packages = []
-    for name in ("numpy", "scipy", "numba", "pyzmq"):
+    for name in ("numpy", "scipy", "pyzmq"):
         try:
             packages.append(f"{name} {installed(name)}")
         except PackageNotFoundError:
             packages.append(f"{name} not installed")
     _out.print(f"mesh-motion-server {__version__}, protocol 1.0")
     _out.print(f"Python {platform.python_version()}, {', '.join(packages)}")
-    if warm:
-        from mesh_motion_server.cases.warm import compile_kernels
-
-        waiting = "compiling the kernels; once, some minutes"
-        if not _err.is_terminal:
-            _err.print(waiting)
-        with expected_errors(), _err.status(waiting) as status:
-            seconds = compile_kernels(lambda part: status.update(f"{waiting}: {part}"))
-        _out.print(f"kernels ready after {seconds:.0f} s")

@@ -91,7 +91,7 @@ def model_of(task: Task, method: Method) -> MotionModel:
 
 
 def _warm_up(task: Task) -> None:
-    """Load or compile the kernels, as a server does before its first session."""
+    """Import all that a motion needs, as a server does before its first session."""
     small = small_task(task)
     for solver in ("auto", "two-scale"):
         model = model_of(small, Method(solver=solver, quality_metric="size-skew", quality_threshold=0.0))

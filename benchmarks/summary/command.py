@@ -6,7 +6,6 @@ import argparse
 import os
 import platform
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,8 +29,6 @@ __all__ = ["main"]
 
 #: What may go on for longer than expected is stopped at so many times what it should take, and a minute.
 _PATIENCE, _GRACE = 5.0, 60.0
-#: Compiles every kernel that is not in numba's cache yet.
-_WARM = [sys.executable, "-m", "mesh_motion_server", "version", "--warm"]
 
 
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
@@ -151,7 +148,6 @@ def main(words: Sequence[str] | None = None) -> None:
         if job.kind == "correction":  # the standard motion of another version
             standard_file(CORRECTIONS[job.name], arguments.meshes).unlink(missing_ok=True)
     start = time.monotonic()
-    subprocess.run(_WARM, check=True, stdout=subprocess.DEVNULL)
     machine = (
         f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start; "
         f"threads of the kernels: {arguments.threads}."

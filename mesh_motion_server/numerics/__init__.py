@@ -12,6 +12,6 @@
     quality             metrics.py, quality_summary.py, lowest_quality.py; in a solver's words finite_volume.py
     what is accepted    acceptance.py, boundary_crossing.py, boundary_orientation.py
 
-Modules named ``*_kernels.py``, ``*_maps.py`` and the loops of :mod:`.summation` are compiled by numba; :mod:`.blas` and
-:mod:`.threads` keep results the same for any number of threads.
+Loops over nodes, cells and control points are compiled (``kernels/`` of the checkout, ``mesh_motion_kernels`` here);
+:mod:`.blas` keeps results of linear algebra the same for any number of threads, as those loops are.
 """

@@ -34,8 +34,8 @@ __all__ = ["CHECK", "Witness", "kill_again_and_again"]
 _LONGEST = 0.2
 #: Lives in a row that commit nothing, each longer than the last: the last of them may take eight seconds.
 _MOST_IDLE = 40
-#: Threads that a fork leaves as they are: GNU's OpenMP ends a process that is forked after its first use.
-_FORKABLE = {"NUMBA_THREADING_LAYER": "workqueue", "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+#: One thread each: what a fork leaves behind of others' is none of this proof's matter.
+_FORKABLE = {"MESH_MOTION_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 #: What a recovery may take at the 95th percentile.
 _RECOVERY_SECONDS = 2.0
 

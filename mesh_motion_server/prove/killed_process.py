@@ -16,7 +16,6 @@ Forking keeps the time for imports out of each life; the process is killed as an
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import sys
@@ -121,8 +120,6 @@ def _say(line: str) -> None:
 
 def main(folder: str, level: str) -> None:
     """Fork, wait, kill; whatever a life would load first has been loaded by then."""
-    # or numba guards its threads by a semaphore that all forked processes share, and who is killed inside keeps it
-    multiprocessing.set_start_method("spawn")
     rehearsal = undisturbed_driver([grid_mesh()])
     run_to(rehearsal, 3)
     rehearsal.host.close()

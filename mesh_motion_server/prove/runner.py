@@ -24,7 +24,7 @@ from mesh_motion_server.prove.check import Budget, Check, Result
 
 __all__ = ["HEADING", "Outcome", "Plan", "chosen", "line_of", "prove"]
 
-_PACKAGES = ("numpy", "scipy", "numba", "msgpack", "pyzmq")
+_PACKAGES = ("numpy", "scipy", "msgpack", "pyzmq")
 _ROW = "{check:<15} {target:<63} {got:<63} {seed:>6} {seconds:>8} {verdict}"
 
 #: The first line of the table.

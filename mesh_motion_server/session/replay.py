@@ -77,7 +77,7 @@ def restore(
 @cache
 def maker() -> str:
     """Versions and processor of this process, for people: what has to be alike where a recomputation fails."""
-    libraries = (f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "numba"))
+    libraries = (f"{name} {metadata.version(name)}" for name in ("numpy", "scipy"))
     return ", ".join([f"mesh-motion-server {__version__}", *libraries, _processor()])[:200]
 
 

@@ -71,9 +71,9 @@ class Child:
 def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
     """Start ``python -m module CHANNEL arguments…``.
 
-    BLAS gets one thread: its sums are then repeatable bit for bit. The kernels' threads are numba's, and sleep while
-    they wait for each other unless the environment says otherwise: beside a solver that uses every core, spinning
-    threads take three times as long (98 k nodes, one corrected Move: 7 to 12 s against 2.5 to 4 s).
+    BLAS gets one thread: its sums are then repeatable bit for bit. The compiled loops have threads of
+    their own, which sleep while they wait: beside a solver that uses every core, spinning threads take three times as
+    long.
     """
     failpoint("supervisor.spawn")
     channel, theirs = Channel.pair()
@@ -81,7 +81,7 @@ def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
         process = subprocess.Popen(
             [sys.executable, "-m", module, str(theirs.fileno()), *arguments],
             pass_fds=[theirs.fileno()],
-            env={"OMP_WAIT_POLICY": "passive"} | os.environ | _thread_settings(threads),
+            env=os.environ | _thread_settings(threads),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
         )
@@ -90,7 +90,7 @@ def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
 
 def _thread_settings(threads: int) -> dict[str, str]:
     single = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
-    return dict.fromkeys(single, "1") | {"NUMBA_NUM_THREADS": str(threads or len(os.sched_getaffinity(0)))}
+    return dict.fromkeys(single, "1") | {"MESH_MOTION_THREADS": str(threads or len(os.sched_getaffinity(0)))}
 
 
 def die_with_parent() -> None:

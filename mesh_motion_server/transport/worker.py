@@ -10,6 +10,7 @@ The lease holds while any connection is open. Without one the host is told after
 
 from __future__ import annotations
 
+import importlib
 import math
 import signal
 import sys
@@ -50,7 +51,6 @@ from mesh_motion_server.transport.replies import encoded, undecodable, unexpecte
 from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.self_test import check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, name_session, tell_suppressed
-from mesh_motion_server.transport.warmup import warm_up
 
 __all__ = ["Lease", "Worker", "main"]
 
@@ -281,7 +281,7 @@ def main(arguments: list[str]) -> int:
     failpoint("worker.start")
     hosting = Hosting(*modules)
     hosts, stores = hosting.load_host(), hosting.load_store()
-    warm_up(hosting.numerics, interrupted=channel.pending)
+    importlib.import_module(hosting.numerics)
     failpoint("worker.ready")
     if not channel.pending():
         channel.send({"event": "warm"})

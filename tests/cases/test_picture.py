@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_meshes import tiny_meshes
 
 from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import StepRecord
-from mesh_motion_server.cases.warm import tiny_meshes
 from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
 from mesh_motion_server.pictures.snapshot import Snapshot, choose_plane, choose_window
 

@@ -35,7 +35,7 @@ def main() -> int:
     given = parser.parse_args()
     os.chdir(ROOT)
     sys.path.insert(0, str(HERE))
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+    os.environ.setdefault("MESH_MOTION_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
     # only now: whatever starts threads reads these when it is loaded

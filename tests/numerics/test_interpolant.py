@@ -1,7 +1,7 @@
 import subprocess
 import sys
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -229,8 +229,8 @@ class TestRefusals:
 
 REPEAT = """
 import hashlib, sys
-import numba, numpy as np
-numba.set_num_threads(int(sys.argv[1]))
+import mesh_motion_kernels, numpy as np
+mesh_motion_kernels.set_threads(int(sys.argv[1]))
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolant import factorize
 points = np.random.default_rng(0).random((900, 3))
@@ -248,7 +248,7 @@ print(digest.hexdigest())
 
 
 def test_processes_and_threads_give_the_same_bytes():
-    threads = [1, 1, 2] if numba.config.NUMBA_NUM_THREADS > 1 else [1, 1]
+    threads = [1, 1, 2] if kernels.available_threads() > 1 else [1, 1]
     digests = [
         subprocess.run([sys.executable, "-c", REPEAT, str(n)], capture_output=True, text=True, check=True).stdout
         for n in threads

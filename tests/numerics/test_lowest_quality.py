@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tiny_meshes import tiny_mesh, tiny_meshes
 
-from mesh_motion_server.cases.warm import tiny_mesh, tiny_meshes
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.lowest_quality import LowestJudge, lowest_quality
 from mesh_motion_server.numerics.mesh_summary import mesh_summary

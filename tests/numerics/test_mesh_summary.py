@@ -3,8 +3,8 @@
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from tiny_meshes import tiny_meshes
 
-from mesh_motion_server.cases.warm import tiny_meshes
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.mesh_summary import mesh_summary

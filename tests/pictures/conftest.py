@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tiny_meshes import tiny_mesh
 
 from mesh_motion_server.cases.outputs import write_steps
 from mesh_motion_server.cases.records import StepRecord
-from mesh_motion_server.cases.warm import tiny_mesh
 from mesh_motion_server.files import VtuSeries
 
 MakePlayed = Callable[..., Path]

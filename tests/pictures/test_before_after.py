@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tiny_meshes import tiny_mesh, tiny_meshes
 
-from mesh_motion_server.cases.warm import tiny_mesh, tiny_meshes
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.pictures.snapshot import Plane, Snapshot
 

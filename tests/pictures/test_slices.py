@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tiny_meshes import tiny_meshes
 
-from mesh_motion_server.cases.warm import tiny_meshes
 from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.pictures.slices import cut, flat
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from tiny_meshes import tiny_mesh
 
-from mesh_motion_server.cases.warm import tiny_mesh
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.far_field import evaluator as module

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from box_meshes import box_mesh
@@ -155,11 +155,11 @@ def test_a_motion_reports_the_exact_minimum(choices, outer):
 @pytest.mark.parametrize("bound", BOUNDS)
 def test_the_same_bits_every_time_and_for_any_number_of_threads(bound):
     points, cells, interpolant = moved_box("tetra", size=0.05, n=8)
-    before, found = numba.get_num_threads(), []
+    before, found = kernels.get_threads(), []
     for threads in (1, before, before):
-        numba.set_num_threads(threads)
+        kernels.set_threads(threads)
         found.append(sampled(points, cells, interpolant, groups=8, bound=bound)[0])
-    numba.set_num_threads(before)
+    kernels.set_threads(before)
     for other in found[1:]:
         np.testing.assert_array_equal(found[0].least, other.least)
         np.testing.assert_array_equal(found[0].quality.size, other.quality.size)
