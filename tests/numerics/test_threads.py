@@ -7,8 +7,10 @@ from mesh_motion_server.numerics.threads import checked_threads, limited_to
 
 def test_a_limit_holds_inside_and_is_restored_also_after_an_error():
     before = kernels.get_threads()
-    with pytest.raises(ValueError, match="inside"), limited_to(1):
+    with limited_to(1):
         assert kernels.get_threads() == 1
+    assert kernels.get_threads() == before
+    with pytest.raises(ValueError, match="inside"), limited_to(1):
         raise ValueError("inside")
     assert kernels.get_threads() == before
     with limited_to(None):
