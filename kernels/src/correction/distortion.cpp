@@ -190,13 +190,14 @@ void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corne
                 curvature<d>(j, inverse_square<d>(j), ideal, {all(1.0), h1, h2, all(p), h1}, weight, total);
                 for (Index l = 0; l < count; ++l) {
                     float* block = blocks[at[l]].data();
-                    for (int edge = 0; edge < d; ++edge)
-                        for (int other = 0; other <= edge; ++other)
-                            for (int i = 0; i < d; ++i)
-                                for (int k = 0; k < (edge == other ? i + 1 : d); ++k)
-                                    block[((edge * d + other) * d + i) * d + k] =
-                                        block[((other * d + edge) * d + k) * d + i] =
-                                            static_cast<float>(total[edge * d + i][other * d + k][l]);
+#pragma GCC unroll 45
+                    for (int r = 0; r < d * d; ++r)
+#pragma GCC unroll 45
+                        for (int s = 0; s <= r; ++s) {
+                            const int edges = r / d * d + s / d, mirrored = s / d * d + r / d;
+                            block[edges * d * d + r % d * d + s % d] = block[mirrored * d * d + s % d * d + r % d] =
+                                static_cast<float>(total[r][s][l]);
+                        }
                 }
                 count = 0;
             };

@@ -46,9 +46,9 @@ inline Pack size_of(Pack x) { return x < 0.0 ? -x : x; }
 inline Pack larger(Pack x, Pack y) { return x > y ? x : y; }
 
 inline bool any(Mask mask) {
-    long found = 0;
-    for (int l = 0; l < lanes; ++l) found |= mask[l];
-    return found;
+    mask |= __builtin_shufflevector(mask, mask, 4, 5, 6, 7, 0, 1, 2, 3);
+    mask |= __builtin_shufflevector(mask, mask, 2, 3, 0, 1, 6, 7, 4, 5);
+    return mask[0] | mask[1];
 }
 
 }  // namespace mesh_motion

@@ -67,15 +67,16 @@ inline Pack determinant(const Small<d>& a) {
 }
 
 /// One Jacobi rotation of the lanes that take part: a[i][j] of the symmetric a becomes 0; v turns with it.
-template <int d>
-inline void rotate(Small<d>& a, Small<d>& v, int i, int j, Mask active) {
-    // tan of the smaller angle with cot 2φ = (a_jj − a_ii) / 2 a_ij, without the quotient
-    const Pack apart = a[j][j] - a[i][i], twice = 2.0 * a[i][j];
-    const Pack length = size_of(apart) + root(apart * apart + twice * twice);
-    const Pack t = active & (length > 0.0) ? (apart < 0.0 ? -twice : twice) / length : all(0.0);
-    const Pack c = 1.0 / root(t * t + 1.0), s = t * c;
-    a[i][i] -= t * a[i][j];
-    a[j][j] += t * a[i][j];
+template <int i, int j, int d>
+inline void rotate_lanes(Small<d>& a, Small<d>& v, Mask active) {
+    // the smaller angle with tan 2φ = 2 a_ij / (a_jj − a_ii), from the half of a right triangle
+    const Pack apart = a[j][j] - a[i][i], twice = active ? 2.0 * a[i][j] : all(0.0);
+    const Pack hypotenuse = root(apart * apart + twice * twice), along = size_of(apart) + hypotenuse;
+    const Pack scale = along > 0.0 ? 1.0 / root(along * along + twice * twice) : all(0.0);
+    const Pack c = size_of(twice) > 0.0 ? along * scale : all(1.0), s = (apart < 0.0 ? -twice : twice) * scale;
+    const Pack change = 0.5 * (hypotenuse - size_of(apart));
+    a[i][i] -= apart < 0.0 ? -change : change;
+    a[j][j] += apart < 0.0 ? -change : change;
     a[i][j] = a[j][i] = active ? all(0.0) : a[i][j];
     for (int k = 0; k < d; ++k) {
         if (k != i && k != j) {
@@ -92,9 +93,9 @@ inline void rotate(Small<d>& a, Small<d>& v, int i, int j, Mask active) {
 /// Cyclic Jacobi: the symmetric a becomes diagonal, the eigenvectors are the columns of what is returned.
 template <int d>
 inline Small<d> symmetric_eigen(Small<d>& a) {
+    Small<d> v = unit<d>();
     constexpr int sweeps = 12;
     constexpr double small = 1e-10;  // the last sweep squares what is off the diagonal
-    Small<d> v = unit<d>();
     for (int sweep = 0; sweep < sweeps; ++sweep) {
         Pack off{}, size{};
         for (int i = 0; i < d; ++i) {
@@ -103,8 +104,11 @@ inline Small<d> symmetric_eigen(Small<d>& a) {
         }
         const Mask active = off > small * size;
         if (!any(active)) break;
-        for (int i = 1; i < d; ++i)
-            for (int j = 0; j < i; ++j) rotate<d>(a, v, j, i, active);
+        if constexpr (d > 1) rotate_lanes<0, 1, d>(a, v, active);
+        if constexpr (d > 2) {
+            rotate_lanes<0, 2, d>(a, v, active);
+            rotate_lanes<1, 2, d>(a, v, active);
+        }
     }
     return v;
 }
