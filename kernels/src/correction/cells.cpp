@@ -96,7 +96,8 @@ struct Cells {
         }
         found.mean /= n_corners();
         found.tau /= gathered([&](int l) { return references[at[l]]; });
-        found.tau = inside & (found.tau > 0.0) & (found.mean < std::numeric_limits<double>::infinity()) ? found.tau : all(0.0);
+        inside &= (found.tau > 0.0) & (found.mean < std::numeric_limits<double>::infinity());
+        found.tau = inside ? found.tau : all(0.0);
         return found;
     }
 };

@@ -62,8 +62,8 @@ struct Terms {
     Pack shape, h1, h2, p, slope;
 };
 
-/// The positive part of a corner's Hessian, times a weight, at its edges: the lower half of the (d², d²) matrix with row
-/// and column j d + i of the coordinate i of the edge j.
+/// The positive part of a corner's Hessian, times a weight, at its edges: the lower half of the (d², d²) matrix with
+/// row and column j d + i of the coordinate i of the edge j.
 ///
 /// The stretches u_i v_iᵀ couple through M, with t_i = Π_{k≠i} s_k and t_ij = 1 (2D), s_k (3D), 0 for i = j. Every pair
 /// (i, j) has one rotation-like and one shear-like mode (cf. Smith, de Goes & Kim, Analytic eigensystems for isotropic

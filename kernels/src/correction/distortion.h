@@ -16,8 +16,8 @@ namespace mesh_motion {
 void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                  Vector<const double> offset, double m, double epsilon, double a, Vector<double> values);
 
-/// E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)) of values ℓ, which become the weights softmax(p ℓ). inf, and the values
-/// as they are, where one is not finite.
+/// E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)) of values ℓ, which become the weights softmax(p ℓ). inf, and the
+/// values as they are, where one is not finite.
 double p_mean(Vector<double> values, double p);
 
 /// shares (c, d + 1, d) = w dℓ/dx of the nodes of each corner; 0 where w is next to nothing.
@@ -28,8 +28,9 @@ void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t
 void determinants(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                   Vector<double> taus);
 
-/// blocks (c, d², d²) = (w + floor) times the positive part of the Hessian of ℓ and of the p-mean's rank-one term, of the
-/// corners that weigh at least least_weight: [j d + k, a d + b] couples the coordinate a of edge j with b of edge k.
+/// blocks (c, d², d²) = (w + floor) times the positive part of the Hessian of ℓ and of the p-mean's rank-one term, of
+/// the corners that weigh at least least_weight: [j d + k, a d + b] couples the coordinate a of edge j with b of edge
+/// k.
 void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                    Vector<const double> weights, double floor, double least_weight, double p, double m, double epsilon,
                    double a, Cube<float> blocks);

@@ -165,7 +165,8 @@ std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<Index, 1>> linked_patt
         };
         slot(root);
         for (; at < n && targets[order[at]] == root; ++at)
-            for (Index e = row_starts[order[at]]; e < row_starts[order[at] + 1]; ++e) slots[e] = slot(targets[columns[e]]);
+            for (Index e = row_starts[order[at]]; e < row_starts[order[at] + 1]; ++e)
+                slots[e] = slot(targets[columns[e]]);
         starts[root + 1] = static_cast<Index>(found.size());
     }
     return {owned(std::move(starts)), owned(std::move(found)), owned(std::move(slots))};

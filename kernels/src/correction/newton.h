@@ -1,5 +1,5 @@
-// The linear systems of Newton's method: symmetric d × d blocks (b, d, d) in rows (row_starts (f + 1), columns (b)), the
-// diagonal's block first in a row.
+// The linear systems of Newton's method: symmetric d × d blocks (b, d, d) in rows (row_starts (f + 1), columns (b)),
+// the diagonal's block first in a row.
 #pragma once
 
 #include <tuple>
@@ -18,8 +18,8 @@ int block_conjugate_gradients(Vector<const Index> row_starts, Vector<const std::
                               Cube<const double> blocks, Matrix<const double> right, double tolerance, int most,
                               Matrix<double> x);
 
-/// (row_starts, columns, slots) of the r representatives: node i of the pattern belongs to targets[i] (f), order (f) has
-/// the nodes by their targets, and slots (b) says where each block goes.
+/// (row_starts, columns, slots) of the r representatives: node i of the pattern belongs to targets[i] (f), order (f)
+/// has the nodes by their targets, and slots (b) says where each block goes.
 std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<Index, 1>> linked_pattern(
     Vector<const Index> row_starts, Vector<const std::int32_t> columns, Vector<const Index> targets,
     Vector<const Index> order, Index n_roots);

@@ -1,10 +1,10 @@
 // Which corners and cells the free nodes of a region are in, the pattern of its Hessian, and sums at the nodes.
 //
-// Nodes are numbered with the free ones first. Sums go over fixed lists of a node: no atomics, the same sums in the same
-// order whatever the number of threads. For free node i of f, entries[starts[i]] … entries[starts[i + 1] − 1] are
-// `cell · k + place` of the cells (or corners) that hold it, as which of their k nodes; slots (e, k) the position, among
-// the Hessian's blocks, of its coupling to each node of that cell, −1 for a held node. Rows of blocks begin at row_starts
-// (f + 1), with the diagonal's block; columns (b).
+// Nodes are numbered with the free ones first. Sums go over fixed lists of a node: no atomics, the same sums in the
+// same order whatever the number of threads. For free node i of f, entries[starts[i]] … entries[starts[i + 1] − 1] are
+// `cell · k + place` of the cells (or corners) that hold it, as which of their k nodes; slots (e, k) the position,
+// among the Hessian's blocks, of its coupling to each node of that cell, −1 for a held node. Rows of blocks begin at
+// row_starts (f + 1), with the diagonal's block; columns (b).
 #pragma once
 
 #include <tuple>
@@ -16,8 +16,8 @@ namespace mesh_motion {
 /// Marks (m) of the cells (m, k) with a marked (n) node.
 Owned<std::uint8_t, 1> touched_cells(Matrix<const Index> cells, Vector<const bool> marked);
 
-/// (starts, entries, slots, row_starts, columns) of corners (c, d + 1); the free nodes of a pair of diagonals (h, 2), in
-/// one cell but in no corner together, have blocks too.
+/// (starts, entries, slots, row_starts, columns) of corners (c, d + 1); the free nodes of a pair of diagonals (h, 2),
+/// in one cell but in no corner together, have blocks too.
 std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>, Owned<Index, 1>, Owned<std::int32_t, 1>>
 node_adjacency(Matrix<const std::int32_t> corners, Index n_free, Index n_nodes, Matrix<const Index> diagonals);
 

@@ -5,7 +5,8 @@
 
 namespace mesh_motion {
 
-/// product (m, k) of a matrix in compressed rows with vectors (n, k), each row in stored order, even and odd terms apart.
+/// product (m, k) of a matrix in compressed rows with vectors (n, k), each row in stored order, even and odd terms
+/// apart.
 void sparse_product(Vector<const std::int32_t> pointers, Vector<const std::int32_t> columns,
                     Vector<const double> entries, Matrix<const double> vectors, Matrix<double> product);
 
