@@ -31,7 +31,7 @@ def findings() -> dict[str, str]:
                 [sys.executable, "-X", "faulthandler", str(_SCRIPT), *rest],
                 capture_output=True,
                 text=True,
-                timeout=120,
+                timeout=240,
                 check=False,
             )
             output, ending = done.stdout, f"ends the process: {done.returncode}\n{done.stderr}"
