@@ -62,7 +62,7 @@ def test_many_values(name):
 
 def sampled(m: int) -> np.ndarray:
     """Whether each of m values is one of those that are looked at first (kernels/src/quality/order_statistics.cpp)."""
-    count = max(2048, min(m // 16, 32768))
+    count = max(2048, min(m // 16, 16384))
     i = np.arange(count, dtype=np.uint64)
     x = (i + np.uint64(0x9E3779B97F4A7C15)) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ x >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)

@@ -86,19 +86,20 @@ template <class Type>
 
 /// Judges `count` ≤ chunk cells. gather(k, jacobians) writes the Jacobians of their corners k.
 template <class Type, class Gather>
-void judge_chunk(Gather&& gather, Index count, const double* reference, double* size, double* skew, bool* inverted) {
+void judge_chunk(Gather&& gather, Index count, const double* reference, double* __restrict size,
+                 double* __restrict skew, bool* __restrict inverted) {
     constexpr int n = static_cast<int>(Type::corners.size());
     Jacobians<Type::dimension> jacobians;
     alignas(64) double extent[chunk], terms[chunk], signs[chunk];  // Σ α, Σ f, Σ sign α
-    for (Index s = 0; s < count; ++s) extent[s] = terms[s] = signs[s] = 0.0;
     for (int k = 0; k < n; ++k) {
         gather(k, jacobians);
         for (Index s = 0; s < count; ++s) {
             const Corner<Type::dimension> corner(jacobians, s);
             const double alpha = corner.determinant(), term = shape_term<Type>(corner, alpha);
-            extent[s] += alpha;
-            terms[s] += term;
-            signs[s] += (alpha > smallest ? 1.0 : 0.0) - (alpha < -smallest ? 1.0 : 0.0);
+            const double sign = (alpha > smallest ? 1.0 : 0.0) - (alpha < -smallest ? 1.0 : 0.0);
+            extent[s] = k ? extent[s] + alpha : alpha;
+            terms[s] = k ? terms[s] + term : term;
+            signs[s] = k ? signs[s] + sign : sign;
         }
     }
     for (Index s = 0; s < count; ++s) {

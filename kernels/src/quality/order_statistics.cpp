@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -42,8 +43,9 @@ double select(std::vector<double>& values, Index rank) {
     std::erase_if(values, [](double value) { return value != value; });  // what is no number has no rank
     if (rank >= static_cast<Index>(values.size())) return std::numeric_limits<double>::quiet_NaN();
     while (static_cast<Index>(values.size()) > 4 * bins) {  // counts of equal bins are quicker than comparisons
-        const auto [least, most] = std::minmax_element(values.begin(), values.end());
-        const double low = *least, scale = bins / (*most - low);
+        double low = infinity, high = -infinity;
+        for (double value : values) low = value < low ? value : low, high = value > high ? value : high;
+        const double scale = bins / (high - low);
         if (!(scale < infinity && scale > 0.0)) break;  // equal values, or some that are not finite
         std::array<Index, bins> counts{};
         for (double value : values) ++counts[bin_of(value, low, scale, bins)];
@@ -68,7 +70,7 @@ std::vector<Index> sample_of(Index m, Index count) {
     return numbers;
 }
 
-Index sample_size(Index m) { return m < few ? 0 : std::clamp<Index>(m / 16, 1 << 11, 1 << 15); }
+Index sample_size(Index m) { return m < few ? 0 : std::clamp<Index>(m / 16, 1 << 11, 1 << 14); }
 
 Brackets brackets_of(std::vector<double>& sample) {
     std::erase_if(sample, [](double value) { return value != value; });
@@ -93,46 +95,68 @@ Brackets brackets_of(std::vector<double>& sample) {
 Tally::Tally() { least.fill(infinity); }
 
 void Tally::add(const double* values, Index count, const Brackets* brackets) {
-    const auto note = [&](Index first, Index width) {
-        for (Index l = 0; l < width; ++l) {
-            const double value = values[first + l];
-            sums.part[l] += value;
-            least[l] = value < least[l] ? value : least[l];
-        }
+    for (Index first = 0; first < count; first += piece) add_piece(values + first, std::min(piece, count - first), brackets);
+}
+
+void Tally::add_piece(const double* values, Index count, const Brackets* brackets) {
+    // the compiler does not make vectors of so many sums and choices by itself
+    using Eight [[gnu::vector_size(lanes * sizeof(double))]] = double;
+    using Counts [[gnu::vector_size(lanes * sizeof(Index))]] = Index;
+    using Bytes [[gnu::vector_size(lanes)]] = char;
+    const Bracket none{-infinity, -infinity, false};
+    const auto [a, b, c] = brackets ? *brackets : Brackets{none, none, none};
+    Eight sum{}, low;
+    std::memcpy(&low, least.data(), sizeof low);
+    Counts below_a{}, below_b{}, below_c{};
+    const auto note = [&](const double* at, const Eight& value) {
+        low = value < low ? value : low;
+        const Counts less_a = value < a.low, less_b = value < b.low, less_c = value < c.low;
+        below_a -= less_a;  // where it holds a comparison is −1
+        below_b -= less_b;
+        below_c -= less_c;
+        const Counts inside = (~less_a & (value < a.high)) | (~less_b & (value < b.high)) | (~less_c & (value < c.high));
+        const Bytes marks = __builtin_convertvector(inside, Bytes);
+        std::uint64_t word;
+        std::memcpy(&word, &marks, sizeof word);
+        for (word &= 0x0101010101010101u; word; word &= word - 1) near.push_back(at[std::countr_zero(word) / 8]);
     };
-    const Index whole = count / lanes * lanes;
-    for (Index first = 0; first < whole; first += lanes) note(first, lanes);
-    note(whole, count - whole);
-    if (!brackets) return;
-    for (int p = 0; p < percentiles; ++p) {
-        const Bracket bracket = (*brackets)[p];
-        for (Index s = 0; s < count; ++s) below[p] += values[s] < bracket.low;
-        if (bracket.tied)
-            for (Index s = 0; s < count; ++s) upto[p] += values[s] <= bracket.high;
+    Index first = 0;
+    for (; first + lanes <= count; first += lanes) {
+        Eight value;
+        std::memcpy(&value, values + first, sizeof value);
+        sum += value;
+        note(values + first, value);
     }
-    const auto [a, b, c] = *brackets;
-    alignas(64) bool marks[piece];
-    for (Index first = 0; first < count; first += piece) {
-        const Index here = std::min(piece, count - first);
-        for (Index s = 0; s < here; ++s) {
-            const double value = values[first + s];
-            marks[s] = a.holds(value) | b.holds(value) | c.holds(value);
-        }
-        std::fill(marks + here, marks + piece, false);
-        for (Index s = 0; s < here; s += 8) {
-            std::uint64_t word;
-            std::memcpy(&word, marks + s, 8);
-            if (!word) continue;
-            for (Index l = s; l < s + 8; ++l)
-                if (marks[l]) near.push_back(values[first + l]);
-        }
+    if (first < count) {
+        Eight value = Eight{} + infinity, own{};
+        std::memcpy(&value, values + first, (count - first) * sizeof(double));
+        std::memcpy(&own, values + first, (count - first) * sizeof(double));
+        sum += own;
+        note(values + first, value);
+    }
+    Lanes parts;
+    std::memcpy(parts.part, &sum, sizeof sum);
+    const double added = parts.total(), next = total + added;
+    lost += (total - next) + added;
+    total = next;
+    std::memcpy(least.data(), &low, sizeof low);
+    for (Index l = 0; l < lanes; ++l) {
+        below[0] += below_a[l];
+        below[1] += below_b[l];
+        below[2] += below_c[l];
+    }
+    for (int p = 0; brackets && p < percentiles; ++p) {
+        const Bracket bracket = (*brackets)[p];
+        Index number = 0;
+        for (Index s = 0; bracket.tied && s < count; ++s) number += values[s] <= bracket.high;
+        upto[p] += number;
     }
 }
 
 bool distribution_of(const std::vector<Tally>& tallies, Index m, const Brackets* brackets, Distribution& found) {
     double total = 0.0, least = infinity;
     for (const Tally& tally : tallies) {
-        total += tally.sums.total();
+        total += tally.sum();
         least = std::min(least, *std::min_element(tally.least.begin(), tally.least.end()));
     }
     found[0] = least;
@@ -144,12 +168,17 @@ bool distribution_of(const std::vector<Tally>& tallies, Index m, const Brackets*
         const Bracket& bracket = (*brackets)[p];
         Index rank = ranks[p], upto = 0;
         std::vector<double> inside;
+        Index kept = 0;
         for (const Tally& tally : tallies) {
             rank -= tally.below[p];
             upto += tally.upto[p] - tally.below[p];
-            std::copy_if(tally.near.begin(), tally.near.end(), std::back_inserter(inside),
-                         [&](double value) { return bracket.holds(value); });
+            inside.resize(kept + tally.near.size());
+            for (double value : tally.near) {
+                inside[kept] = value;
+                kept += bracket.holds(value);
+            }
         }
+        inside.resize(kept);
         if (rank >= 0 && rank < static_cast<Index>(inside.size()))
             found[2 + p] = select(inside, rank);
         else if (rank >= 0 && rank < upto)

@@ -36,16 +36,22 @@ using Brackets = std::array<Bracket, percentiles>;
 /// From a sample, of which the order is lost.
 Brackets brackets_of(std::vector<double>& sample);
 
-/// What is known of some values after one pass. Sums are by place in the task, so all chunks but the last of a task
-/// have a multiple of eight values.
-struct Tally {
-    Lanes sums;
+/// What is known of the values of a task after one pass.
+class Tally {
+  public:
+    Tally();
+    /// The next values of the task: all but the last ones are a multiple of 128.
+    void add(const double* values, Index count, const Brackets* brackets);
+    /// Of all values; −∞ if one is. Values that are all alike lose digits in one direction, hence the correction.
+    double sum() const { return total + (lost == lost ? lost : 0.0); }
+
     std::array<double, lanes> least;
     std::array<Index, percentiles> below{}, upto{};  // values < low, and ≤ high where it is tied
     std::vector<double> near;                        // in any of the brackets
 
-    Tally();
-    void add(const double* values, Index count, const Brackets* brackets);
+  private:
+    void add_piece(const double* values, Index count, const Brackets* brackets);
+    double total = 0.0, lost = 0.0;
 };
 
 /// Minimum, mean and percentiles.
