@@ -205,7 +205,8 @@ void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew
     std::vector<double> reference;
     const Index* at = numbers.begin();
     for (const Block& block : blocks_) {
-        const Index* end = std::lower_bound(at, static_cast<const Index*>(numbers.end()), block.first + block.nodes.shape(0));
+        const Index beyond = block.first + block.nodes.shape(0);
+        const Index* end = std::lower_bound(at, static_cast<const Index*>(numbers.end()), beyond);
         nodes.clear();
         reference.clear();
         for (const Index* number = at; number < end; ++number) {

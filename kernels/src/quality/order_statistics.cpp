@@ -36,7 +36,9 @@ std::uint64_t scrambled(std::uint64_t x) {
 
 }  // namespace
 
-std::array<Index, percentiles> percentile_ranks(Index m) { return {(m - 1) / 100, 5 * (m - 1) / 100, 50 * (m - 1) / 100}; }
+std::array<Index, percentiles> percentile_ranks(Index m) {
+    return {(m - 1) / 100, 5 * (m - 1) / 100, 50 * (m - 1) / 100};
+}
 
 double select(std::vector<double>& values, Index rank) {
     constexpr Index bins = 1024;
@@ -95,7 +97,8 @@ Brackets brackets_of(std::vector<double>& sample) {
 Tally::Tally() { least.fill(infinity); }
 
 void Tally::add(const double* values, Index count, const Brackets* brackets) {
-    for (Index first = 0; first < count; first += piece) add_piece(values + first, std::min(piece, count - first), brackets);
+    for (Index first = 0; first < count; first += piece)
+        add_piece(values + first, std::min(piece, count - first), brackets);
 }
 
 void Tally::add_piece(const double* values, Index count, const Brackets* brackets) {
