@@ -17,8 +17,8 @@ namespace mesh_motion {
 ///     |J W⁻¹|_F off by at most √(Σ δ_i²) |W⁻¹|                           (mean ratio)
 ///     Π of the column lengths at most Π (|J_i| + δ_i)                     (angles)
 ///
-/// With the least determinants the largest f_k (cell_types.h) follow, hence the least skew n / Σ f_k; with the least and
-/// the largest Σ α_k the least size. A cell with a corner that might be inverted has no bound (−∞).
+/// With the least determinants the largest f_k (cell_types.h) follow, hence the least skew n / Σ f_k; with the least
+/// and the largest Σ α_k the least size. A cell with a corner that might be inverted has no bound (−∞).
 void bounded_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
                      Vector<const Index> group, Matrix<const double> middles, Cube<const double> coefficients,
                      Vector<const double> remainder, Matrix<double> modelled, Matrix<double> least);

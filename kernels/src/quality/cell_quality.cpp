@@ -222,7 +222,8 @@ void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew
 }
 
 /// With v = √size · skew and skew³ = 27 (det / det W)² / q³ (2.14), v⁶ > limit⁶ is two comparisons without roots or
-/// divisions, one for each of the ratios whose smaller one is the size. A margin far above rounding keeps the answer true
+/// divisions, one for each of the ratios whose smaller one is the size. A margin far above rounding keeps the answer
+/// true
 /// of the values as they are judged; what leaves the range of numbers is never above. Relative to the skews at rest:
 /// above the limit times that skew, and the size above limit².
 Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Index* near) const {
@@ -337,7 +338,8 @@ void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vect
 }
 
 void transformed_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
-                         Cube<const double> gradients, Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
+                         Cube<const double> gradients, Vector<double> size, Vector<double> skew,
+                         Vector<bool> inverted) {
     const Index dimension = points.shape(1);
     require_results(nodes.shape(0), reference, size, skew, inverted);
     require(gradients.shape() == std::array{nodes.shape(0), dimension, dimension},

@@ -7,7 +7,8 @@
 //     angles (quad, hexahedron, wedge):       f_k = (w Π_i √λ_k,ii / |α_k|)^(2/d),           w = det W / Π_i |W_i|
 //
 // W is the ideal corner, W_i its columns. The mean ratio is thesis (2.14) for triangles and tetrahedra, the angle form
-// is (2.14) for quads and (3.30) for hexahedra. Both are 1 for the ideal cell only and at most 1 for any other: the mean
+// is (2.14) for quads and (3.30) for hexahedra. Both are 1 for the ideal cell only and at most 1 for any other: the
+// mean
 // ratio by the inequality of the means, the angle form because the sines of a triangle's corners are largest together
 // at 60 degrees (wedge) and every sine is at most 1 (quad, hexahedron).
 //

@@ -117,7 +117,8 @@ void Tally::add_piece(const double* values, Index count, const Brackets* bracket
         below_a -= less_a;  // where it holds a comparison is −1
         below_b -= less_b;
         below_c -= less_c;
-        const Counts inside = (~less_a & (value < a.high)) | (~less_b & (value < b.high)) | (~less_c & (value < c.high));
+        const Counts inside =
+            (~less_a & (value < a.high)) | (~less_b & (value < b.high)) | (~less_c & (value < c.high));
         const Bytes marks = __builtin_convertvector(inside, Bytes);
         std::uint64_t word;
         std::memcpy(&word, &marks, sizeof word);

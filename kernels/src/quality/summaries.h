@@ -10,8 +10,8 @@ namespace mesh_motion {
 
 using Blocks = std::vector<Matrix<const Index>>;
 
-/// The `count` lowest values of a metric, ascending, their cells, of equal values the lower ones, and how many cells are
-/// inverted.
+/// The `count` lowest values of a metric, ascending, their cells, of equal values the lower ones, and how many cells
+/// are inverted.
 ///
 /// A sample gives a limit that the lowest are not above. Of tetrahedra a comparison of sixth powers tells those that
 /// certainly are, and only the others are judged: for about half of the time of judging all.
