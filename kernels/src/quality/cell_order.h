@@ -11,9 +11,8 @@ namespace mesh_motion {
 /// Cells of one type, renumbered and sorted.
 ///
 /// pieces: new numbers of the nodes that the cells (m_i, k) name, and these cells; every number below `nodes`. Number
-/// is
-/// int32 or int64, Order too. rows (m, k) are ascending, equal ones in the order they came; order (m,) is where each
-/// came from, counted through the pieces. Cells go to one bucket for each first node, each sorted by the other nodes.
+/// is int32 or int64, Order too. rows (m, k) are ascending, equal ones in the order they came; order (m,) is where
+/// each came from, counted through the pieces. Cells go to one bucket for each first node, each sorted by the others.
 template <class Number, class Order>
 void sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Number>>>& pieces, Index nodes,
                 Matrix<Index> rows, Vector<Order> order);

@@ -223,9 +223,8 @@ void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew
 
 /// With v = √size · skew and skew³ = 27 (det / det W)² / q³ (2.14), v⁶ > limit⁶ is two comparisons without roots or
 /// divisions, one for each of the ratios whose smaller one is the size. A margin far above rounding keeps the answer
-/// true
-/// of the values as they are judged; what leaves the range of numbers is never above. Relative to the skews at rest:
-/// above the limit times that skew, and the size above limit².
+/// true of the values as they are judged; what leaves the range of numbers is never above. Relative to the skews at
+/// rest: above the limit times that skew, and the size above limit².
 Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Index* near) const {
     const bool relative = metric == Metric::relative_size_skew;
     Index found = 0;

@@ -8,9 +8,8 @@
 //
 // W is the ideal corner, W_i its columns. The mean ratio is thesis (2.14) for triangles and tetrahedra, the angle form
 // is (2.14) for quads and (3.30) for hexahedra. Both are 1 for the ideal cell only and at most 1 for any other: the
-// mean
-// ratio by the inequality of the means, the angle form because the sines of a triangle's corners are largest together
-// at 60 degrees (wedge) and every sine is at most 1 (quad, hexahedron).
+// mean ratio by the inequality of the means, the angle form because the sines of a triangle's corners are largest
+// together at 60 degrees (wedge) and every sine is at most 1 (quad, hexahedron).
 //
 // The tables are those of numerics/cells.py.
 #pragma once
