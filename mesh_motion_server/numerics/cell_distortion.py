@@ -8,7 +8,8 @@ untangles well, but it is not the metric: a quad's skew asks for right angles, n
 with the corner terms f_k of :mod:`.metrics`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
 Relative to the cells at rest it is L less its value at rest; simplices that are flat at rest have their own Jacobian at
-rest as W (a target matrix), so that only a rigid motion has L = 0.
+rest as W (a target matrix), so that only a rigid motion has L = 0. What a cell's skew gains on that at rest counts
+nothing there, as in the metric: otherwise a cell that was poor at rest pays for a lost size by a better shape.
 
 Derivatives go through the corners' Jacobians, see kernels/src/correction/cells.h.
 """
@@ -41,8 +42,8 @@ class CellGroup:
     reference_sizes : (m,) array, length^d
     ideal : (1, d, d) or (m, d, d) array
         W⁻¹ of all cells or of each, scaled to determinant 1; not used by the angle form.
-    offset : (1,) or (m,) array
-        What is added to L: 0, or the logarithm of the skew at rest.
+    offset : (0,) or (m,) array
+        Relative to the cells at rest what is added to L: the logarithm of their skew, 0 where W is their own.
     """
 
     type: CellType
@@ -84,7 +85,7 @@ def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -
         sizes, skews = sizes_of(at_rest)[rows], skews_of(at_rest)
         w = block.type.ideal_array
         ideal = (np.linalg.inv(w) * abs(np.linalg.det(w)) ** (1 / len(w)))[None]
-        offset = np.zeros(1)
+        offset = np.empty(0)
         if skews is not None and simplices.offset is not None and block.type.is_simplex:
             ideal, offset = simplices.ideal[here], simplices.offset[here]
             ideal = ideal * np.abs(np.linalg.det(ideal))[:, None, None] ** (-1 / len(w))
@@ -100,7 +101,7 @@ def mean_cell_distortion(
     """E and the weights w (m,) of the cells at the points (n, d); E is ``inf`` where a corner is not positive."""
     measure = np.empty(sum(len(group) for group in groups))
     for group, rows in _rows(groups):
-        kernels.cell_distortions(*_arrays(points, group, norm), group.offset, measure[rows])
+        kernels.cell_distortions(*_arrays(points, group, norm), measure[rows])
     return kernels.p_mean(measure, norm.p), measure
 
 
@@ -128,7 +129,7 @@ def cell_blocks(
     """Update the blocks (m, k², d²) of each group's cells heavier than ``least_weight`` in place."""
     for (group, rows), out in zip(_rows(groups), blocks, strict=True):
         least = floor / len(weights), least_weight
-        kernels.cell_blocks(*_arrays(points, group, norm), weights[rows], *least, norm.p, out)
+        kernels.cell_blocks(*_arrays(points, group, norm), weights[rows], *least, out)
 
 
 def _rows(groups: tuple[CellGroup, ...]) -> list[tuple[CellGroup, slice]]:
@@ -148,4 +149,6 @@ def _arrays(points: NDArray[np.float64], group: CellGroup, norm: PNorm) -> tuple
         group.reference_sizes,
         norm.m,
         norm.size_weight,
+        group.offset,
+        norm.p,
     )

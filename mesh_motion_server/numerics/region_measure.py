@@ -2,7 +2,8 @@
 
 ===========  ====================================================================================================
 corners      :mod:`.distortion`: each corner against the reference mesh; untangles
-cells        :mod:`.cell_distortion`: the metric itself; the same as ``corners`` where all cells are simplices
+cells        :mod:`.cell_distortion`: the metric itself; the same as ``corners`` where all cells are simplices, but
+             for skews relative to those at rest
 ===========  ====================================================================================================
 """
 
@@ -118,6 +119,16 @@ MEASURES: dict[str, type[_Corners] | type[_Cells]] = {"corners": _Corners, "cell
 
 def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | None = None) -> RegionMeasure:
     """The measure that a norm names; an earlier one of the same region goes on with the curvature it has."""
-    simplices_only = all(block.type.is_simplex for block in region.cells)
-    kind = MEASURES["corners" if simplices_only else norm.of]
+    kind = MEASURES[norm.of if _of_cells(region) else "corners"]
     return earlier.sharpened(norm) if type(earlier) is kind else kind(region, norm)
+
+
+def _of_cells(region: FreeRegion) -> bool:
+    """Whether whole cells may be measured.
+
+    Relative to the cells at rest, those of 3D are measured by their corners: a hexahedron's or wedge's skew sees angles
+    alone, and descents with it end at cells of which an edge has all but gone.
+    """
+    if region.simplices.offset is not None:
+        return region.simplices.dimension == 2
+    return not all(block.type.is_simplex for block in region.cells)

@@ -6,6 +6,7 @@ from box_meshes import CELL_KINDS, box_mesh
 from scipy.sparse import bsr_matrix
 
 from mesh_motion_server.numerics.cell_distortion import cell_groups, mean_cell_distortion
+from mesh_motion_server.numerics.cells import CellTable
 from mesh_motion_server.numerics.distortion import PNorm, mean_distortion
 from mesh_motion_server.numerics.free_region import FreeRegion, free_region
 from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
@@ -45,8 +46,17 @@ def test_relative_to_cells_at_rest_it_vanishes_for_a_rigid_motion(kind: str) -> 
     turned = rest[region.nodes].copy()
     turned[:, 0], turned[:, 1] = -rest[region.nodes, 1], rest[region.nodes, 0].copy()
     energy, weights = mean_cell_distortion(turned, region.groups, PNorm(8, 1e4))
-    assert energy == pytest.approx(0.0, abs=1e-6)
+    assert energy == pytest.approx(np.log(2) / 8, abs=1e-6)  # what rounding min(1, skew / skew at rest) costs
     np.testing.assert_allclose(weights, 1.0 / len(weights), rtol=1e-5)
+
+
+def test_a_cell_that_is_better_than_at_rest_pays_for_its_size_all_the_same() -> None:
+    rest = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [1.0, 1.0]])
+    cells = CellTable.from_arrays({"quad": np.array([[0, 1, 2, 3]])})
+    region = free_region(rest, cells, cells_at_rest(rest, cells), np.ones(4, dtype=bool))
+    square = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])[region.nodes]
+    energy, _ = mean_cell_distortion(square, region.groups, PNorm(1e4, 1e4))
+    assert energy == pytest.approx(-np.log(np.sqrt(0.25)), abs=1e-3)
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)
@@ -109,6 +119,12 @@ def test_simplices_are_their_own_corners() -> None:
     hessians = [m.hessian(points, w, refresh=0.0, floor=0.1) for m, w in ((whole, weights), (quick, corner_weights))]
     # the projection of the parts, instead of the sum, may keep a little more
     np.testing.assert_allclose(*hessians, atol=0.2 * np.abs(hessians[1]).max())
+
+
+def test_relative_to_rest_cells_are_measured_in_2d_and_corners_in_3d() -> None:
+    for kind, name in (("quad", "cells"), ("hexahedron", "corners")):
+        assert type(region_measure(shaken(kind, relative=True)[1], NORMS[0])) is MEASURES[name]
+        assert type(region_measure(shaken(kind)[1], NORMS[0])) is MEASURES["cells"]
 
 
 @pytest.mark.parametrize("kind", ["hexahedron", "hexahedron + wedge"])

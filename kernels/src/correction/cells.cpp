@@ -25,6 +25,11 @@ struct Sums {
     Pack mean, tau;
 };
 
+/// What is counted of a shape, and the derivative of that.
+struct Shape {
+    Pack value, slope;
+};
+
 struct Cells {
     Matrix<const double> points;
     Matrix<const std::int32_t> nodes;
@@ -33,6 +38,8 @@ struct Cells {
     double sine;
     Vector<const double> references;
     SizeLaw law;
+    Vector<const double> offset;
+    double p;
 
     int n_corners() const { return static_cast<int>(corners.shape(0)); }
     Index size() const { return nodes.shape(0); }
@@ -47,6 +54,7 @@ struct Cells {
         require((ideals.shape(0) == 1 || ideals.shape(0) == size()) && ideals.shape(1) == d && ideals.shape(2) == d,
                 "ideals: expected shape (1 or m, d, d)");
         require(references.size() == size() && n == size(), "expected one number a cell");
+        require(offset.size() == 0 || offset.size() == size(), "offset: expected none, or one a cell");
     }
 
     /// f(dimension) with the dimension as a constant.
@@ -99,6 +107,17 @@ struct Cells {
         inside &= (found.tau > 0.0) & (found.mean < std::numeric_limits<double>::infinity());
         found.tau = inside ? found.tau : all(0.0);
         return found;
+    }
+
+    /// What L has for the shape, and its derivative with respect to log mean f.
+    Shape shape(const std::array<Index, lanes>& at, const Sums& sums) const {
+        const Pack log_f = each(logarithm, sums.mean);
+        if (offset.size() == 0) return {log_f, all(1.0)};
+        const Pack lost = log_f + gathered([&](int l) { return offset[at[l]]; });
+        const Pack positive = lost > 0.0 ? lost : all(0.0);
+        const Pack small = each(exponential, p * (lost > 0.0 ? -lost : lost));
+        const Pack value = positive + each(logarithm, 1.0 + small) / p;
+        return {value, (lost > 0.0 ? all(1.0) : small) / (1.0 + small)};
     }
 };
 
@@ -156,18 +175,17 @@ void add_corner(const Curvature<d>& total, Vector<const Index> corner, Whole<d>&
 
 void cell_distortions(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                       Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
-                      Vector<const double> offset, Vector<double> values) {
-    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}};
+                      Vector<const double> offset, double p, Vector<double> values) {
+    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}, offset, p};
     cells.check(values.size());
-    require(offset.size() == 1 || offset.size() == values.size(), "offset: expected one number, or one a cell");
     cells.with_type([&](auto dimension) {
         for_ranges(cells.size(), cells_of_task, [&](Index first, Index last) {
             for (Index c = first; c < last; c += lanes) {
-                const Sums sums = cells.sums<dimension>(from(c, last));
-                Pack value = each(logarithm, sums.mean) + log_cosh(each(logarithm, sums.tau), cells.law);
+                const auto at = from(c, last);
+                const Sums sums = cells.sums<dimension>(at);
+                Pack value = cells.shape(at, sums).value + log_cosh(each(logarithm, sums.tau), cells.law);
                 value = sums.tau > 0.0 ? value : all(std::numeric_limits<double>::infinity());
-                for (Index l = 0; l < std::min(lanes, last - c); ++l)
-                    values[c + l] = value[l] + offset[offset.size() == 1 ? 0 : c + l];
+                for (Index l = 0; l < std::min(lanes, last - c); ++l) values[c + l] = value[l];
             }
         });
     });
@@ -175,8 +193,8 @@ void cell_distortions(Matrix<const double> points, Matrix<const std::int32_t> no
 
 void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                     Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
-                    Vector<const double> weights, Cube<double> shares) {
-    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}};
+                    Vector<const double> offset, double p, Vector<const double> weights, Cube<double> shares) {
+    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}, offset, p};
     cells.check(weights.size());
     require(shares.shape() == std::array{cells.size(), nodes.shape(1), points.shape(1)},
             "shares: expected shape (m, k, d)");
@@ -189,10 +207,12 @@ void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> node
                 const Pack slope = log_cosh_slopes(each(logarithm, sums.tau), cells.law).first;
                 const Pack weight = gathered([&](int l) { return weights[at[l]]; });
                 const Pack size = sums.tau * gathered([&](int l) { return references[at[l]]; });
+                const Pack seen = cells.shape(at, sums).slope;
                 std::array<std::array<Pack, d>, most> share{};
                 for (int k = 0; k < cells.n_corners(); ++k) {
                     const Corner<d> here = cells.corner<d>(at, k);
-                    const Pack omega = sums.f[k] / (sums.mean * cells.n_corners()), beta = sums.alpha[k] / size;
+                    const Pack omega = seen * sums.f[k] / (sums.mean * cells.n_corners());
+                    const Pack beta = sums.alpha[k] / size;
                     const Pack h1 = weight * (slope * beta - 2.0 / d * omega) / here.det;
                     const Pack twice = 2.0 * weight * omega * inverse_square<d>(here.j);
                     Small<d> pull = cofactor<d>(here.j);
@@ -210,8 +230,9 @@ void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> node
 
 void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                  Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
-                 Vector<const double> weights, double floor, double least_weight, double p, Cube<float> blocks) {
-    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}};
+                 Vector<const double> offset, double p, Vector<const double> weights, double floor,
+                 double least_weight, Cube<float> blocks) {
+    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}, offset, p};
     cells.check(weights.size());
     const Index n_nodes = nodes.shape(1), width = n_nodes * points.shape(1);
     require(blocks.shape() == std::array{cells.size(), n_nodes * n_nodes, points.shape(1) * points.shape(1)},

@@ -16,26 +16,32 @@
 //   H  = w { Σ_k [corner k]₊ + [(p − 1) g gᵀ + p z' (g nᵀ + n gᵀ) + (p z'² + z″ − z') n nᵀ]₊ }
 //
 // where g and n are the gradients of log mean f and of log τ, and a corner's part has its own rank-one term ω_k.
+//
+// Relative to the cells at rest, offset (m; otherwise empty) is the logarithm of their skew, and L has for the shape
+// F = log mean f + offset only what it lost:
+//
+//   F₊ = log(1 + exp(p F)) / p      ∇F₊ = ∇F / (1 + exp(−p F))      the curvature stays that of L with F
 #pragma once
 
 #include "view.h"
 
 namespace mesh_motion {
 
-/// values (m) = L + offset (1 or m); inf where a corner is not positive.
+/// values (m) = L; inf where a corner is not positive.
 void cell_distortions(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                       Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
-                      Vector<const double> offset, Vector<double> values);
+                      Vector<const double> offset, double p, Vector<double> values);
 
 /// shares (m, k, d) = w dL/dx of each cell's nodes.
 void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                     Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
-                    Vector<const double> weights, Cube<double> shares);
+                    Vector<const double> offset, double p, Vector<const double> weights, Cube<double> shares);
 
 /// blocks (m, k², d²) = H with the weights w + floor, of the cells that weigh at least least_weight: [a k + b] couples
 /// the nodes a and b.
 void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                  Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
-                 Vector<const double> weights, double floor, double least_weight, double p, Cube<float> blocks);
+                 Vector<const double> offset, double p, Vector<const double> weights, double floor,
+                 double least_weight, Cube<float> blocks);
 
 }  // namespace mesh_motion
