@@ -15,6 +15,7 @@ template <class Number, class Order>
 void sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Number>>>& pieces, Index nodes,
                 Matrix<Index> rows, Vector<Order> order) {
     const Index m = rows.shape(0), width = rows.shape(1);
+    require(width > 0 && nodes >= 0, "rows: expected at least one column; nodes: expected a count");
     Index total = 0;
     std::vector<Index> place(nodes + 1);  // where the next row of a first node goes
     for (const auto& [map, cells] : pieces) {
