@@ -2,7 +2,7 @@
 
 New nodes lie at the midpoints of the edges, so that a flat boundary stays flat. The octahedron is cut along its
 shortest diagonal, which keeps the cells' shapes from worsening with every refinement (Bey 1995 chooses it by number).
-Edges are found in one bucket per smaller node: nothing larger than the new mesh is ever held.
+Edges are sorted numbers, smaller node · n + larger node: nothing larger than the new mesh is ever held.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 __all__ = ["refined_tetrahedra"]
@@ -23,6 +22,8 @@ _EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 _CORNERS = ((0, 4, 5, 6), (4, 1, 7, 8), (5, 7, 2, 9), (6, 8, 9, 3))
 #: The octahedron's diagonals, each with the four other midpoints going round it.
 _DIAGONALS = (((4, 9), (5, 7, 8, 6)), ((5, 8), (4, 7, 9, 6)), ((6, 7), (4, 8, 9, 5)))
+#: Cells that are split at a time.
+_CHUNK = 65536
 
 
 def refined_tetrahedra(points: Floats, cells: NDArray[Any]) -> tuple[Floats, Rows]:
@@ -40,11 +41,33 @@ def refined_tetrahedra(points: Floats, cells: NDArray[Any]) -> tuple[Floats, Row
         The nodes, then the midpoints of the e edges.
     (8 m, 4) int32 array
     """
-    cells = np.ascontiguousarray(cells, dtype=np.int32)
-    starts, ends = _edges(cells, len(points), _EDGES)
-    lower = np.repeat(np.arange(len(points)), np.diff(starts))
-    refined = np.concatenate([points, (points[lower] + points[ends]) / 2])
-    return refined, _split(refined, cells, len(points), starts, ends, _EDGES, _children())
+    n, cells = len(points), np.asarray(cells, dtype=np.int32)
+    edges = _edges(cells, n)
+    refined = np.concatenate([points, (points[edges // n] + points[edges % n]) / 2])
+    parts, children = np.empty((len(cells), 8, 4), dtype=np.int32), _children()
+    for first in range(0, len(cells), _CHUNK):
+        part = cells[first : first + _CHUNK]
+        local = np.hstack([part, n + np.searchsorted(edges, _numbers(part, n))])
+        lengths = ((refined[local[:, 4:7]] - refined[local[:, 9:6:-1]]) ** 2).sum(axis=2)
+        taken = children[lengths.argmin(axis=1)]
+        parts[first : first + _CHUNK] = np.take_along_axis(local[:, None], taken, axis=2)
+    return refined, parts.reshape(-1, 4)
+
+
+def _numbers(cells: Rows, n: int) -> NDArray[np.int64]:
+    """(m, 6) a number for each edge of each cell, equal where edges are."""
+    corners = cells[:, _EDGES]
+    return corners.min(axis=2).astype(np.int64) * n + corners.max(axis=2)
+
+
+def _edges(cells: Rows, n: int) -> NDArray[np.int64]:
+    """(e,) numbers of all edges, ascending."""
+    numbers = np.empty((len(cells), 6), dtype=np.int64)
+    for first in range(0, len(cells), _CHUNK):
+        numbers[first : first + _CHUNK] = _numbers(cells[first : first + _CHUNK], n)
+    found = numbers.ravel()
+    found.sort()
+    return found[np.diff(found, prepend=-1) > 0]
 
 
 def _children() -> NDArray[np.int64]:
@@ -64,49 +87,3 @@ def _positive(nodes: Floats, part: tuple[int, int, int, int]) -> tuple[int, int,
     edges = nodes[list(part[1:])] - nodes[part[0]]
     a, b, c, d = part
     return part if np.linalg.det(edges) > 0 else (a, b, d, c)
-
-
-@njit(cache=True)
-def _edges(cells, n, pairs):  # type: ignore[no-untyped-def]
-    """Edges by their smaller node: starts (n + 1,), larger nodes (e,), ascending in each bucket."""
-    starts = np.zeros(n + 1, dtype=np.int64)
-    for e in range(cells.shape[0]):
-        for a, b in pairs:
-            starts[min(cells[e, a], cells[e, b]) + 1] += 1
-    starts = np.cumsum(starts)
-    place, found = starts[:-1].copy(), np.empty(starts[-1], dtype=np.int32)
-    for e in range(cells.shape[0]):
-        for a, b in pairs:
-            low = min(cells[e, a], cells[e, b])
-            found[place[low]] = max(cells[e, a], cells[e, b])
-            place[low] += 1
-    unique, count = np.zeros(n + 1, dtype=np.int64), 0
-    for node in range(n):
-        bucket = np.sort(found[starts[node] : starts[node + 1]])
-        for i in range(bucket.size):
-            if i == 0 or bucket[i] != bucket[i - 1]:
-                found[count] = bucket[i]  # never ahead of the bucket that is read
-                count += 1
-        unique[node + 1] = count
-    return unique, found[:count].copy()
-
-
-@njit(cache=True)
-def _split(points, cells, n, starts, ends, pairs, children):  # type: ignore[no-untyped-def]
-    """(8 m, 4) the parts of each cell, one cell after the other."""
-    out, local = np.empty((8 * cells.shape[0], 4), dtype=np.int32), np.empty(10, dtype=np.int32)
-    for e in range(cells.shape[0]):
-        local[:4] = cells[e]
-        for i in range(6):
-            a, b = cells[e, pairs[i, 0]], cells[e, pairs[i, 1]]
-            low, high = min(a, b), max(a, b)
-            bucket = ends[starts[low] : starts[low + 1]]
-            local[4 + i] = n + starts[low] + np.searchsorted(bucket, high)
-        lengths = np.empty(3)
-        for k in range(3):
-            lengths[k] = np.sum((points[local[4 + k]] - points[local[9 - k]]) ** 2)
-        parts = children[np.argmin(lengths)]
-        for j in range(8):
-            for k in range(4):
-                out[8 * e + j, k] = local[parts[j, k]]
-    return out
