@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from docs.studies.catalogue import PAGES, names
 from docs.studies.catalogue import study as study_named
 from docs.studies.page import DOCS, fill, marked, render
 from docs.studies.study import Outcome, Picture, Study, Table, save_picture
+from docs.studies.thesis.table_5_3_parametric_study import Sweep, best_jacobian
 
 ALL = [(page, name) for page in PAGES for name in names(page)]
 
@@ -96,3 +98,16 @@ def test_a_large_picture_gets_few_colours(tmp_path: Path) -> None:
     save_picture(Picture(lambda figure: figure.subplots().imshow(noise)), tmp_path / "one.png")
     with Image.open(tmp_path / "one.png") as image:
         assert image.mode == "P"
+
+
+def test_the_best_jacobian_is_that_of_trying_them_all() -> None:
+    rng = np.random.default_rng(0)
+    standard = np.eye(2) + 0.3 * rng.normal(size=(40, 2, 2))
+    sweep = Sweep(standard, 0.2 * rng.normal(size=(40, 2, 2)), np.eye(2), np.zeros((0, 2)))
+    values = np.linspace(-2.0, 3.0, 6)
+    best, found = best_jacobian(sweep, values)
+    every = np.array(list(product(values, repeat=4))).reshape(-1, 2, 2)
+    tau = np.linalg.det(standard + np.einsum("nik,ckj->ncij", every - np.eye(2), sweep.response))
+    least = np.where(np.abs(tau) > 1.0, 1.0 / tau, tau).min(axis=1)
+    assert best == pytest.approx(least.max())
+    assert np.array_equal(found, every[least.argmax()])

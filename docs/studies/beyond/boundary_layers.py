@@ -96,7 +96,7 @@ def _moved(model: MotionModel, case: Case, fractions: tuple[float, ...], repeats
     """The motions from the reference mesh, and the least CPU time of some repeats of all of them."""
     start = model.points[model.roles.moving]
     seconds = []
-    for _ in range(repeats):  # the first fills the caches of compiled functions
+    for _ in range(repeats):  # the first fills the caches
         before = time.process_time()
         motions = {fraction: model.move(model.points, case.bend(start, fraction)) for fraction in fractions}
         seconds.append(time.process_time() - before)

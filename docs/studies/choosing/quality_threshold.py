@@ -23,7 +23,7 @@ def corrected(name: str, threshold: float) -> list[Cell]:
     path, motion = CASES[name]
     model = stored(path).model(quality_threshold=threshold, correction_target="threshold")
     told = motion(model.points[model.roles.moving])
-    model.move(model.points, told)  # what is loaded and compiled once belongs to no threshold
+    model.move(model.points, told)  # what is loaded once belongs to no threshold
     found = model.move(model.points, told)
     share = found.correction.freed_nodes / len(model.points)
     return [found.standard.metric.min, found.corrected.metric.min, share, 1000.0 * found.seconds["correct"]]

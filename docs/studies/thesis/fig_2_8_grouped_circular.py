@@ -57,7 +57,7 @@ def run(quick: bool) -> Outcome:
     problem = surface_problem(0.02 if quick else 0.0068)
     ladder = [12, 25, 50] if quick else [12, 25, 50, 100, 200, LADDER]
     for reduce in _algorithms().values():
-        _ran(reduce, replace(problem, max_points=10))  # compiled and cached before anything is timed
+        _ran(reduce, replace(problem, max_points=10))  # in the caches before anything is timed
     curves = {
         name: [_ran(reduce, replace(problem, tolerance=0.0, max_points=n)) for n in ladder]
         for name, reduce in _algorithms().items()

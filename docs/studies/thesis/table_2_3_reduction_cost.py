@@ -84,7 +84,7 @@ def _row(problem: ReductionProblem, printed: Printed, points: int) -> list[Cell]
 def run(quick: bool) -> Outcome:
     """Few nodes, so that weights outweigh errors: that is what the table is about."""
     problem, points = (surface_problem(0.03), 160) if quick else (surface_problem(0.02), 1000)
-    REDUCTIONS["greedy"](_bounded(problem, 4))  # compiled code is loaded once
+    REDUCTIONS["greedy"](_bounded(problem, 4))  # code is loaded once
     rows = [_row(problem, printed, points) for printed in PRINTED]
     columns = (
         "algorithm",

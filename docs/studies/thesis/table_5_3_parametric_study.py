@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
@@ -66,50 +66,6 @@ def sweep_at(case: BlockCase, point: Floats, radius: float) -> Sweep:
     return Sweep(standard, cell_gradients(p.start, nodal, p.cells, every), case.field.gradient(point[None])[0], nodal)
 
 
-@njit(cache=True)
-def _best(standard, response, predicted, values, order):  # type: ignore[no-untyped-def]
-    """Best minimum size over all J with entries from values, and that J; ``order`` (m,) cells, moved to the front."""
-    m, best, found = len(standard), -2.0, np.zeros((2, 2))
-    rows = np.empty((2, m, 2))
-    jacobian = np.empty((2, 2))
-    for a in values:
-        for b in values:
-            jacobian[0, 0], jacobian[0, 1] = a, b
-            _row(standard, response, predicted, jacobian, 0, rows)
-            for c in values:
-                for d in values:
-                    jacobian[1, 0], jacobian[1, 1] = c, d
-                    least = 2.0
-                    for place in range(m):
-                        cell = order[place]
-                        x = standard[cell, 1, 0] + (c - predicted[1, 0]) * response[cell, 0, 0]
-                        y = standard[cell, 1, 1] + (c - predicted[1, 0]) * response[cell, 0, 1]
-                        x += (d - predicted[1, 1]) * response[cell, 1, 0]
-                        y += (d - predicted[1, 1]) * response[cell, 1, 1]
-                        tau = rows[0, cell, 0] * y - rows[0, cell, 1] * x
-                        size = tau if abs(tau) <= 1.0 else 1.0 / tau
-                        if size < least:
-                            least = size
-                            if least <= best:  # this cell will rule out the next Jacobians too
-                                order[1 : place + 1] = order[:place].copy()
-                                order[0] = cell
-                                break
-                    if least > best:
-                        best = least
-                        found[:] = jacobian
-    return best, found
-
-
-@njit(cache=True)
-def _row(standard, response, predicted, jacobian, i, rows):  # type: ignore[no-untyped-def]
-    """rows[i] (m, 2) = row i of every cell's B."""
-    for cell in range(len(standard)):
-        for j in range(2):
-            rows[i, cell, j] = standard[cell, i, j]
-            for k in range(2):
-                rows[i, cell, j] += (jacobian[i, k] - predicted[i, k]) * response[cell, k, j]
-
-
 def best_jacobian(sweep: Sweep, values: Floats, rounds: int = 0) -> tuple[float, Floats]:
     """Best minimum size and its J (2, 2), from a grid of entries and ``rounds`` finer grids around the best."""
     best, found = _tried(sweep, [values] * 4)
@@ -124,21 +80,41 @@ def best_jacobian(sweep: Sweep, values: Floats, rounds: int = 0) -> tuple[float,
 
 
 def _tried(sweep: Sweep, entries: list[Floats]) -> tuple[float, Floats]:
-    order = np.argsort(np.linalg.det(sweep.standard)).astype(np.int64)
-    if all(e is entries[0] for e in entries):
-        return _best(sweep.standard, sweep.response, sweep.predicted, entries[0], order)
-    best, found = -2.0, np.zeros((2, 2))
-    for a in np.stack(np.meshgrid(*entries, indexing="ij"), axis=-1).reshape(-1, 2, 2):
-        size = _sizes(sweep, a).min()
-        if size > best:
-            best, found = float(size), a
-    return best, found
+    """Best minimum size over all J with those entries, and the first such J.
+
+    Of each J a bound of its minimum is kept: the smallest size of the cells looked at so far. The J of the highest
+    bound is judged by all cells. Where the bound is its minimum, no other J is better; else its worst cell is looked
+    at for every J.
+    """
+    first, second = (np.array(list(product(*pair))) for pair in (entries[:2], entries[2:]))
+    bounds = np.ones((len(first), len(second)))
+    while True:
+        i, j = np.unravel_index(bounds.argmax(), bounds.shape)
+        jacobian = np.stack([first[i], second[j]])
+        sizes = _sizes(sweep, jacobian)
+        worst = int(sizes.argmin())
+        if sizes[worst] == bounds[i, j]:
+            return float(sizes[worst]), jacobian
+        np.minimum(bounds, _signed_sizes(sweep, first[:, None], second, worst), out=bounds)
 
 
 def _sizes(sweep: Sweep, jacobian: Floats) -> Floats:
     """(m,) signed sizes with a Jacobian (2, 2) imposed."""
-    tau = np.linalg.det(sweep.standard + np.einsum("ik,ckj->cij", jacobian - sweep.predicted, sweep.response))
-    return np.asarray(np.where(np.abs(tau) > 1.0, 1.0 / tau, tau))
+    return _signed_sizes(sweep, *jacobian, slice(None))
+
+
+def _signed_sizes(sweep: Sweep, first: Floats, second: Floats, cells: int | slice) -> Floats:
+    """Of cells with Jacobians imposed that have these first and second rows (..., 2)."""
+    (x, y), (u, v) = (_row(sweep, i, row, cells) for i, row in enumerate((first, second)))
+    tau = np.asarray(x * v - y * u)
+    return np.divide(1.0, tau, out=tau, where=np.abs(tau) > 1.0)
+
+
+def _row(sweep: Sweep, i: int, imposed: Floats, cells: int | slice) -> list[Floats]:
+    """Both entries of row i of the cells' B."""
+    a, b = np.moveaxis(imposed - sweep.predicted[i], -1, 0)
+    standard, response = sweep.standard[cells, i], sweep.response[cells]
+    return [standard[..., j] + a * response[..., 0, j] + b * response[..., 1, j] for j in range(2)]
 
 
 def worst_point(case: BlockCase) -> Floats:

@@ -150,7 +150,7 @@ def run(quick: bool) -> Outcome:
 def _rows(name: str, what: str, moving: Moving) -> list[list[Any]]:
     """One row a reduction."""
     problem, points = moving.problem, moving.mesh.points
-    problem.standard(points)  # compiled and in the caches
+    problem.standard(points)  # in the caches
     standard, whole = _timed(partial(problem.standard, points))
     heads = [f"{name}, {len(points)} nodes", what]
     rows: list[list[Any]] = [[*heads, "none", moving.quality(standard), None, 1.0, 1.0, 1.0, None]]
