@@ -1,30 +1,38 @@
 """The machine's limits, measured in this process: ``python -m benchmarks.scale.limits`` prints JSON.
 
 Of one thread and of all: bytes a second that a compiled triad moves and a compiled sum reads, fused multiply-adds a
-second, pairs of Wendland's C2 function a second. And what the textbook's sum does in numpy, which is the yardstick that
-runs on different machines have in common.
+second, pairs of Wendland's C2 function a second (``machine.cpp``, compiled here for this machine). And what the
+textbook's sum does in numpy, which is the yardstick that runs on different machines have in common.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
+import os
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import cache
+from pathlib import Path
 
-import numba
+import mesh_motion_kernels as kernels
 import numpy as np
 
 from benchmarks.peers.movers.dense_rbf import wendland_matrix
-from benchmarks.scale.figures import MachineLimits, Rates, Seconds, timed
-from benchmarks.scale.machine_kernels import HORNER_FLOPS, basis_sums, horner, read, triad
+from benchmarks.scale.figures import MachineLimits, Rates, Seconds, of_threads, timed
 from mesh_motion_server.numerics.blas import one_blas_thread
 
 __all__ = ["machine_limits", "rates"]
 
 _REPEAT = 15
 _PAIRS = 2048  # nodes and centres of a tile, as the dense mover's
-_BLOCKS = 16  # work items of the compiled loops
+_TILES = 16  # of them for the compiled loop, beside which starting threads takes no time
 _HORNER_NUMBERS = 256  # stay in the first cache
+_HORNER_FLOPS = 128  # of each number
+_FLAGS = ("-std=c++17", "-O3", "-march=native", "-ffast-math", "-pthread", "-shared", "-fPIC")
 
 
 def machine_limits(numbers: int = 16_000_000) -> MachineLimits:
@@ -34,7 +42,7 @@ def machine_limits(numbers: int = 16_000_000) -> MachineLimits:
     points, centres, weights = rng.random((_PAIRS, 3)), rng.random((_PAIRS, 3)), rng.random((_PAIRS, 3))
     with one_blas_thread():
         dense = _shortest(lambda: wendland_matrix(points, centres, 2.5) @ weights)
-    threads = int(numba.get_num_threads())
+    threads = int(kernels.available_threads())
     return MachineLimits(
         bandwidth=2 * 8 * numbers / copy.cpu,
         pair_rate=_PAIRS**2 / dense.cpu,
@@ -49,35 +57,42 @@ def _copy(numbers: int) -> Seconds:
     return _shortest(lambda: np.copyto(target, source))
 
 
+@cache
+def _machine() -> ctypes.CDLL:
+    """The loops of ``machine.cpp``."""
+    compiler = next(filter(None, map(shutil.which, (os.environ.get("CXX", "c++"), "c++", "g++", "clang++"))), None)
+    if compiler is None:
+        raise SystemExit("the machine's limits need a C++ compiler: install g++ or clang++, or name yours in CXX")
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "machine.so"
+        subprocess.run([compiler, *_FLAGS, Path(__file__).with_name("machine.cpp"), "-o", library], check=True)
+        return ctypes.CDLL(str(library))
+
+
 def rates(threads: int, numbers: int = 16_000_000) -> Rates:
     """Of the compiled loops on so many threads, by wall time; of one thread by processor time, as load hides less."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(threads)
-    try:
-        a, b, c = np.zeros(numbers), np.ones(numbers), np.ones(numbers)
-        sums, few = np.empty(_BLOCKS), np.linspace(0.0, 0.5, _HORNER_NUMBERS)
-        turns = max(numbers // 16_000, 10)
-        rng = np.random.default_rng(0)
-        points, centres = rng.random((_PAIRS, 3)), rng.random((3, _PAIRS))
-        moved = np.empty_like(points)
-        operations = HORNER_FLOPS * _HORNER_NUMBERS * turns * _BLOCKS
+    a, b, c = np.zeros(numbers), np.ones(numbers), np.ones(numbers)
+    sums, few = np.empty(threads), np.linspace(0.0, 0.5, _HORNER_NUMBERS)
+    turns = max(numbers // 1000, 160) // threads + 1
+    rng = np.random.default_rng(0)
+    points, centres = rng.random((_TILES * _PAIRS, 3)), rng.random((3, _PAIRS))
+    moved = np.empty_like(points)
 
-        def seconds(task: Callable[[], object]) -> float:
-            shortest = _shortest(task)
-            return shortest.cpu if threads == 1 else shortest.wall
+    def seconds(loop: str, *arguments: np.ndarray | int) -> float:
+        given = [x.ctypes if isinstance(x, np.ndarray) else ctypes.c_longlong(x) for x in (*arguments, threads)]
+        task = getattr(_machine(), loop)
+        return of_threads(_shortest(lambda: task(*given)), threads)
 
-        return Rates(
-            triad=24 * numbers / seconds(lambda: triad(a, b, c, _BLOCKS)),
-            read=8 * numbers / seconds(lambda: read(a, _BLOCKS, sums)),
-            arithmetic=operations / seconds(lambda: horner(few, turns, _BLOCKS, sums)),
-            pairs=_PAIRS**2 / seconds(lambda: basis_sums(points, centres, centres, moved)),
-        )
-    finally:
-        numba.set_num_threads(before)
+    return Rates(
+        triad=24 * numbers / seconds("triad", a, b, c, numbers),
+        read=8 * numbers / seconds("read_all", a, numbers, sums),
+        arithmetic=_HORNER_FLOPS * few.size * turns * threads / seconds("horner", few, few.size, turns, sums),
+        pairs=len(points) * _PAIRS / seconds("basis_sums", points, len(points), centres, centres, _PAIRS, moved),
+    )
 
 
 def _shortest(task: Callable[[], object]) -> Seconds:
-    """Of some runs; the first one compiles."""
+    """Of some runs; the first one fills caches."""
     task()
     return Seconds.shortest([timed(task)[0] for _ in range(_REPEAT)])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from benchmarks.scale import library
 from benchmarks.scale.__main__ import main
 from benchmarks.scale.cases import CASES, MESHES, Case
 from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, WireFigures
-from benchmarks.scale.limits import machine_limits
+from benchmarks.scale.limits import _machine, machine_limits, rates
 from benchmarks.scale.picture import write_picture
 from benchmarks.scale.report import README, tables
 from benchmarks.scale.results import Results, exponent, growth, smaller
@@ -54,6 +55,7 @@ def test_a_correction_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert library.measured(Case("M1", "large"), folder, repeat=1).corrected
 
 
+@pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))), reason="no C++ compiler is installed")
 def test_the_machine_is_measured() -> None:
     limits = machine_limits(numbers=100_000)
     assert limits.bandwidth > 1e7
@@ -63,6 +65,14 @@ def test_the_machine_is_measured() -> None:
         assert found.read > 1e8
         assert found.arithmetic > 1e8
         assert found.pairs > 1e6
+
+
+def test_without_a_compiler_it_says_to_install_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CXX", raising=False)
+    _machine.cache_clear()
+    with pytest.raises(SystemExit, match="install g"):
+        rates(1, numbers=10)
 
 
 RATES = Rates(triad=2.0e10, read=3.0e10, arithmetic=5.0e10, pairs=1.0e9)
