@@ -20,9 +20,9 @@ _ENVIRONMENT = {
     "PYTHONPATH": os.pathsep.join(str(_ROOT / folder) for folder in (".", "protocol", "adapters/python")),
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
 }
-#: Set by the workers themselves. Dask sets the others in this process for the moment in which it starts one, and numba
-#: would take them for its own here.
-_OF_WORKERS = {"OMP_WAIT_POLICY": "passive", "NUMBA_NUM_THREADS": "1"}
+#: Set by the workers themselves. Dask sets the others in this process for the moment in which it starts one, and the
+#: kernels would take them for its own here.
+_OF_WORKERS = {"MESH_MOTION_THREADS": "1"}
 _SETTINGS = {"distributed.nanny.pre-spawn-environ": _ENVIRONMENT, "distributed.nanny.environ": _OF_WORKERS}
 
 

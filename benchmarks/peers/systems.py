@@ -20,7 +20,7 @@ __all__ = ["SYSTEMS", "OpenFoamSystem", "PythonSystem", "System", "kratos_python
 _ROOT = Path(__file__).parents[2]
 #: Longest time for one motion; a system that takes longer is reported as failed.
 _TIMEOUT = 3600
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "MESH_MOTION_THREADS")
 
 
 class System(Protocol):

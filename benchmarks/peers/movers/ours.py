@@ -45,5 +45,5 @@ class MotionModelMover:
 
     @classmethod
     def prepare(cls, task: Task, options: Mapping[str, Any]) -> None:
-        """Load or compile every kernel: move a small mesh of the same cells, to a quality that takes all there is."""
+        """Load every kernel: move a small mesh of the same cells, to a quality that takes all there is."""
         cls(small_task(task), **{**options, "quality_threshold": 0.99}).move(0)

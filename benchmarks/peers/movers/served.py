@@ -81,7 +81,7 @@ def _start_server() -> str:
     """Endpoint of a server that has as many threads as this process and ends with it."""
     folder = tempfile.TemporaryDirectory(prefix="peers-")
     ready = Path(folder.name) / "ready.json"
-    options = ["--threads", os.environ.get("NUMBA_NUM_THREADS", "0"), "--ready-file", str(ready)]
+    options = ["--threads", os.environ.get("MESH_MOTION_THREADS", "0"), "--ready-file", str(ready)]
     options += ["--endpoint", f"ipc://{folder.name}/control", "--state", f"{folder.name}/state"]
     process = subprocess.Popen(
         [sys.executable, "-m", "mesh_motion_server", "serve", "--log-level", "error", *options],
