@@ -286,7 +286,11 @@ def demo(
 
 @app.command(short_help="Print versions.")
 def version() -> None:
-    """Print the versions of the program, its protocol and what it stands on."""
+    """Print the versions of the program, its protocol and what it stands on.
+
+    \b
+    mesh-motion version
+    """
     from importlib.metadata import PackageNotFoundError
     from importlib.metadata import version as installed
 

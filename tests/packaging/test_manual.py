@@ -19,7 +19,6 @@ from tools.manual_pages import FOLDER, commands, examples, pages
 
 #: Shown lines that are not run here, and why.
 ELSEWHERE = {
-    "mesh-motion version --warm": "compiles for a minute: every `make demo` and `make test` does it",
     "mesh-motion plot ~/.local/state/mesh-motion/sessions/0123… -o mesh.png --show mesh --size page": "tests/pictures",
     "mesh-motion prove": "takes minutes: `make prove`, which CI runs",
     "mesh-motion conform --endpoint tcp://127.0.0.1:7440 --quiet": "the whole suite: tests/conformance",

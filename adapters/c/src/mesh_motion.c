@@ -41,7 +41,7 @@
 #define WATCH_SECONDS 1.0             /* silence after which PROBE is asked */
 #define PROBE_SECONDS 2.0             /* for a PROBE meanwhile; silence of the control endpoint alone ends nothing */
 #define PAUSE_SECONDS 0.2             /* between two tries while nobody can answer */
-#define START_SECONDS 300.0           /* a server's first session may wait until its kernels are compiled */
+#define START_SECONDS 300.0           /* a server's first session waits until a worker has started */
 #define PART_BYTES ((size_t)32 << 20) /* of one UPLOAD: the worker never holds much beside the mesh itself */
 #define UNKNOWN_NODES ((size_t)1 << 31)
 /* Smaller arrays are copied: lending the caller's memory to libzmq costs more than that. */

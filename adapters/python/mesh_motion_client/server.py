@@ -36,7 +36,7 @@ __all__ = ["Server", "connect"]
 AGENT = "mesh_motion_client 1.0"
 #: A worker that falls while the mesh is uploaded leaves nothing to resume: the session is opened again so often.
 _OPEN_ATTEMPTS = 3
-#: A server that runs for the first time compiles its kernels before its first session.
+#: A server's first session waits until a worker has started, which takes long where the machine is busy.
 _COLD_START_SECONDS = 300.0
 
 
