@@ -121,8 +121,8 @@ STARTERS = (
 
 
 @pytest.mark.parametrize("module", STARTERS)
-def test_a_server_is_up_before_the_compiler_is_loaded(module: str) -> None:
-    """scipy takes a third of a second and 40 MB, which only workers need."""
-    script = f"import sys, {module}; print(*sorted({{'mesh_motion_kernels', 'scipy'}} & set(sys.modules)))"
+def test_a_server_is_up_before_scipy_is_loaded(module: str) -> None:
+    """It takes a third of a second and 40 MB, which only workers need."""
+    script = f"import sys, {module}; print('scipy' in sys.modules)"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == []
+    assert told.stdout == "False\n"

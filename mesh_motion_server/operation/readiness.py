@@ -20,7 +20,7 @@ class Standing:
     gateway_silent : bool
         The gateway has not answered for ``stuck_seconds``.
     warm : bool
-        A worker has loaded and warmed up the kernels since the server started.
+        A worker has imported all that a session needs since the server started.
     spare_silent : bool
         There is no spare worker, or it has not become ready for too long.
     disk : DiskRoom

@@ -27,8 +27,8 @@ from mesh_motion_server.transport.telemetry import log, tell_suppressed
 __all__ = ["Watch"]
 
 _SECONDS = 1.0
-#: A spare worker imports and warms up in some ten seconds; in minutes where kernels are compiled anew.
-_SPARE_SECONDS = 300.0
+#: A spare worker imports what it needs in a second, on a machine that does nothing else.
+_SPARE_SECONDS = 60.0
 #: The log warns when so many times the reserve is left.
 _WARNED = 2
 #: Live sessions of which the page is told, the latest; their entries fit into one message.

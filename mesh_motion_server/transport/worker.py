@@ -1,6 +1,6 @@
 """One session's process: ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE NUMERICS``.
 
-Everything is imported and warmed up first, then the process waits for its order: create a session, or resume one from
+Everything is imported first, then the process waits for its order: create a session, or resume one from
 its journal. From then on one request at a time: frames → message → host → replies → frames. While it computes nobody
 else is served here; whether it still lives is asked at the gateway (PROBE).
 

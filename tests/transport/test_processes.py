@@ -24,10 +24,7 @@ def environment(folder: Path, *names: str) -> dict[str, str]:
     return values
 
 
-def test_threads_sleep_while_they_wait_unless_told_otherwise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    name = "OMP_WAIT_POLICY"
+def test_the_threads_of_loops_and_of_blas_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    monkeypatch.delenv(name, raising=False)
-    assert environment(tmp_path, name)[name] == "passive"
-    monkeypatch.setenv(name, "active")
-    assert environment(tmp_path, name)[name] == "active"
+    told = environment(tmp_path, "MESH_MOTION_THREADS", "OPENBLAS_NUM_THREADS")
+    assert told == {"MESH_MOTION_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

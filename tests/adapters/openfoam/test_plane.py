@@ -59,7 +59,7 @@ def test_the_mesh_is_that_of_the_python_client(make_case, mesh_motion_server):
             if step % 2 == 0:
                 moved = case.points(f"{step * STEP:g}")
                 np.testing.assert_allclose(moved[front, :2], session.points(), rtol=0, atol=1e-11)
-                np.testing.assert_allclose(moved[front, :2], moved[behind, :2], rtol=0, atol=1e-15)
+                np.testing.assert_allclose(moved[front, :2], moved[behind, :2], rtol=0, atol=1e-14)
                 assert np.ptp(moved[front, 2]) < 1e-15
         session.close("discard")
     displacement = case.numbers("0.2/pointDisplacement", 3)
