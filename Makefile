@@ -31,6 +31,9 @@ DRIVERS := out/drivers
 JOBS ?= 2
 PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 
+# Tests start some thousand processes: each would compile the same sources again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
 
