@@ -112,6 +112,8 @@ template <class T, std::size_t N>
 struct Owned {
     std::vector<T> values;
     std::array<Index, N> shape{};
+
+    View<const T, N> view() const { return {values.data(), shape}; }
 };
 
 /// A vector that a loop made.

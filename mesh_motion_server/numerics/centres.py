@@ -23,14 +23,6 @@ from mesh_motion_server.numerics.threads import limited_to
 
 __all__ = ["CentreLayout", "bounding_box", "padded"]
 
-#: Share of the pairs that cells must save to be worth their shorter runs: visiting 0.63 of the pairs takes 0.83 of the
-#: direct sum's time, 0.3 takes 0.4, 0.03 takes 0.06 (50 000 points, 5 900 centres in 3D).
-_WORTHWHILE_FRACTION = 0.8
-#: Bound on the grid's size, in cells per centre: surfaces leave most cells of their box empty.
-_CELLS_PER_CENTRE = 64
-#: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
-_SLACK = 1.0 + 1e-6
-
 
 def padded(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3) contiguous copy of (n, d) points; missing coordinates are zero."""
@@ -78,12 +70,8 @@ class CentreLayout:
     @classmethod
     def build(cls, control_points: NDArray[np.float64], basis: Basis, support_radius: float) -> CentreLayout:
         """Lay out (nc, d) control points; by cells where the basis is compact and that saves enough."""
-        points = padded(control_points)
-        if basis.compact:
-            by_cells = _sorted_by_cells(points, support_radius * _SLACK)
-            if by_cells.fraction < _WORTHWHILE_FRACTION:
-                return by_cells
-        return _single_cell(points)
+        reach = support_radius if basis.compact else 0.0
+        return cls(*kernels.lay_out_centres(padded(control_points), reach))
 
     @property
     def n_centres(self) -> int:
@@ -150,30 +138,3 @@ class CentreLayout:
         with limited_to(threads):
             kernel(basis.code, points, self.coordinates, weights, 1.0 / support_radius, *self.grid(), out)
         return out
-
-
-def _single_cell(points: NDArray[np.float64]) -> CentreLayout:
-    n = len(points)
-    return CentreLayout(
-        order=np.arange(n),
-        coordinates=np.ascontiguousarray(points.T),
-        origin=np.zeros(3),
-        inverse_side=0.0,
-        shape=np.ones(3, dtype=np.int64),
-        starts=np.array([0, n], dtype=np.int64),
-        fraction=1.0,
-    )
-
-
-def _sorted_by_cells(points: NDArray[np.float64], side: float) -> CentreLayout:
-    """Sort by cells of at least the given side; wider ones where there would be too many."""
-    origin = points.min(axis=0)
-    extent = points.max(axis=0) - origin
-    limit = _CELLS_PER_CENTRE * len(points)
-    while np.prod(np.floor(extent / side) + 1.0) > limit:
-        side *= 2.0
-    shape = (np.floor(extent / side) + 1.0).astype(np.int64)
-    order, starts = np.empty(len(points), dtype=np.int64), np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
-    kernels.sort_by_cells(points, origin, 1.0 / side, shape, order, starts)
-    fraction = kernels.count_neighbours(starts, shape) / len(points) ** 2
-    return CentreLayout(order, np.ascontiguousarray(points[order].T), origin, 1.0 / side, shape, starts, fraction)

@@ -19,10 +19,6 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shorts = NDArray[np.int32]
 
-#: Bits of a cell's number along one axis, and the most cells there.
-_BITS = 20
-_MOST = 1 << _BITS
-
 
 @dataclass(frozen=True, eq=False)
 class HashedCells:
@@ -55,12 +51,4 @@ class HashedCells:
     @classmethod
     def build(cls, points: Array, side: float) -> HashedCells:
         """Sort points (n, 3) by cells of the given side, or wider ones where there would be a million along an axis."""
-        origin = points.min(axis=0)
-        side = max(side, float(np.max(points.max(axis=0) - origin)) / (_MOST - 4))
-        places = np.floor((points - origin) / side).astype(np.int64)
-        packed = (places + 1) @ (1, 1 << _BITS, 1 << (2 * _BITS))
-        order = np.argsort(packed, kind="stable")
-        held, first = np.unique(packed[order], return_index=True)
-        keys, spans, runs = kernels.store_cells(held, np.append(first, len(points)))
-        coordinates = np.ascontiguousarray(points[order].T)
-        return cls(order, coordinates, origin, 1.0 / side, keys, spans, runs)
+        return cls(*kernels.store_cells(points, side))

@@ -14,8 +14,11 @@
 namespace mesh_motion {
 
 void bind_far_field(nanobind::module_& m) {
-    bind(m, "sort_by_cells", sort_by_cells);
-    bind(m, "count_neighbours", count_neighbours);
+    bind(m, "lay_out_centres", [](Matrix<const double> points, double reach) {
+        CentreLayout made = lay_out_centres(points, reach);
+        return std::make_tuple(std::move(made.order), std::move(made.coordinates), std::move(made.origin),
+                               made.inverse_side, std::move(made.shape), std::move(made.starts), made.fraction);
+    });
     bind(m, "mark_neighbours", mark_neighbours);
     bind(m, "mark_reached", mark_reached);
     bind(m, "mark_stencils", mark_stencils);

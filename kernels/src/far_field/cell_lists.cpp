@@ -4,6 +4,7 @@
 #include <limits>
 #include <numeric>
 
+#include "mesh/sorted_points.h"
 #include "parallel.h"
 
 namespace mesh_motion {
@@ -34,27 +35,35 @@ void for_filled(Vector<const Index> starts, Vector<const Index> shape, F&& f) {
                 if (starts[cell + 1] > starts[cell]) f(cell, x, y, z);
 }
 
-}  // namespace
+/// Share of the pairs that cells must save to be worth their shorter runs: visiting 0.63 of the pairs takes 0.83 of the
+/// direct sum's time, 0.3 takes 0.4, 0.03 takes 0.06 (50 000 points, 5 900 centres in 3D).
+constexpr double worthwhile_fraction = 0.8;
+/// Bound on the grid's size, in cells per centre: surfaces leave most cells of their box empty.
+constexpr double cells_per_centre = 64.0;
+/// Cells are this much wider than the reach, so that rounding of a cell number cannot lose a neighbour.
+constexpr double slack = 1.0 + 1e-6;
 
-void sort_by_cells(Matrix<const double> points, Vector<const double> origin, double inverse_side,
-                   Vector<const Index> shape, Vector<Index> order, Vector<Index> starts) {
+/// Fills order (n) and starts (cells + 1) with points (n, 3) sorted by cells.
+void sort_by_cells(Matrix<const double> points, CentreLayout& layout) {
+    const Vector<const double> origin = layout.origin.view();
+    const Vector<const Index> shape = layout.shape.view();
     const Index n = points.shape(0), cells = cells_of(shape);
-    require(points.shape(1) == 3 && origin.size() == 3, "points, origin: expected (n, 3), (3,)");
-    require(order.size() == n && starts.size() == cells + 1, "order, starts: expected (n,), (cells + 1,)");
     std::vector<Index> number(n), place(cells + 1);
     for (Index i = 0; i < n; ++i) {
         for (Index axis = 3; axis-- > 0;) {
             const auto last = static_cast<double>(shape[axis] - 1);
-            const double along = std::floor((points(i, axis) - origin[axis]) * inverse_side);
+            const double along = std::floor((points(i, axis) - origin[axis]) * layout.inverse_side);
             number[i] = number[i] * shape[axis] + static_cast<Index>(along > 0.0 ? std::min(along, last) : 0.0);
         }
         ++place[number[i] + 1];
     }
     std::partial_sum(place.begin(), place.end(), place.begin());
-    std::copy(place.begin(), place.end(), starts.begin());
-    for (Index i = 0; i < n; ++i) order[place[number[i]]++] = i;
+    layout.starts = owned(place);
+    layout.order = owned(std::vector<Index>(n));
+    for (Index i = 0; i < n; ++i) layout.order.values[place[number[i]]++] = i;
 }
 
+/// Pairs of points of which one is in the cell of the other or next to it.
 Index count_neighbours(Vector<const Index> starts, Vector<const Index> shape) {
     Index pairs = 0;
     for_filled(starts, shape, [&](Index cell, Index x, Index y, Index z) {
@@ -66,6 +75,45 @@ Index count_neighbours(Vector<const Index> starts, Vector<const Index> shape) {
             }
     });
     return pairs;
+}
+
+CentreLayout single_cell(Index n) {
+    std::vector<Index> order(n);
+    std::iota(order.begin(), order.end(), Index{0});
+    return {owned(std::move(order)), {}, owned(std::vector{0.0, 0.0, 0.0}), 0.0, owned(std::vector<Index>{1, 1, 1}),
+            owned(std::vector<Index>{0, n}), 1.0};
+}
+
+/// By cells of at least the given side; wider ones where there would be too many.
+CentreLayout sorted_by_cells(Matrix<const double> points, double side) {
+    const auto n = static_cast<double>(points.shape(0));
+    const auto [low, high] = bounding_box(points);
+    std::array<double, 3> cells;
+    const auto count = [&] {
+        for (std::size_t axis = 0; axis < 3; ++axis) cells[axis] = std::floor((high[axis] - low[axis]) / side) + 1.0;
+        return cells[0] * cells[1] * cells[2];
+    };
+    while (count() > cells_per_centre * n) side *= 2.0;
+    CentreLayout layout{{}, {}, owned(std::vector(low.begin(), low.end())), 1.0 / side,
+                        owned(std::vector<Index>(cells.begin(), cells.end())), {}, 1.0};
+    sort_by_cells(points, layout);
+    const Index pairs = count_neighbours(layout.starts.view(), layout.shape.view());
+    layout.fraction = static_cast<double>(pairs) / (n * n);
+    return layout;
+}
+
+}  // namespace
+
+CentreLayout lay_out_centres(Matrix<const double> points, double reach) {
+    require(points.shape(1) == 3, "points: expected (n, 3)");
+    require(reach >= 0.0 && std::isfinite(reach), "reach: expected a finite number that is not negative");
+    const Index n = points.shape(0);
+    CentreLayout layout = single_cell(n);
+    if (reach > 0.0 && n > 0)
+        if (CentreLayout by_cells = sorted_by_cells(points, reach * slack); by_cells.fraction < worthwhile_fraction)
+            layout = std::move(by_cells);
+    layout.coordinates = sorted_rows(points, layout.order.view());
+    return layout;
 }
 
 void mark_neighbours(Vector<const Index> starts, Vector<const Index> shape, Vector<bool> reached) {

@@ -1,19 +1,26 @@
 // Points sorted by the cells of a uniform grid: what finds the centres near a place.
 //
-// Cells are numbered x fastest. centres.py decides on the grid and holds the arrays; the sums walk them.
+// Cells are numbered x fastest. The sums walk them (CentreGrid).
 #pragma once
 
 #include "view.h"
 
 namespace mesh_motion {
 
-/// Fills order (n) so that points[order] (n, 3) are sorted by cells, in their own order within one, and starts
-/// (cells + 1) with the first point of each cell.
-void sort_by_cells(Matrix<const double> points, Vector<const double> origin, double inverse_side,
-                   Vector<const Index> shape, Vector<Index> order, Vector<Index> starts);
+/// Centres sorted by cells, in their own order within one, and the grid that finds them.
+struct CentreLayout {
+    Owned<Index, 1> order;         // (n,) row j of the sorted arrays is centre order[j]
+    Owned<double, 2> coordinates;  // (3, n)
+    Owned<double, 1> origin;       // (3,)
+    double inverse_side;           // 0 for a single cell
+    Owned<Index, 1> shape;         // (3,) cells along each axis
+    Owned<Index, 1> starts;        // (cells + 1,) first sorted centre of each cell
+    double fraction;               // mean share of the centres in the cells around a centre: what a sum visits
+};
 
-/// Pairs of points of which one is in the cell of the other or next to it.
-Index count_neighbours(Vector<const Index> starts, Vector<const Index> shape);
+/// Lays out points (n, 3) by cells as wide as what a centre reaches, where that saves enough; else in a single cell, as
+/// for a reach of 0, which stands for everywhere.
+CentreLayout lay_out_centres(Matrix<const double> points, double reach);
 
 /// Marks in reached, flat with a cell more on each side and false at first, cells with a point and those next to them.
 void mark_neighbours(Vector<const Index> starts, Vector<const Index> shape, Vector<bool> reached);

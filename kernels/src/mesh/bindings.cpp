@@ -13,7 +13,11 @@ void bind_mesh(nanobind::module_& m) {
     bind(m, "hashed_runs", hashed_runs);
     bind(m, "match_facets", match_facets);
     bind(m, "round_differences", round_differences);
-    bind(m, "store_cells", store_cells);
+    bind(m, "store_cells", [](Matrix<const double> points, double side) {
+        StoredCells made = store_cells(points, side);
+        return std::make_tuple(std::move(made.order), std::move(made.coordinates), std::move(made.origin),
+                               made.inverse_side, std::move(made.keys), std::move(made.spans), std::move(made.runs));
+    });
     bind(m, "take_differences", take_differences);
 }
 

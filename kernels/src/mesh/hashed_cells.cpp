@@ -1,27 +1,20 @@
 #include "mesh/hashed_cells.h"
 
+#include <algorithm>
 #include <bit>
 #include <limits>
+
+#include "mesh/sorted_points.h"
 
 namespace mesh_motion {
 namespace {
 
 constexpr Index around = 27;  // cells around a place, of which neighbours along x may make one run
 
-}  // namespace
-
-void HashedCells::check() const {
-    require(origin.size() == 3, "origin: expected a shape (3,)");
-    require(std::has_single_bit(static_cast<std::uint64_t>(keys.size())), "keys: expected a power of two of them");
-    require(spans.shape(0) == keys.size() && spans.shape(1) == 2, "spans: expected a shape (t, 2), a row for each key");
-    require(runs.shape(1) == 2, "runs: expected a shape (r, 2)");
-}
-
-std::tuple<Owned<Index, 1>, Owned<std::int32_t, 2>, Owned<std::int32_t, 2>> store_cells(Vector<const Index> held,
-                                                                                        Vector<const Index> starts) {
-    const Index cells = held.size();
-    require(starts.size() == cells + 1, "starts: expected one more than cells");
-    require(around * cells < std::numeric_limits<std::int32_t>::max(), "held: expected at most 79 million cells");
+/// Fills the table for the cells held (c,), ascending, whose points begin at starts (c + 1,).
+void fill_table(const std::vector<Index>& held, const std::vector<Index>& starts, StoredCells& out) {
+    const auto cells = static_cast<Index>(held.size());
+    require(around * cells < std::numeric_limits<std::int32_t>::max(), "points: expected at most 79 million cells");
     const auto size = static_cast<Index>(std::bit_ceil(static_cast<std::uint64_t>(around * cells + 1)));
     Owned<Index, 1> table = owned(std::vector<Index>(size, -1));
     Owned<std::int32_t, 2> table_spans{std::vector<std::int32_t>(2 * size), {size, 2}};
@@ -58,7 +51,47 @@ std::tuple<Owned<Index, 1>, Owned<std::int32_t, 2>, Owned<std::int32_t, 2>> stor
             }
         }
     }
-    return {std::move(table), std::move(table_spans), std::move(table_runs)};
+    out.keys = std::move(table), out.spans = std::move(table_spans), out.runs = std::move(table_runs);
+}
+
+}  // namespace
+
+void HashedCells::check() const {
+    require(origin.size() == 3, "origin: expected a shape (3,)");
+    require(std::has_single_bit(static_cast<std::uint64_t>(keys.size())), "keys: expected a power of two of them");
+    require(spans.shape(0) == keys.size() && spans.shape(1) == 2, "spans: expected a shape (t, 2), a row for each key");
+    require(runs.shape(1) == 2, "runs: expected a shape (r, 2)");
+}
+
+StoredCells store_cells(Matrix<const double> points, double side) {
+    const Index n = points.shape(0);
+    require(n > 0 && points.shape(1) == 3, "points: expected (n, 3) of at least one");
+    require(n < std::numeric_limits<std::int32_t>::max(), "points: expected fewer than 2^31");
+    require(side > 0.0 && std::isfinite(side), "side: expected a finite number > 0");
+    const auto [low, high] = bounding_box(points);
+    for (std::size_t axis = 0; axis < 3; ++axis)
+        side = std::max(side, (high[axis] - low[axis]) / ((1 << HashedCells::bits) - 4));
+    std::vector<std::pair<Index, Index>> sorted(n);  // by cell, then by number
+    for (Index i = 0; i < n; ++i) {
+        const auto place = [&](Index axis) {
+            return static_cast<Index>(std::floor((points(i, axis) - low[axis]) / side));
+        };
+        sorted[i] = {HashedCells::packed(place(0), place(1), place(2)), i};
+    }
+    std::sort(sorted.begin(), sorted.end());
+    std::vector<Index> order(n), held, starts;
+    for (Index j = 0; j < n; ++j) {
+        order[j] = sorted[j].second;
+        if (j == 0 || sorted[j].first != held.back()) {
+            held.push_back(sorted[j].first);
+            starts.push_back(j);
+        }
+    }
+    starts.push_back(n);
+    StoredCells out{owned(std::move(order)), {}, owned(std::vector(low.begin(), low.end())), 1.0 / side, {}, {}, {}};
+    out.coordinates = sorted_rows(points, out.order.view());
+    fill_table(held, starts, out);
+    return out;
 }
 
 Owned<std::int32_t, 2> hashed_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,

@@ -48,9 +48,18 @@ struct HashedCells {
     }
 };
 
-/// Keys (t,), spans (t, 2) and runs (r, 2) for the cells held (c,), ascending, whose points begin at starts (c + 1,).
-std::tuple<Owned<Index, 1>, Owned<std::int32_t, 2>, Owned<std::int32_t, 2>> store_cells(Vector<const Index> held,
-                                                                                        Vector<const Index> starts);
+/// Sorted points and the table that finds those of a cell.
+struct StoredCells {
+    Owned<Index, 1> order;         // (n,) row j of the sorted arrays is point order[j]
+    Owned<double, 2> coordinates;  // (3, n)
+    Owned<double, 1> origin;
+    double inverse_side;
+    Owned<Index, 1> keys;
+    Owned<std::int32_t, 2> spans, runs;
+};
+
+/// Sorts points (n, 3) by cells of the given side, or wider ones where there would be a million along an axis.
+StoredCells store_cells(Matrix<const double> points, double side);
 
 /// HashedCells::near, copied.
 Owned<std::int32_t, 2> hashed_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,
