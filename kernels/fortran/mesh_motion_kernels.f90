@@ -1,0 +1,194 @@
+! mesh_motion_kernels.h in Fortran: the same calls, with what the header says of them.
+!
+!     use mesh_motion_kernels
+!     type(c_ptr) :: field
+!     failed = mesh_motion_interpolant_create("wendland-c2"//c_null_char, radius, 2_c_int64_t, centres, &
+!                                             control_points, 2_c_int64_t, weights, field)
+!
+! Arrays are those of C with their axes the other way round: points (d, n), weights (components, centres), nodes of
+! cells (nodes of the type, cells), gradients (d, components, n). Nodes and cells count from 0. Text ends with
+! c_null_char.
+module mesh_motion_kernels
+   use, intrinsic :: iso_c_binding
+   implicit none
+   public
+
+   integer(c_int), parameter :: mesh_motion_ok = 0, mesh_motion_invalid_argument = 3, mesh_motion_out_of_memory = 8, &
+                                mesh_motion_internal = 13
+   integer(c_int), parameter :: mesh_motion_write = 0, mesh_motion_add = 1
+
+   type, bind(c) :: mesh_motion_distribution
+      real(c_double) :: minimum, mean, p1, p5, p50
+   end type
+
+   type, bind(c) :: mesh_motion_quality
+      type(mesh_motion_distribution) :: size, skew, size_skew, metric
+      integer(c_int64_t) :: inverted
+   end type
+
+   interface
+      integer(c_int) function mesh_motion_available_threads() bind(c)
+         import
+      end function
+
+      integer(c_int) function mesh_motion_get_threads() bind(c)
+         import
+      end function
+
+      integer(c_int) function mesh_motion_set_threads(threads) bind(c)
+         import
+         integer(c_int), value :: threads
+      end function
+
+      integer(c_int) function mesh_motion_interpolant_create(basis, support_radius, dimension, centres, &
+                                                             control_points, components, weights, interpolant) bind(c)
+         import
+         character(kind=c_char), intent(in) :: basis(*)
+         real(c_double), value :: support_radius
+         integer(c_int64_t), value :: dimension, centres, components
+         real(c_double), intent(in) :: control_points(*), weights(*)
+         type(c_ptr), intent(out) :: interpolant
+      end function
+
+      subroutine mesh_motion_interpolant_free(interpolant) bind(c)
+         import
+         type(c_ptr), value :: interpolant
+      end subroutine
+
+      integer(c_int) function mesh_motion_interpolant_set_polynomial(interpolant, centre, scale, coefficients) bind(c)
+         import
+         type(c_ptr), value :: interpolant
+         real(c_double), value :: scale
+         real(c_double), intent(in) :: centre(*), coefficients(*)
+      end function
+
+      integer(c_int) function mesh_motion_interpolant_values(interpolant, n, points, mode, values) bind(c)
+         import
+         type(c_ptr), value :: interpolant
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         integer(c_int), value :: mode
+         real(c_double), intent(inout) :: values(*)
+      end function
+
+      integer(c_int) function mesh_motion_interpolant_gradients(interpolant, n, points, mode, gradients) bind(c)
+         import
+         type(c_ptr), value :: interpolant
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         integer(c_int), value :: mode
+         real(c_double), intent(inout) :: gradients(*)
+      end function
+
+      integer(c_int) function mesh_motion_spline_create(dimension, boxes, origin, inverse_spacing, cells, start, &
+                                                        rows, components, coefficients, spline) bind(c)
+         import
+         integer(c_int64_t), value :: dimension, boxes, rows, components
+         real(c_double), intent(in) :: origin(*), inverse_spacing(*), coefficients(*)
+         integer(c_int64_t), intent(in) :: cells(*), start(*)
+         type(c_ptr), intent(out) :: spline
+      end function
+
+      subroutine mesh_motion_spline_free(spline) bind(c)
+         import
+         type(c_ptr), value :: spline
+      end subroutine
+
+      integer(c_int) function mesh_motion_spline_values(spline, n, points, mode, values) bind(c)
+         import
+         type(c_ptr), value :: spline
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         integer(c_int), value :: mode
+         real(c_double), intent(inout) :: values(*)
+      end function
+
+      integer(c_int) function mesh_motion_spline_gradients(spline, n, points, mode, gradients) bind(c)
+         import
+         type(c_ptr), value :: spline
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         integer(c_int), value :: mode
+         real(c_double), intent(inout) :: gradients(*)
+      end function
+
+      integer(c_int) function mesh_motion_cells_create(cells) bind(c)
+         import
+         type(c_ptr), intent(out) :: cells
+      end function
+
+      integer(c_int) function mesh_motion_cells_add(cells, type, count, nodes) bind(c)
+         import
+         type(c_ptr), value :: cells
+         character(kind=c_char), intent(in) :: type(*)
+         integer(c_int64_t), value :: count
+         integer(c_int64_t), intent(in) :: nodes(*)
+      end function
+
+      subroutine mesh_motion_cells_free(cells) bind(c)
+         import
+         type(c_ptr), value :: cells
+      end subroutine
+
+      integer(c_int) function mesh_motion_cell_sizes(cells, n, points, sizes) bind(c)
+         import
+         type(c_ptr), value :: cells
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         real(c_double), intent(out) :: sizes(*)
+      end function
+
+      integer(c_int) function mesh_motion_cell_quality(cells, n, points, reference_sizes, size, skew, inverted) bind(c)
+         import
+         type(c_ptr), value :: cells
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*), reference_sizes(*)
+         real(c_double), intent(out) :: size(*), skew(*)
+         logical(c_bool), intent(out) :: inverted(*)
+      end function
+
+      ! skews_at_rest: c_loc of an array, or c_null_ptr
+      integer(c_int) function mesh_motion_lowest_cells(cells, n, points, reference_sizes, skews_at_rest, metric, &
+                                                       count, numbers, values, inverted) bind(c)
+         import
+         type(c_ptr), value :: cells, skews_at_rest
+         integer(c_int64_t), value :: n, count
+         real(c_double), intent(in) :: points(*), reference_sizes(*)
+         character(kind=c_char), intent(in) :: metric(*)
+         integer(c_int64_t), intent(out) :: numbers(*)
+         real(c_double), intent(out) :: values(*)
+         integer(c_int64_t), intent(out) :: inverted
+      end function
+
+      integer(c_int) function mesh_motion_judge_cells(cells, n, points, reference_sizes, skews_at_rest, metric, &
+                                                      count, numbers, values, quality) bind(c)
+         import
+         type(c_ptr), value :: cells, skews_at_rest
+         integer(c_int64_t), value :: n, count
+         real(c_double), intent(in) :: points(*), reference_sizes(*)
+         character(kind=c_char), intent(in) :: metric(*)
+         integer(c_int64_t), intent(out) :: numbers(*)
+         real(c_double), intent(out) :: values(*)
+         type(mesh_motion_quality), intent(out) :: quality
+      end function
+   end interface
+
+contains
+
+   ! What was expected by the last call of this thread that failed.
+   function mesh_motion_kernels_error() result(message)
+      character(:), allocatable :: message
+      interface
+         type(c_ptr) function c_error() bind(c, name="mesh_motion_kernels_error")
+            import
+         end function
+      end interface
+      character(kind=c_char), pointer :: text(:)
+      integer :: length
+      call c_f_pointer(c_error(), text, [512])
+      length = findloc(text == c_null_char, .true., 1) - 1
+      allocate (character(length) :: message)
+      if (length > 0) message = transfer(text(:length), message)
+   end function
+
+end module mesh_motion_kernels

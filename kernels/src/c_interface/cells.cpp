@@ -1,0 +1,175 @@
+// Cells as numerics/metrics.py judges them.
+#include <memory>
+
+#include "c_interface/call.h"
+#include "quality/summaries.h"
+
+namespace mesh_motion {
+namespace {
+
+constexpr struct Kind {
+    const char* name;
+    Index dimension, nodes;
+} cell_types[] = {{"line", Line::dimension, Line::nodes},
+                  {"triangle", Triangle::dimension, Triangle::nodes},
+                  {"quad", Quad::dimension, Quad::nodes},
+                  {"tetra", Tetra::dimension, Tetra::nodes},
+                  {"hexahedron", Hexahedron::dimension, Hexahedron::nodes},
+                  {"wedge", Wedge::dimension, Wedge::nodes},
+                  {"pyramid", Pyramid::dimension, Pyramid::nodes}};
+
+/// In the order of `Metric`.
+constexpr struct {
+    const char* name;
+} metrics[] = {{"size"}, {"skew"}, {"size-skew"}, {"size-skew-root"}, {"size-skew-product"}, {"relative-size-skew"}};
+
+}  // namespace
+}  // namespace mesh_motion
+
+using namespace mesh_motion;
+
+struct mesh_motion_cells {
+    Index dimension = 0, count = 0, nodes = 0;  // of space, of cells, one more than the largest node
+    std::vector<std::pair<const Kind*, std::vector<Index>>> held;
+
+    Matrix<const double> points(Index n, const double* data) const {
+        if (n < nodes)
+            throw std::invalid_argument("n: expected the " + std::to_string(nodes) + " nodes of the cells, got " +
+                                        std::to_string(n));
+        return array("points", data, std::array{n, dimension});
+    }
+
+    Blocks blocks() const {
+        Blocks all;
+        for (const auto& [type, nodes] : held)
+            all.push_back({nodes.data(), {static_cast<Index>(nodes.size()) / type->nodes, type->nodes}});
+        return all;
+    }
+
+    /// f(block, first) for each block with the number of its first cell.
+    template <class F>
+    void by_block(F&& f) const {
+        Index first = 0;
+        for (const auto& block : blocks()) {
+            f(block, first);
+            first += block.shape(0);
+        }
+    }
+};
+
+namespace {
+
+/// What the two calls that look for the worst cells share. Without cells there is no dimension, and nothing is read.
+struct Request {
+    Matrix<const double> points;
+    Blocks blocks;
+    Vector<const double> reference, rest;
+    Index metric;
+    Vector<Index> numbers;
+    Vector<double> values;
+
+    Request(const mesh_motion_cells& cells, Index n, const double* data, const double* reference_sizes,
+            const double* skews_at_rest, const char* name, Index count, Index* lowest, double* lowest_values)
+        : points(cells.points(n, data)),
+          blocks(cells.blocks()),
+          reference(array("reference_sizes", reference_sizes, std::array{cells.count})),
+          rest(skews_at_rest, {skews_at_rest ? cells.count : 0}),
+          metric(&named("metric", name, metrics) - metrics),
+          numbers(array("numbers", lowest, std::array{count})),
+          values(array("values", lowest_values, std::array{count})) {
+        std::fill(numbers.begin(), numbers.end(), -1);
+        std::fill(values.begin(), values.end(), std::numeric_limits<double>::infinity());
+    }
+};
+
+mesh_motion_distribution distribution_in(Vector<const double> row) { return {row[0], row[1], row[2], row[3], row[4]}; }
+
+}  // namespace
+
+int mesh_motion_cells_create(mesh_motion_cells** cells) {
+    return answered([&] {
+        given(cells, "cells") = nullptr;
+        *cells = new mesh_motion_cells;
+    });
+}
+
+int mesh_motion_cells_add(mesh_motion_cells* cells, const char* type, int64_t count, const int64_t* nodes) {
+    return answered([&] {
+        auto& held = given(cells, "cells");
+        const Kind& kind = named("type", type, cell_types);
+        const auto rows = array("nodes", nodes, std::array{count, kind.nodes});
+        expect(held.held.empty() || kind.dimension == held.dimension, "type", "cells of one dimension");
+        Index most = held.nodes;
+        for (Index node : rows) {
+            expect(0 <= node && node < std::numeric_limits<Index>::max(), "nodes", "numbers from 0 on");
+            most = std::max(most, node + 1);
+        }
+        held.held.emplace_back(&kind, copied(rows));
+        held.dimension = kind.dimension, held.count += count, held.nodes = most;
+    });
+}
+
+void mesh_motion_cells_free(mesh_motion_cells* cells) { delete cells; }
+
+int mesh_motion_cell_sizes(const mesh_motion_cells* cells, int64_t n, const double* points, double* sizes) {
+    return answered([&] {
+        const auto& held = given(cells, "cells");
+        const auto at = held.points(n, points);
+        const auto out = array("sizes", sizes, std::array{held.count});
+        held.by_block([&](auto nodes, Index first) { cell_sizes(at, nodes, out.rows(first, first + nodes.shape(0))); });
+    });
+}
+
+int mesh_motion_cell_quality(const mesh_motion_cells* cells, int64_t n, const double* points,
+                             const double* reference_sizes, double* size, double* skew, bool* inverted) {
+    return answered([&] {
+        const auto& held = given(cells, "cells");
+        const auto at = held.points(n, points);
+        const std::array all{held.count};
+        const auto reference = array("reference_sizes", reference_sizes, all);
+        const auto sizes = array("size", size, all), skews = array("skew", skew, all);
+        const auto marks = array("inverted", inverted, all);
+        held.by_block([&](auto nodes, Index first) {
+            const Index last = first + nodes.shape(0);
+            cell_quality(at, nodes, reference.rows(first, last), sizes.rows(first, last), skews.rows(first, last),
+                         marks.rows(first, last));
+        });
+    });
+}
+
+int mesh_motion_lowest_cells(const mesh_motion_cells* cells, int64_t n, const double* points,
+                             const double* reference_sizes, const double* skews_at_rest, const char* metric,
+                             int64_t count, int64_t* numbers, double* values, int64_t* inverted) {
+    return answered([&] {
+        const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, metric, count, numbers,
+                            values);
+        const auto [lowest, found, turned] =
+            lowest_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count);
+        std::copy(found.values.begin(), found.values.end(), asked.numbers.begin());
+        std::copy(lowest.values.begin(), lowest.values.end(), asked.values.begin());
+        given(inverted, "inverted") = turned;
+    });
+}
+
+int mesh_motion_judge_cells(const mesh_motion_cells* cells, int64_t n, const double* points,
+                            const double* reference_sizes, const double* skews_at_rest, const char* metric,
+                            int64_t count, int64_t* numbers, double* values, mesh_motion_quality* quality) {
+    return answered([&] {
+        const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, metric, count, numbers,
+                            values);
+        const auto [rows, found, turned] =
+            judged_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count);
+        const auto row = [&](Index k) { return distribution_in(rows.view()[k]); };
+        given(quality, "quality") = {row(0), row(1), row(2), row(std::min<Index>(asked.metric, 3)), turned};
+        std::copy(found.values.begin(), found.values.end(), asked.numbers.begin());
+        const Cells judged(asked.points, asked.blocks, asked.reference, asked.rest);
+        for (std::size_t s = 0; s < found.values.size(); ++s) {
+            const Index cell = found.values[s];
+            double size, skew;
+            bool inverted;
+            judged.judge(cell, cell + 1, &size, &skew, &inverted);
+            const double* rest = asked.rest.size() ? &asked.rest[cell] : nullptr;
+            metric_of(static_cast<Metric>(asked.metric), 1, &size, &skew, rest, &asked.values[static_cast<Index>(s)]);
+        }
+    });
+}
