@@ -13,6 +13,7 @@ for directory in $(echo "$PATH" | tr : ' '); do
     esac
   done
 done
-# pyenv and the like look at their own name: the interpreter itself
-ln -sf "$(python3 -c 'import sys; print(sys.executable)')" "$folder/python3"
+# Make's interpreter by its own place: an environment made through a link would end with the link.
+PYTHON=$(python3 -c 'import sys; print(sys.executable)')
+export PYTHON
 SKBUILD_BUILD_DIR=out/without-compiler env -u CC -u CXX PATH="$folder" "$@"
