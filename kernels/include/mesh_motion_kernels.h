@@ -163,7 +163,9 @@ MESH_MOTION_API int mesh_motion_lowest_cells(const mesh_motion_cells *cells, int
                                              const double *reference_sizes, const double *skews_at_rest,
                                              const char *metric, int64_t count, int64_t *numbers, double *values,
                                              int64_t *inverted);
-/* The same with the distributions, of at least one cell: about twice the time. */
+/* The same with the distributions, of at least one cell: three times the time of tetrahedra, 1.2 times that of
+ * hexahedra.
+ */
 MESH_MOTION_API int mesh_motion_judge_cells(const mesh_motion_cells *cells, int64_t n, const double *points,
                                             const double *reference_sizes, const double *skews_at_rest,
                                             const char *metric, int64_t count, int64_t *numbers, double *values,
