@@ -32,7 +32,10 @@ _PAIRS = 2048  # nodes and centres of a tile, as the dense mover's
 _TILES = 16  # of them for the compiled loop, beside which starting threads takes no time
 _HORNER_NUMBERS = 256  # stay in the first cache
 _HORNER_FLOPS = 128  # of each number
-_FLAGS = ("-std=c++17", "-O3", "-march=native", "-ffast-math", "-pthread", "-shared", "-fPIC")
+# -ffast-math by its parts: the whole links code that flushes denormals in the process that loads the library, and there
+# SciPy's trees grow without end
+_FAST = "-fassociative-math -freciprocal-math -ffinite-math-only -fno-signed-zeros -fno-trapping-math -fno-math-errno"
+_FLAGS = ("-std=c++17", "-O3", "-march=native", *_FAST.split(), "-pthread", "-shared", "-fPIC")
 
 
 def machine_limits(numbers: int = 16_000_000) -> MachineLimits:
