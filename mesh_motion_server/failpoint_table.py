@@ -74,8 +74,9 @@ _TABLE = (
     ("request.close.left", "the last partition has left, the session not closed", _COMPUTING),
     ("request.discard", "the session is about to be discarded, and then closed", _COMPUTING),
     # the worker
+    ("template.start", "the process begins that workers are forked from", _PASSING),
+    ("template.ready", "it has imported everything", _PASSING),
     ("worker.start", "a worker's process begins", _PASSING),
-    ("worker.ready", "a worker is warm and waits for its order", _PASSING),
     ("worker.ordered", "a worker has its order", _PASSING),
     ("worker.hosting", "the session is there, the endpoint not bound", _PASSING),
     ("worker.bound", "the endpoint is bound, the supervisor not told", _PASSING),
@@ -88,7 +89,7 @@ _TABLE = (
     ("worker.over", "the session's use has ended, the supervisor not told", _PASSING),
     # the supervisor
     ("supervisor.spawn", "a process is about to be started", _STARTING),
-    ("supervisor.ordered", "a worker has its order, the next spare is not started", _CERTAIN),
+    ("supervisor.ordered", "a worker is asked for and has its order", _CERTAIN),
     ("supervisor.opened", "a worker has its order, the session is not in the registry", _CERTAIN),
     ("supervisor.request", "a control request has come from the gateway", _CERTAIN),
     ("supervisor.heard", "a worker's news is not taken in", _CERTAIN),

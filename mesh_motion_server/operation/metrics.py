@@ -70,7 +70,7 @@ METRICS = {
         Metric("denied_connections", "counter", "Handshakes refused for want of a key on the allow-list."),
         Metric("fsync_seconds", "histogram", "Time of one fsync of the journals, in seconds.", bounds=_SHORT_SECONDS),
         Metric("journal_written_bytes", "counter", "Bytes written to sessions' folders."),
-        Metric("worker_starts", "counter", "Worker processes started, spares included."),
+        Metric("worker_starts", "counter", "Worker processes started, one a session and restart."),
         Metric(
             "worker_ends",
             "counter",

@@ -20,9 +20,9 @@ class Standing:
     gateway_silent : bool
         The gateway has not answered for ``stuck_seconds``.
     warm : bool
-        A worker has imported all that a session needs since the server started.
-    spare_silent : bool
-        There is no spare worker, or it has not become ready for too long.
+        A template has imported all that a session needs since the server started.
+    template_silent : bool
+        There is no template to fork workers from, or it has not become ready for too long.
     disk : DiskRoom
     disk_silence : float
         Seconds for which the disk has not answered.
@@ -33,7 +33,7 @@ class Standing:
     draining: bool
     gateway_silent: bool
     warm: bool
-    spare_silent: bool
+    template_silent: bool
     disk: DiskRoom
     disk_silence: float
     reserve: int
@@ -44,8 +44,8 @@ class Standing:
         lacks = (
             (self.draining, "draining: the server is stopping"),
             (self.gateway_silent, "gateway: it does not answer"),
-            (not self.warm, "kernels: no worker is warm yet"),
-            (self.spare_silent, "worker: no spare worker has become ready"),
+            (not self.warm, "kernels: they are not loaded yet"),
+            (self.template_silent, "template: the process that workers are forked from does not become ready"),
             (self.disk_silence > SILENT_SECONDS, f"disk: it has not answered for {self.disk_silence:.0f} s"),
             (not self.disk.writable, "disk: the state folder cannot be written"),
             (self.disk.free < self.reserve, room),

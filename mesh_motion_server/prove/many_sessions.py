@@ -306,7 +306,7 @@ def _wrongly_listed(fleet: Fleet) -> str:
 
 
 def require_calm(fleet: Fleet) -> int:
-    """All workers but the spare have ended and files are given back; the bytes that the supervisor has grown by."""
+    """All workers have ended and files are given back; the bytes that the supervisor has grown by."""
     for member in fleet.live:
         fleet.put_to_rest(member, politely=member.holder.seed % 2 == 0)
     fleet.live.clear()

@@ -110,11 +110,11 @@ class Rig:
             lambda: (
                 enough()
                 or (
-                    passed("worker.start") + passed("gateway.start") >= passed("supervisor.spawn")
-                    and passed("worker.ready") >= passed("worker.start")
+                    passed("template.start") + passed("gateway.start") >= passed("supervisor.spawn")
+                    and passed("template.ready") >= passed("template.start")
                 )
             ),
-            "a spare worker is ready",
+            "the template is ready",
         )
 
     def require_whole(self) -> None:

@@ -119,12 +119,12 @@ class ServerProcess:
         return pid
 
     def workers(self) -> set[int]:
-        """Processes of sessions, and the spare."""
+        """Processes of sessions, and the template."""
         return {pid for pid in descendants(self.process.pid) if "transport.worker" in command_of(pid)}
 
     def worker_of(self, session: str) -> int:
         """Process id of a session's newest worker, by the log."""
-        at_work = [event for event in self.events("open", "resume", "reclaim") if event.get("session") == session]
+        at_work = [event for event in self.events("worker_started") if event["session"] == session]
         return int(at_work[-1]["worker"])
 
     def kill_worker(self, session: str) -> None:

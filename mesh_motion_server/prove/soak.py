@@ -71,7 +71,7 @@ class Soak:
     Attributes
     ----------
     readings : dict
-        By process: "supervisor", "gateway", "client", and the workers of the three sessions.
+        By process: "supervisor", "gateway", "template", "client", and the workers of the three sessions.
     stored : list of int
         Bytes of the state folder at each reading.
     done : dict
@@ -107,12 +107,13 @@ class Soak:
         return client
 
     def _name(self, before: set[int]) -> dict[str, int]:
-        """Processes that stay: those of the three sessions are the first ones, the spare is the last."""
-        workers = sorted(before | self._server.workers(), key=_started)[:3]
+        """Processes that stay: the template, which is the oldest of its kind, and those of the three sessions."""
+        template, *workers = sorted(before | self._server.workers(), key=_started)[:4]
         named = {f"worker {number}": pid for number, pid in enumerate(workers, start=1)}
         return {
             "supervisor": self._server.process.pid,
             "gateway": self._server.gateway(),
+            "template": template,
             "client": self._client.pid,
         } | named
 

@@ -90,6 +90,16 @@ class Channel:
             return None  # too long, or no message: whoever says such things is as good as gone
         return message
 
+    def hand_over(self, line: socket.socket) -> None:
+        """Pass a socket on without waiting; if the other end is gone or behind, the socket's peer reads its end."""
+        with contextlib.suppress(OSError):
+            socket.send_fds(self._line, [b"line"], [line.fileno()], socket.MSG_DONTWAIT)
+
+    def take_over(self) -> Channel | None:
+        """Wait for a socket that is handed over; None when the other end is gone."""
+        _, descriptors, _, _ = socket.recv_fds(self._line, _MESSAGE_BYTES, 1)
+        return Channel.inherited(descriptors[0]) if descriptors else None
+
     def close(self) -> None:
         """Give the socket back."""
         self._line.close()

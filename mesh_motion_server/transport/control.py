@@ -146,7 +146,6 @@ class Control:
             session=session,
             label=request.label,
             partitions=request.partitions,
-            worker=child.pid,
             owner=self._access.name(asked.user),
         )
 
@@ -165,7 +164,7 @@ class Control:
             live = Live(request.session, request.token, asked.user, self._start(_resume_order(request, asked.user)))
             self.registry.live[request.session] = live
             self._expect(live, asked)
-            log().info("resume", session=live.session, worker=live.child.pid)
+            log().info("resume", session=live.session)
         elif live.asked is not None:
             _require_place(live)
             live.queue.append(asked)
@@ -183,7 +182,7 @@ class Control:
         live.child = self._start(_resume_order(live, live.owner))
         live.status, live.reclaiming, live.over = "starting", False, False
         self._expect(live, asked)
-        log().info("resume", session=live.session, worker=live.child.pid)
+        log().info("resume", session=live.session)
 
     def _expect(self, live: Live, asked: Asked, *, seconds: float = _START_SECONDS) -> None:
         live.asked, live.deadline = asked, time.monotonic() + seconds
@@ -250,7 +249,9 @@ class Control:
     def heard(self, live: Live, event: dict[str, Any]) -> None:
         """A worker's report."""
         kind = event["event"]
-        if kind in ("serving", "reclaimed"):
+        if kind == "born":
+            log().info("worker_started", session=live.session, worker=live.child.pid)
+        elif kind in ("serving", "reclaimed"):
             live.status, live.endpoint = "alive", event.get("endpoint", live.endpoint)
             live.label = event.get("label", live.label)
             live.partitions = event.get("partitions", live.partitions)

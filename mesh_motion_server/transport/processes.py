@@ -1,4 +1,8 @@
-"""Children of the supervisor: how they start, what bounds them, and that they never outlive it."""
+"""Children of the supervisor: how they start, what bounds them, and that they never outlive it.
+
+Workers are forked from one process that has imported everything, the template: a session then starts in
+milliseconds, and what is imported is in memory once.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +23,11 @@ from mesh_motion_server.transport.channel import Channel
 
 __all__ = [
     "Child",
+    "Forked",
+    "adopt_orphans",
     "die_with_parent",
+    "fork",
+    "fork_from_template",
     "limit_address_space",
     "limit_descriptors",
     "offer_to_the_oom_killer",
@@ -27,17 +36,61 @@ __all__ = [
 ]
 
 _PR_SET_PDEATHSIG = 1
+_PR_SET_CHILD_SUBREAPER = 36
 #: A child ends within this once its line is closed, and once more after SIGKILL, seconds.
 _END_SECONDS = 5.0
 #: Of -1000 … 1000; 0 is usual.
 _OOM_SCORE = 500
 
 
+class Forked:
+    """What is used of :class:`subprocess.Popen`, for a child that the template has forked.
+
+    Parameters
+    ----------
+    template : Child
+
+    Attributes
+    ----------
+    pid : int
+        0 until the child has told it.
+    """
+
+    def __init__(self, template: Child) -> None:
+        self.pid = 0
+        self._template = template
+
+    def kill(self) -> None:
+        """End it at once; of one that has told no pid the template, which does not come to fork it."""
+        if self.pid:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
+        else:
+            self._template.kill()
+
+    def wait(self, timeout: float) -> int:
+        """The exit status; 1 for one that was never forked.
+
+        Raises
+        ------
+        subprocess.TimeoutExpired
+        """
+        deadline = time.monotonic() + timeout
+        while self.pid:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                return os.waitstatus_to_exitcode(status)
+            if time.monotonic() >= deadline:
+                raise subprocess.TimeoutExpired("worker", timeout)
+            time.sleep(0.001)
+        return 1
+
+
 @dataclass(eq=False)
 class Child:
     """A child process and the line to it."""
 
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     channel: Channel
     spoke: bool = False  # it has got as far as saying something
 
@@ -88,6 +141,57 @@ def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
     return Child(process, channel)
 
 
+def fork(template: Child) -> Child:
+    """Have the template fork a child once it has imported everything; if it is gone, the line reads as closed."""
+    channel, theirs = Channel.pair()
+    with theirs:
+        template.channel.hand_over(theirs)
+    return Child(Forked(template), channel)
+
+
+def fork_from_template() -> bool:
+    """Fork a child of this process' parent; True in the child.
+
+    The process between the two ends at once, so that its child goes to the supervisor (:func:`adopt_orphans`), which
+    alone collects exit statuses.
+
+    Raises
+    ------
+    OSError
+        If the system refuses.
+    """
+    supervisor = os.getppid()
+    between = os.fork()
+    if between:
+        refusal = os.waitstatus_to_exitcode(os.waitpid(between, 0)[1])
+        if refusal > 0:
+            raise OSError(refusal, os.strerror(refusal))
+        return False
+    between = os.getpid()
+    try:
+        child = os.fork()
+    except OSError as error:
+        os._exit(error.errno or 1)
+    if child:
+        os._exit(0)
+    while os.getppid() == between:
+        time.sleep(1e-4)
+    die_with_parent()
+    if os.getppid() != supervisor:
+        os._exit(0)  # it died before it could be told that its death is this child's
+    return True
+
+
+def adopt_orphans() -> None:
+    """Make this process the parent of what its children leave behind."""
+    _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def _prctl(option: int, value: int) -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
+
+
 def _thread_settings(threads: int) -> dict[str, str]:
     single = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
     return dict.fromkeys(single, "1") | {"MESH_MOTION_THREADS": str(threads or len(os.sched_getaffinity(0)))}
@@ -100,8 +204,7 @@ def die_with_parent() -> None:
     supervisor's matter.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def limit_address_space(allowance: int) -> None:

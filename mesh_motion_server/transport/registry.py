@@ -204,7 +204,7 @@ class Registry:
         return owner
 
     def of(self, child: Child) -> Live | None:
-        """The session of a worker, None for the spare."""
+        """The session of a worker, None for the template."""
         return next((live for live in self.live.values() if live.child is child), None)
 
 

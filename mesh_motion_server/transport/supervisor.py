@@ -29,7 +29,7 @@ from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
 from mesh_motion_server.transport.gateway_line import GatewayLine
 from mesh_motion_server.transport.hosting import Hosting
-from mesh_motion_server.transport.processes import Child, spawn, wake_on_signals
+from mesh_motion_server.transport.processes import Child, Forked, adopt_orphans, fork, spawn, wake_on_signals
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.telemetry import log
@@ -37,7 +37,7 @@ from mesh_motion_server.transport.watch import Watch
 
 __all__ = ["Supervisor"]
 
-#: Workers that end one after the other before they have said a word: what they import or warm up is broken.
+#: Processes that end one after the other before they have said a word: what they import is broken.
 _WORKER_STARTS = 3
 #: A worker that has closed its line ends within this time, seconds.
 _LEAVE_SECONDS = 5.0
@@ -73,7 +73,7 @@ class Supervisor:
         self._level = level
         self._selector = selectors.DefaultSelector()
         self._boot = os.urandom(16)
-        self._spare: Child | None = None
+        self._template: Child | None = None
         self._silent_ends = 0
         self._leaving: dict[Child, float] = {}
         self._killed_at: float | None = None
@@ -96,7 +96,7 @@ class Supervisor:
     # --- the server's life -------------------------------------------------------------------------------------------
 
     def start(self) -> dict[str, str]:
-        """Start gateway, attendants and spare worker.
+        """Start gateway, attendants and the template of the workers.
 
         Returns
         -------
@@ -108,6 +108,7 @@ class Supervisor:
         EndpointError
             If an endpoint cannot be bound; ProtectionError if it admits or refuses the wrong ones.
         """
+        adopt_orphans()
         self._gateway.start()
         try:
             for attendant in self._watch.attendants:
@@ -117,7 +118,7 @@ class Supervisor:
         except (EndpointError, OSError):
             self._stop()
             raise
-        self._spare = self._next_spare()
+        self._template = self._next_template()
         # whoever hears that it is ready may stop it at once
         self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
         return {"endpoint": self._gateway.endpoint} | {of.name: of.address for of in self._watch.attendants}
@@ -138,20 +139,19 @@ class Supervisor:
         return self._stop()
 
     def _hear(self) -> None:
-        """Wait, and hear who has something to say, unless it was ended by who spoke before it."""
+        """Wait, and hear who has something to say."""
         for key, _ in self._selector.select(self._patience()):
-            if self._selector.get_map().get(key.fd) is key:
-                key.data(key.fileobj)
+            key.data(key.fileobj)
 
     def _beat(self, now: float) -> None:
         """What is done every second."""
         self._hurry(now)
-        if self._spare is None and not (self._control.draining or self._workers_fail):
-            self._spare = self._next_spare()  # there was no process or memory for it when it was wanted
+        if self._template is None and not (self._control.draining or self._workers_fail):
+            self._template = self._next_template()  # there was no process or memory for it when it was wanted
         for attendant in self._watch.attendants:
             if attendant.child is None:
                 self._attend_again(attendant)
-        self._watch.beat(self._control.registry, self._gateway, self._spare, draining=self._control.draining)
+        self._watch.beat(self._control.registry, self._gateway, self._template, draining=self._control.draining)
 
     def _finished(self) -> bool:
         working = any(live.status != "dead" for live in self._control.registry.live.values())
@@ -184,10 +184,6 @@ class Supervisor:
         self._control.draining = True
         self._watch.next_beat = time.monotonic()
         self._killed_at = time.monotonic() + self._settings.drain_seconds
-        if self._spare is not None:
-            self._spare.kill()  # it holds nothing, and may still be importing
-            self._end(self._spare)
-            self._spare = None
         for live in self._control.registry.live.values():
             live.child.channel.offer({"order": "drain"})
 
@@ -207,6 +203,9 @@ class Supervisor:
         for attendant in self._watch.attendants:
             if attendant.child is not None:
                 self._end(attendant.child)
+        if self._template is not None:
+            self._template.kill()  # it holds nothing, and may still be importing
+            self._end(self._template)
         if self._private is not None:
             self._private.cleanup()
         log().info("stopped")
@@ -261,8 +260,21 @@ class Supervisor:
 
     # --- the workers -------------------------------------------------------------------------------------------------
 
-    def _start_worker(self) -> Child:
-        child = spawn(
+    def _start_session(self, order: dict[str, Any]) -> Child:
+        """Have a worker forked that reads the order as soon as the template has imported everything."""
+        if self._template is None:
+            self._template = self._start_template()
+        child = fork(self._template)
+        self._watch.worker_started()
+        self._listen(child.channel, lambda _: self._worker_spoke(child))
+        child.channel.offer(
+            order | self._order(self._gateway.endpoint) | {"settings": self._settings.model_dump_json()}
+        )
+        failpoint("supervisor.ordered")
+        return child
+
+    def _start_template(self) -> Child:
+        template = spawn(
             "mesh_motion_server.transport.worker",
             self._level,
             self._hosting.host,
@@ -270,36 +282,27 @@ class Supervisor:
             self._hosting.numerics,
             threads=self._settings.threads,
         )
-        self._watch.worker_started()
-        self._listen(child.channel, lambda _: self._worker_spoke(child))
-        return child
+        self._listen(template.channel, lambda _: self._worker_spoke(template))
+        return template
 
-    def _start_session(self, order: dict[str, Any]) -> Child:
-        """Give the order to the spare, which reads it as soon as it has imported everything; start the next spare."""
-        child, self._spare = self._spare or self._start_worker(), None
-        child.channel.offer(
-            order | self._order(self._gateway.endpoint) | {"settings": self._settings.model_dump_json()}
-        )
-        failpoint("supervisor.ordered")
-        self._spare = self._next_spare()
-        return child
-
-    def _next_spare(self) -> Child | None:
-        """A worker for the next session; without one that session starts its own."""
+    def _next_template(self) -> Child | None:
+        """One for the next sessions; without one the next session starts it."""
         try:
-            return self._start_worker()
+            return self._start_template()
         except OSError as error:
-            log().error("no_spare", reason=str(error))
+            log().error("no_template", reason=str(error))
             return None
 
     def _worker_spoke(self, child: Child) -> None:
+        """The template, or a worker that it has forked."""
         message = child.channel.receive()
         if message is None:
             self._selector.unregister(child.channel)
             self._await_end(child)
             return
         self._silent_ends, child.spoke = 0, True
-        self._watch.worker_warm()
+        if isinstance(child.process, Forked) and message["event"] == "born":
+            child.process.pid = message["pid"]
         TALLY.add(message.pop("tally", None))
         live = self._control.registry.of(child)
         if live is not None:
@@ -308,19 +311,19 @@ class Supervisor:
 
     def _await_end(self, child: Child) -> None:
         """Its line has ended, and soon its process will have; so long nobody else waits."""
-        spare = child is self._spare
-        if spare:
-            self._spare = None
+        template = child is self._template
+        if template:
+            self._template = None
         descriptor = child.exit_descriptor()
         if descriptor is None:
-            self._worker_ended(child, spare=spare)
+            self._worker_ended(child, template=template)
             return
 
         def ended(_source: Any) -> None:
             self._selector.unregister(descriptor)
             os.close(descriptor)
             self._leaving.pop(child, None)
-            self._worker_ended(child, spare=spare)
+            self._worker_ended(child, template=template)
 
         self._leaving[child] = time.monotonic() + _LEAVE_SECONDS
         self._listen(descriptor, ended)
@@ -331,18 +334,19 @@ class Supervisor:
             if deadline <= now:
                 child.kill()
 
-    def _worker_ended(self, child: Child, *, spare: bool) -> None:
+    def _worker_ended(self, child: Child, *, template: bool) -> None:
         code = child.reap()
         failpoint("supervisor.worker-ended")
-        self._watch.worker_ended(code)
+        if not template:
+            self._watch.worker_ended(code)
         self._silent_ends += not child.spoke
         live = self._control.registry.of(child)
         if live is not None:
             self._control.gone(live, code)
-        elif spare:
-            log().error("spare_ended", code=code)
-            if self._spare is None and not (self._workers_fail or self._control.draining):
-                self._spare = self._next_spare()
+        elif template:
+            log().error("template_ended", code=code)
+            if self._template is None and not (self._workers_fail or self._control.draining):
+                self._template = self._next_template()
         if self._workers_fail and not self._control.draining:
             log().error("workers_cannot_start", attempts=self._silent_ends, hint="their errors are above this line")
             self._drain("workers cannot start")

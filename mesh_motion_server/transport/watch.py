@@ -27,8 +27,8 @@ from mesh_motion_server.transport.telemetry import log, tell_suppressed
 __all__ = ["Watch"]
 
 _SECONDS = 1.0
-#: A spare worker imports what it needs in a second, on a machine that does nothing else.
-_SPARE_SECONDS = 60.0
+#: The template imports what workers need in a second, on a machine that does nothing else.
+_TEMPLATE_SECONDS = 60.0
 #: The log warns when so many times the reserve is left.
 _WARNED = 2
 #: Live sessions of which the page is told, the latest; their entries fit into one message.
@@ -79,7 +79,7 @@ class Watch:
         self._disk.ask()
         self._settings = settings
         self._warm = False
-        self._spare: tuple[Child | None, float] = (None, time.monotonic())
+        self._template: tuple[Child | None, float] = (None, time.monotonic())
         self._disk_trouble = ""
 
     @property
@@ -90,20 +90,16 @@ class Watch:
     # --- what happens ------------------------------------------------------------------------------------------------
 
     def worker_started(self) -> None:
-        """A worker, spare or not."""
+        """The worker of a session."""
         TALLY.count("worker_starts")
 
     def worker_ended(self, code: int) -> None:
         """With this exit status, negative after a signal."""
         TALLY.count("worker_ends", label="orderly" if code == 0 else "signal" if code < 0 else "failure")
 
-    def worker_warm(self) -> None:
-        """A worker has loaded the kernels."""
-        self._warm = True
-
     # --- every second ------------------------------------------------------------------------------------------------
 
-    def beat(self, registry: Registry, gateway: GatewayLine, spare: Child | None, *, draining: bool) -> None:
+    def beat(self, registry: Registry, gateway: GatewayLine, template: Child | None, *, draining: bool) -> None:
         """Look and tell."""
         now = time.monotonic()
         self.next_beat = now + _SECONDS
@@ -111,15 +107,16 @@ class Watch:
         gateway.ask(now, self._settings.stuck_seconds)
         for attendant in self.attendants:
             attendant.end_silent(now)
-        if spare is not self._spare[0]:
-            self._spare = (spare, now)
+        if template is not self._template[0]:
+            self._template = (template, now)
+        self._warm = self._warm or (template is not None and template.spoke)
         standing = self._standing(now, now - gateway.answered_at, draining=draining)
         self._log_disk(standing)
         missing = standing.missing()
         if not standing.gateway_silent:
             self.manager.tell("WATCHDOG=1", f"STATUS={registry.working()} sessions{missing and '; ' + missing}")
         if self.metrics.child is not None:
-            gauges = [*self._gauges(registry, spare, standing.disk), ("ready", "", float(not missing))]
+            gauges = [*self._gauges(registry, template, standing.disk), ("ready", "", float(not missing))]
             news = {"at": now, "gateway_at": gateway.answered_at, "missing": missing, "gauges": gauges}
             self.metrics.tell(news | {"totals": TALLY.values()})
         if self.page.child is not None:
@@ -130,13 +127,13 @@ class Watch:
         self._disk.ask()  # for the next time
 
     def _standing(self, now: float, silence: float, *, draining: bool) -> Standing:
-        spare, since = self._spare
-        late = spare is not None and not spare.spoke and now - since > _SPARE_SECONDS
+        template, since = self._template
+        late = template is not None and not template.spoke and now - since > _TEMPLATE_SECONDS
         return Standing(
             draining=draining,
             gateway_silent=silence > self._settings.stuck_seconds,
             warm=self._warm,
-            spare_silent=spare is None or late,
+            template_silent=template is None or late,
             disk=self._disk.room,
             disk_silence=self._disk.silence(),
             reserve=self._settings.reserve_disk_bytes,
@@ -160,9 +157,9 @@ class Watch:
         else:
             log().info("disk_has_room", free=disk.free)
 
-    def _gauges(self, registry: Registry, spare: Child | None, disk: DiskRoom) -> _Gauges:
+    def _gauges(self, registry: Registry, template: Child | None, disk: DiskRoom) -> _Gauges:
         lives = [live for live in registry.live.values() if live.status != "dead"]
-        children = [live.child for live in lives] + ([spare] if spare is not None else [])
+        children = [live.child for live in lives] + ([template] if template is not None else [])
         sizes = [resident_bytes(child.pid) for child in children]
         states = Counter(live.state for live in lives)
         gauges: _Gauges = [("sessions", state, float(states[state])) for state in _STATES]

@@ -1,8 +1,9 @@
-"""One session's process: ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE NUMERICS``.
+"""The template, ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE NUMERICS``, and a worker.
 
-Everything is imported first, then the process waits for its order: create a session, or resume one from
-its journal. From then on one request at a time: frames → message → host → replies → frames. While it computes nobody
-else is served here; whether it still lives is asked at the gateway (PROBE).
+The template imports everything, then forks a worker for each line that the supervisor hands over. A worker is one
+session's process. It gets its order: create a session, or resume one from its journal. From then on one request at a
+time: frames → message → host → replies → frames. While it computes nobody else is served here; whether it still lives
+is asked at the gateway (PROBE).
 
 The lease holds while any connection is open. Without one the host is told after ``lease_seconds``, and after
 ``idle_seconds`` the process ends; the session stays resumable.
@@ -10,8 +11,10 @@ The lease holds while any connection is open. Without one the host is told after
 
 from __future__ import annotations
 
+import gc
 import importlib
 import math
+import os
 import signal
 import sys
 import time
@@ -41,6 +44,7 @@ from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind
 from mesh_motion_server.transport.hosting import Hosting, SessionHost
 from mesh_motion_server.transport.processes import (
     die_with_parent,
+    fork_from_template,
     limit_address_space,
     limit_descriptors,
     offer_to_the_oom_killer,
@@ -270,21 +274,40 @@ def _count(reply: Message, frames: Sequence[Buffer]) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Import everything, wait for the order, serve."""
+    """Import everything, then fork workers; in each of them serve."""
     die_with_parent()
     offer_to_the_oom_killer()
-    signals = wake_on_signals(signal.SIGTERM)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor ends it
     descriptor, level, *modules = arguments
     channel = Channel.inherited(int(descriptor))
     configure("worker", level)
     activate()
-    failpoint("worker.start")
+    failpoint("template.start")
     hosting = Hosting(*modules)
     hosts, stores = hosting.load_host(), hosting.load_store()
     importlib.import_module(hosting.numerics)
-    failpoint("worker.ready")
-    if not channel.pending():
-        channel.send({"event": "warm"})
+    failpoint("template.ready")
+    channel.send({"event": "warm"})
+    gc.collect()
+    gc.freeze()  # a worker's collections leave the pages alone that it shares with the others
+    while (line := channel.take_over()) is not None:
+        try:
+            in_worker = fork_from_template()
+        except OSError as error:
+            log().error("no_worker", reason=str(error))
+            in_worker = False
+        if in_worker:
+            channel.close()
+            return _work(line, hosts, stores)
+        line.close()
+    return 0
+
+
+def _work(channel: Channel, hosts: Any, stores: Any) -> int:
+    """In a worker: take the order, serve."""
+    signals = wake_on_signals(signal.SIGTERM)
+    failpoint("worker.start")
+    channel.send({"event": "born", "pid": os.getpid()})
     order = channel.receive()
     if order is None or order["order"] == "drain":
         return 0

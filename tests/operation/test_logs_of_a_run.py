@@ -45,7 +45,7 @@ def use(server: Served, keys: Keys) -> list[Any]:
                 session.move(wrong)
         with pytest.raises(MeshMotionError):
             client.open(mesh, {"support_radius": -OFFSET})
-        os.kill(server.events("open")[0]["worker"], signal.SIGKILL)
+        os.kill(server.events("worker_started")[0]["worker"], signal.SIGKILL)
         session.move(rows, frame="reference")
         session.commit()
         resumed = client.resume(session.credentials)

@@ -89,7 +89,7 @@ def test_the_numbers_are_those_of_the_client(serve: Any) -> None:
         assert found["build_info", "1.0", *_versions(found)[1:]] == 1
         assert lint(server.get("/metrics")[1]) == []
 
-        worker = server.events("open")[0]["worker"]
+        worker = server.events("worker_started")[0]["worker"]
         scores = {pid: int(Path(f"/proc/{pid}/oom_score_adj").read_text()) for pid in (server.process.pid, worker)}
         assert scores[worker] > scores[server.process.pid]  # the kernel takes a worker when the memory is full:
         os.kill(worker, signal.SIGKILL)  # what it had done stays counted, and the next one's work is added

@@ -67,7 +67,7 @@ def test_a_point_that_no_task_passes_fails_the_row(monkeypatch: pytest.MonkeyPat
         ("an epoch in memory", "take over", "worker.sent=kill@3", "RESUME gives epoch"),
         ("a record without its reply", "step", "worker.received=kill@7", r"COMMIT is answered .*\.STEP"),
         ("an error that is answered as none", "step", "journal.commit.start=raise:EIO@1", "was acknowledged"),
-        ("a spare that is given away twice", "look", "worker.received=kill@1", "nothing within|again and again"),
+        ("a worker that is given away twice", "look", "worker.received=kill@1", "nothing within|again and again"),
         ("a worker that hangs where it fails", "step", "request.execute=raise:RuntimeError@1", "nothing within"),
     ],
 )
@@ -75,7 +75,7 @@ def test_a_bug_is_found(
     seed: Callable[..., None], monkeypatch: pytest.MonkeyPatch, bug: str, task: str, failing: str, said: str
 ) -> None:
     seed(bug)
-    hangs = bug.startswith(("a worker", "a spare"))
+    hangs = bug.startswith("a worker")
     monkeypatch.setattr(persistent_holder, "PATIENCE", 4.0 if hangs else waiting.PATIENCE)
     point, fault, hit = re.split("[=@]", failing)
     with pytest.raises(BrokenPromise, match=said):

@@ -24,7 +24,15 @@ def test_some_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     result = CHECK.run(3, Budget(400))
     assert result.passed
     assert result.details["done"]["steps"] >= 400
-    assert set(result.details["files"]) == {"supervisor", "gateway", "client", "worker 1", "worker 2", "worker 3"}
+    assert set(result.details["files"]) == {
+        "supervisor",
+        "gateway",
+        "template",
+        "client",
+        "worker 1",
+        "worker 2",
+        "worker 3",
+    }
     assert result.details["done"]["rejoins"] > 0
 
 

@@ -303,7 +303,7 @@ def test_a_server_whose_workers_cannot_start_ends_with_70(start):
     """Rather than let every client wait for a session that nobody can serve."""
     server = start("no-numerics", ready=False)
     assert server.process.wait(timeout=60) == 70
-    assert len(server.events("spare_ended")) == 3
+    assert len(server.events("template_ended")) == 3
     assert server.events("workers_cannot_start")[0]["attempts"] == 3
     assert "not_installed" in server.log_path.read_text()
 

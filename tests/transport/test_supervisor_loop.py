@@ -68,39 +68,53 @@ def scripted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Script
     script.close()
 
 
-def test_a_spare_that_speaks_while_it_is_drained_is_not_heard(scripted: Scripted) -> None:
+def test_a_template_ends_after_the_sessions(scripted: Scripted) -> None:
+    """Those that wait for it to be forked can still be drained."""
     supervisor = scripted.supervisor
-    supervisor._spare = supervisor._next_spare()
+    supervisor._template = supervisor._next_template()
     lifeline, holder = os.pipe()
     supervisor._listen(lifeline, supervisor._lifeline_ended)
     os.close(holder)
     scripted.theirs[0].send(msgpack.packb({"event": "warm"}))
     supervisor._hear()
-    assert supervisor._spare is None
+    assert supervisor._control.draining
+    assert killed(scripted.children[0]) == 0
+    supervisor._stop()
+    assert killed(scripted.children[0]) == 1
     os.close(lifeline)
 
 
-def test_a_spare_that_the_system_refused_is_started_later(scripted: Scripted) -> None:
+def test_a_worker_whose_template_is_gone_reads_as_ended(scripted: Scripted) -> None:
+    supervisor = scripted.supervisor
+    supervisor._template = supervisor._next_template()
+    scripted.theirs[0].close()
+    child = supervisor._start_session({"order": "create"})
+    assert child.channel.receive(1.0) is None
+    assert (child.pid, child.reap()) == (0, 1)
+    supervisor._selector.unregister(child.channel)
+
+
+def test_a_template_that_the_system_refused_is_started_later(scripted: Scripted) -> None:
     supervisor = scripted.supervisor
     supervisor._watch.metrics.address = ""  # no monitor
     scripted.refused = 2
-    supervisor._spare = supervisor._next_spare()
-    assert supervisor._spare is None
+    supervisor._template = supervisor._next_template()
+    assert supervisor._template is None
     supervisor._beat(time.monotonic())
-    assert supervisor._spare is None
+    assert supervisor._template is None
     supervisor._beat(time.monotonic())
-    assert supervisor._spare is scripted.children[0]
+    assert supervisor._template is scripted.children[0]
     supervisor._beat(time.monotonic())
     assert len(scripted.children) == 1
 
 
-def test_the_end_of_a_spare_that_was_replaced_starts_no_third(scripted: Scripted) -> None:
+def test_the_end_of_a_template_that_was_replaced_starts_no_third(scripted: Scripted) -> None:
     supervisor = scripted.supervisor
-    supervisor._spare = first = supervisor._next_spare()
+    supervisor._template = first = supervisor._next_template()
     assert first is not None
-    supervisor._spare = second = supervisor._next_spare()
-    supervisor._worker_ended(first, spare=True)
-    assert supervisor._spare is second
+    supervisor._template = second = supervisor._next_template()
+    supervisor._worker_ended(first, template=True)
+    assert supervisor._template is second
     assert len(scripted.children) == 2
 
 
@@ -113,7 +127,7 @@ def test_a_monitor_that_the_system_refuses_ends_nothing(scripted: Scripted) -> N
     scripted.theirs[0].close()
     supervisor._hear()
     assert watched.child is None
-    supervisor._spare = supervisor._next_spare()
+    supervisor._template = supervisor._next_template()
     supervisor._beat(time.monotonic())
     assert watched.child is scripted.children[-1]
 
@@ -135,13 +149,13 @@ def test_the_page_is_told_of_the_working_sessions_however_many_fell(
 ) -> None:
     monkeypatch.setattr("mesh_motion_server.transport.watch._TOLD", 3)
     supervisor = scripted.supervisor
-    supervisor._spare = supervisor._next_spare()
+    supervisor._template = supervisor._next_template()
     page = supervisor._watch.page.child = scripted.spawn()
     page.spoke = True
     live = supervisor._control.registry.live
     for number, status in enumerate(["alive", "dead", "dead", "starting", "dead", "dead"]):
         live[str(number)] = Live(str(number), b"", "", scripted.children[0], status=status)
-    supervisor._watch.beat(supervisor._control.registry, supervisor._gateway, supervisor._spare, draining=False)
+    supervisor._watch.beat(supervisor._control.registry, supervisor._gateway, supervisor._template, draining=False)
     live.clear()
     told = msgpack.unpackb(scripted.theirs[-1].recv(1 << 16))
     assert {entry[0] for entry in told["sessions"]} == {"0", "3", "5"}
@@ -149,7 +163,7 @@ def test_the_page_is_told_of_the_working_sessions_however_many_fell(
 
 def test_a_monitor_that_hangs_while_it_starts_again_holds_nobody_up(scripted: Scripted) -> None:
     supervisor = scripted.supervisor
-    supervisor._spare = supervisor._next_spare()
+    supervisor._template = supervisor._next_template()
     watched = supervisor._watch.metrics
     supervisor._attend(watched)
     hung, now = scripted.children[-1], time.monotonic()
