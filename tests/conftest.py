@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import structlog
 
 from mesh_motion_server import failpoints
 
@@ -38,11 +37,9 @@ def nothing_left_open() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def logs_of_their_own() -> Iterator[None]:
-    """A test that set logging up leaves loggers behind that write to its captured, by then closed, standard error."""
+    """A test that set logging up leaves handlers behind that write to its captured, by then closed, standard error."""
     before = list(logging.getLogger().handlers)
     yield
-    structlog.reset_defaults()
-    structlog.contextvars.clear_contextvars()
     root = logging.getLogger()
     for handler in [handler for handler in root.handlers if handler not in before]:
         root.removeHandler(handler)

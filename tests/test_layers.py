@@ -54,7 +54,7 @@ def forbidden(module: str) -> tuple[str, ...]:
     above = [f"{package}.{layer}" for layer in LAYERS[LAYERS.index(inner[0]) + 1 :]]
     beside = [f"{package}.files", f"{package}.cases", f"{package}.cli", "mesh_motion_client"]
     if inner[0] == "numerics":
-        return (*above, *beside, *engine, "zmq", "msgpack", "pydantic", "logging", "structlog", "mesh_motion_protocol")
+        return (*above, *beside, *engine, "zmq", "msgpack", "pydantic", "logging", "mesh_motion_protocol")
     return (*above, *beside, *engine) if inner[0] == "transport" else (*above, *beside, *engine, "zmq")
 
 

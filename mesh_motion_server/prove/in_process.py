@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import structlog
 from mesh_motion_protocol.limits import default_limits
 
 from mesh_motion_server.errors import JournalError
@@ -58,8 +57,6 @@ def allow_everybody_listed(folder: Path) -> Protection:
 @contextlib.contextmanager
 def quiet() -> Iterator[deque[str]]:
     """No logs; instead the last exceptions that requests ended in are told, but for those that a proof has injected."""
-    was, configured = structlog.get_config(), structlog.is_configured()
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     found: deque[str] = deque(maxlen=10)
     logger, handler = logging.getLogger("mesh_motion_server"), _Collecting(found)
     propagate, logger.propagate = logger.propagate, False
@@ -69,7 +66,6 @@ def quiet() -> Iterator[deque[str]]:
     finally:
         logger.removeHandler(handler)
         logger.propagate = propagate
-        structlog.configure(**was) if configured else structlog.reset_defaults()
 
 
 class _Collecting(logging.Handler):

@@ -7,17 +7,14 @@ look at a server, not for its life.
 
 from __future__ import annotations
 
-import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any
 
-import structlog
-
-__all__ = ["Throttle", "places_of_exception", "shorten"]
+__all__ = ["Throttle", "places_of_exception", "shortened"]
 
 #: Lines of one event at once, and then a second.
 _BURST = 100.0
@@ -28,8 +25,6 @@ _LONGEST = 300
 _EVENTS = 500
 #: Their texts name modules and files.
 _OF_THE_SYSTEM = (ImportError, OSError)
-
-Event = MutableMapping[str, Any]
 
 
 class Throttle:
@@ -64,38 +59,23 @@ class Throttle:
         self.suppressed.clear()
         return taken
 
-    def __call__(self, _logger: Any, method: str, event: Event) -> Event:
-        """As a processor of structlog."""
-        if method != "debug" and not self.admits(str(event.get("event"))):
-            raise structlog.DropEvent
-        return event
 
-
-def shorten(_logger: Any, _method: str, event: Event) -> Event:
+def shortened(values: Mapping[str, Any]) -> dict[str, Any]:
     """No value is longer than a line should be, whatever a client has called itself."""
-    for key, value in event.items():
-        if isinstance(value, str) and len(value) > _LONGEST:
-            event[key] = f"{value[:_LONGEST]}… ({len(value)} characters)"
-    return event
+    return {
+        key: f"{value[:_LONGEST]}… ({len(value)} characters)"
+        if isinstance(value, str) and len(value) > _LONGEST
+        else value
+        for key, value in values.items()
+    }
 
 
-def places_of_exception(_logger: Any, _method: str, event: Event) -> Event:
+def places_of_exception(raised: BaseException | None) -> dict[str, Any]:
     """Type and places of an exception; its text may quote what a client has sent, and goes to that client alone."""
-    raised = _raised(event.pop("exc_info", None))
-    if raised is not None:
-        event["exception"] = type(raised).__name__
-        event["trace"] = _places(raised.__traceback__)
-        if isinstance(raised, _OF_THE_SYSTEM):
-            event["reason"] = str(raised)
-    return event
-
-
-def _raised(exc_info: Any) -> BaseException | None:
-    if exc_info is True:
-        exc_info = sys.exc_info()
-    if isinstance(exc_info, tuple):
-        exc_info = exc_info[1]
-    return exc_info if isinstance(exc_info, BaseException) else None
+    if raised is None:
+        return {}
+    told = {"exception": type(raised).__name__, "trace": _places(raised.__traceback__)}
+    return told | {"reason": str(raised)} if isinstance(raised, _OF_THE_SYSTEM) else told
 
 
 def _places(trace: TracebackType | None) -> list[str]:

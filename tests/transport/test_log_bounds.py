@@ -5,11 +5,11 @@ import json
 import logging
 
 import pytest
-import structlog
 from mesh_motion_protocol.messages import Hello, Ping
 
 from mesh_motion_server.prove.waiting import wait_until
-from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shorten
+from mesh_motion_server.transport import telemetry
+from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shortened
 from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
 
 
@@ -31,31 +31,21 @@ def test_events_without_end_share_one_bucket():
     assert len(throttle.take()) == 1
 
 
-def test_debug_lines_are_not_bounded():
-    throttle = Throttle(lambda: 0.0)
-    assert all(throttle(None, "debug", {"event": "served"}) for _ in range(1000))
-    while throttle.admits("served"):
-        pass
-    with pytest.raises(structlog.DropEvent):
-        throttle(None, "info", {"event": "served"})
-
-
 def test_values_are_cut():
-    event = shorten(None, "", {"event": "hello", "agent": "x" * 10_000, "count": 3})
-    assert len(event["agent"]) < 400
-    assert event["agent"].endswith("(10000 characters)")
+    values = shortened({"agent": "x" * 10_000, "count": 3})
+    assert len(values["agent"]) < 400
+    assert values["agent"].endswith("(10000 characters)")
+    assert values["count"] == 3
 
 
 def test_an_exception_is_told_by_type_and_places_only():
     try:
         raise ValueError("coordinates 0.123456789 1.5 are wrong")
     except ValueError as error:
-        by_value = places_of_exception(None, "", {"event": "x", "exc_info": error})
-        by_flag = places_of_exception(None, "", {"event": "x", "exc_info": True})
-    assert by_value == by_flag
-    assert by_value["exception"] == "ValueError"
-    assert "test_log_bounds.py" in by_value["trace"][-1]
-    assert "0.123" not in json.dumps(by_value)
+        told = places_of_exception(error)
+    assert told["exception"] == "ValueError"
+    assert "test_log_bounds.py" in told["trace"][-1]
+    assert "0.123" not in json.dumps(told)
 
 
 @pytest.fixture
@@ -66,10 +56,11 @@ def lines(monkeypatch):
     root = logging.getLogger()
     monkeypatch.setattr(root, "handlers", [])
     level = root.level
+    monkeypatch.setattr(telemetry, "_THROTTLE", Throttle())
     configure("tester", "debug")
     yield lambda: [json.loads(line) for line in stream.getvalue().splitlines()]
-    structlog.reset_defaults()
-    structlog.contextvars.clear_contextvars()
+    telemetry._NAMES.clear()
+    logging.captureWarnings(False)
     root.setLevel(level)
 
 
@@ -92,10 +83,12 @@ def test_both_ways_to_log_give_the_same_bounded_lines(lines):
         assert line["timestamp"]
         assert secret not in json.dumps(line)
     for _ in range(300):
+        log().debug("served")  # not bounded
         logging.getLogger("below").warning("again and again")
         log().warning("over and over")
     tell_suppressed()
     told = {line["of"]: line["lines"] for line in lines() if line["event"] == "suppressed"}
+    assert sum(line["event"] == "served" for line in lines()) == 300
     assert told == {"again and again": 200, "over and over": 200}
 
 
