@@ -76,6 +76,7 @@ _TABLE = (
     # the worker
     ("template.start", "the process begins that workers are forked from", _PASSING),
     ("template.ready", "it has imported everything", _PASSING),
+    ("template.fork", "it is about to fork a worker", _STARTING),
     ("worker.start", "a worker's process begins", _PASSING),
     ("worker.ordered", "a worker has its order", _PASSING),
     ("worker.hosting", "the session is there, the endpoint not bound", _PASSING),
@@ -89,6 +90,7 @@ _TABLE = (
     ("worker.over", "the session's use has ended, the supervisor not told", _PASSING),
     # the supervisor
     ("supervisor.spawn", "a process is about to be started", _STARTING),
+    ("supervisor.fork", "the template is about to be asked for a worker", _STARTING),
     ("supervisor.ordered", "a worker is asked for and has its order", _CERTAIN),
     ("supervisor.opened", "a worker has its order, the session is not in the registry", _CERTAIN),
     ("supervisor.request", "a control request has come from the gateway", _CERTAIN),

@@ -143,6 +143,7 @@ def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
 
 def fork(template: Child) -> Child:
     """Have the template fork a child once it has imported everything; if it is gone, the line reads as closed."""
+    failpoint("supervisor.fork")
     channel, theirs = Channel.pair()
     with theirs:
         template.channel.hand_over(theirs)
@@ -160,6 +161,7 @@ def fork_from_template() -> bool:
     OSError
         If the system refuses.
     """
+    failpoint("template.fork")
     supervisor = os.getppid()
     between = os.fork()
     if between:

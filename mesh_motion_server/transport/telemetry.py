@@ -78,7 +78,7 @@ def configure(role: str, level: str = "info") -> None:
     handler = logging.StreamHandler(Unfailing(sys.stderr))
     handler.setFormatter(_Line(json_lines=not sys.stderr.isatty()))
     handler.addFilter(_seldom)
-    logging.basicConfig(handlers=[handler], level=level.upper())
+    logging.basicConfig(handlers=[handler], level=level.upper(), force=True)
     logging.captureWarnings(True)
     sys.excepthook = _log_uncaught
 

@@ -28,7 +28,9 @@ def lasting() -> Iterator[Rig]:
     [
         # each of these has once ended the server, hung, or told something false
         ("look", "store.list", "raise:EMFILE", 1),
-        ("open", "supervisor.spawn", "raise:EAGAIN", 1),
+        ("open", "supervisor.fork", "raise:EAGAIN", 1),
+        ("open", "template.fork", "raise:EAGAIN", 1),
+        ("lose the gateway", "supervisor.spawn", "raise:EAGAIN", 1),
         ("open", "store.discard.renamed", "raise:EIO", 1),
         ("return", "store.mesh.read", "raise:EIO", 1),
         ("return", "store.open.locked", "raise:EIO", 1),
