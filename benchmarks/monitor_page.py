@@ -80,7 +80,7 @@ def _block(session: Any, rows: Any, steps: int) -> list[float]:
     end = time.monotonic() + _BLOCK_SECONDS
     while time.monotonic() < end or len(taken) < steps:
         started = time.perf_counter()
-        session.move(rows * (1 + 0.1 * np.sin(0.1 * session.step)), frame="reference")
+        session.move(rows * (1 + 0.1 * np.sin(0.1 * session.step)))
         session.commit()
         taken.append(time.perf_counter() - started)
     return taken

@@ -70,7 +70,7 @@ def _in_flight(task: Task) -> int:
 def _move(mover: ServedMover, displacement: NDArray[np.float64]) -> tuple[Seconds, float]:
     """Times of one Move, and the share of the wall time that its motion did not take."""
     used, began = cpu_seconds(os.getpid()), time.perf_counter()
-    moved = mover.session.move(displacement)
+    moved = mover.session.move(displacement, frame="committed")
     wall = time.perf_counter() - began
     return Seconds(cpu_seconds(os.getpid()) - used, wall), 1 - moved.seconds["total"] / wall
 

@@ -75,7 +75,7 @@ def main() -> int:
         floor = whole.points[session.moving_nodes]
         for step in range(1, options.steps + 1):
             height = options.height * np.sin(2.0 * np.pi * step / options.steps)
-            moved = session.move(floor_displacement(floor, height), frame="reference")
+            moved = session.move(floor_displacement(floor, height))
             domain.geometry.x[:, :2] = whole.points + moved.displacement
             error, area = solve_laplace(domain)
             quality = session.commit().quality["size_skew"]["min"]

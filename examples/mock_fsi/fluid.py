@@ -96,7 +96,7 @@ def couple_step(session, solid: Solid, load: LoadStub, time: float, options: arg
         displacement, previous = displacement + omega * residual, residual
         if iteration > 1:
             session.rollback()
-        moved = session.move(displacement, frame="reference")
+        moved = session.move(displacement)
         if np.max(np.abs(residual)) <= options.tolerance:
             return displacement, moved, iteration
     raise RuntimeError(f"no convergence in {options.max_iterations} iterations at t = {time:g} s")

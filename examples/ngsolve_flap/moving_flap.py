@@ -105,7 +105,7 @@ def main() -> int:
     with connect(options.server) as server, server.open(whole, {"displacement": "absolute"}) as session:
         flap = whole.points[session.moving_nodes]
         for step in range(1, options.steps + 1):
-            moved = session.move(bent(flap, options.deflection * step / options.steps), frame="reference")
+            moved = session.move(bent(flap, options.deflection * step / options.steps))
             deform(mesh, deformation, moved.displacement)
             drag, lift = stokes_force(mesh)
             quality = session.commit().quality["size_skew"]["min"]

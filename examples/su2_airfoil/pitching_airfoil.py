@@ -78,7 +78,7 @@ def main() -> int:
     with connect(options.server) as server, server.open(whole, {"displacement": "absolute"}) as session:
         foil = whole.points[session.moving_nodes]
         for angle in options.angles:
-            moved = session.move(pitched(foil, angle), frame="reference")
+            moved = session.move(pitched(foil, angle))
             quality = session.commit().quality["size_skew"]["min"]
             mesh = options.out / f"pitched_{angle:g}.su2"
             mesh.write_text(with_points(text, whole.points + moved.displacement))

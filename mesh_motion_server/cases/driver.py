@@ -124,7 +124,7 @@ class _Session:
         return list(self._session.mesh_report.get("warnings", []))
 
     def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
-        moved = self._session.move(displacement, frame="reference", report=report)
+        moved = self._session.move(displacement, report=report)
         return Reply(
             displacement=moved.displacement,
             predicted=float(moved.quality["corrected"]["metric"]["min"]),

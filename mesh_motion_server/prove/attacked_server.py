@@ -97,7 +97,7 @@ class Target:
     def step(self) -> None:
         """Move and commit."""
         rows = np.full((len(self._session.moving_nodes), 2), 1e-3 * (-1) ** self._session.step)
-        self._session.move(rows)
+        self._session.move(rows, frame="committed")
         self._session.commit()
 
     def require_alive(self) -> None:

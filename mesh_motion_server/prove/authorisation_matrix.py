@@ -176,7 +176,7 @@ def _join(wire: Wire, at: dict[str, Any], request: str) -> int:
 def _fields(request: str, at: dict[str, Any]) -> dict[str, Any]:
     """A right request's fields: where, and what of the rest it has to have."""
     rows = np.full((5, 2), 1e-4)
-    known = at | {"dimension": 2, "item": "nodes", "rows": rows, "displacement": rows}
+    known = at | {"dimension": 2, "item": "nodes", "frame": "committed", "rows": rows, "displacement": rows}
     names = m.MESSAGES[request].__dataclass_fields__
     fields = {name: value for name, value in known.items() if name in names}
     return fields | ({"outcome": "keep"} if request == "CLOSE" else {})

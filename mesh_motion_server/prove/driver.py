@@ -61,7 +61,8 @@ class Driver:
             "epoch": self.host.epoch,
             "partition": partition,
         }
-        return kind(**known | fields)
+        increment = {"frame": "committed"} if kind is Move else {}
+        return kind(**known | increment | fields)
 
     def send(self, request: Any, peer: bytes | None = None) -> list[Any]:
         """The replies, as (partition's peer, message) → messages."""

@@ -136,7 +136,9 @@ class Holder:
         """The next iteration of the seed's motion; sent again so many times, under the same request id."""
         self.iteration += 1
         rows = seeded_rows(self.seed, self.step + 1, self.iteration, self.moving)
-        moved: m.Moved = self.ask(m.Move, "MOVED", repeats=repeats, step=self.step + 1, displacement=rows)
+        moved: m.Moved = self.ask(
+            m.Move, "MOVED", repeats=repeats, frame="committed", step=self.step + 1, displacement=rows
+        )
         return moved
 
     def commit(self, *, repeats: int = 0) -> m.Committed:

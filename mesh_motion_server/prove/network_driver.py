@@ -126,7 +126,7 @@ class Driver:
         right = True
         try:
             for (rows,), (displacement,) in zip(expected.given, expected.displacements, strict=True):
-                moved = self._once("MOVE", _QUICK, partial(session.move, rows, timeout=_QUICK))
+                moved = self._once("MOVE", _QUICK, partial(session.move, rows, frame="committed", timeout=_QUICK))
                 right = right and np.array_equal(moved.displacement, displacement)
             committed = self._once("COMMIT", _QUICK, lambda: session.commit(timeout=_QUICK))
             right = right and committed.digest == expected.digest
@@ -172,7 +172,9 @@ class Driver:
         self._committing = False
         moves = zip(expected.given, expected.displacements, strict=True)
         for number, ((rows,), (displacement,)) in enumerate(moves, 1):
-            moved = self._again_here("MOVE", partial(Session.move, displacements=rows, timeout=_QUICK))
+            moved = self._again_here(
+                "MOVE", partial(Session.move, displacements=rows, frame="committed", timeout=_QUICK)
+            )
             require(np.array_equal(moved.displacement, displacement), f"MOVED {number} of step {step} is another array")
             require(moved.step == step, f"MOVED says step {moved.step}, not {step}")
             require(moved.iteration <= number, f"{moved.iteration} moves of step {step} were executed, {number} made")

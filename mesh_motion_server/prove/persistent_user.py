@@ -125,7 +125,9 @@ class PersistentUser(PersistentHolder):
 
     def _move(self, given: list[Any], expected: list[Any] | None) -> None:
         """One iteration; the stored replies are asked for as well."""
-        moves = [self.new(Move, p, step=self.step + 1, displacement=given[p]) for p in range(PARTITIONS)]
+        moves = [
+            self.new(Move, p, step=self.step + 1, frame="committed", displacement=given[p]) for p in range(PARTITIONS)
+        ]
         for _ in range(2):
             moved = self.deliver(moves)
             for reply, rows in zip(moved, expected or [reply.displacement for reply in moved], strict=True):

@@ -98,10 +98,10 @@ class Soaker:
         # The first iteration's rows come last: those are what the next step undoes, and the boundary stays where it is.
         for iteration in range(self.random.choice((1, 1, 1, 2)), 0, -1):
             rows = seeded_rows(1, session.step + 1, iteration, len(session.moving_nodes))
-            session.move(rows)
+            session.move(rows, frame="committed")
         if self.random.random() < 0.05:
             session.rollback()
-            session.move(seeded_rows(1, session.step + 1, 1, len(session.moving_nodes)))
+            session.move(seeded_rows(1, session.step + 1, 1, len(session.moving_nodes)), frame="committed")
         session.commit()
 
     def _step_by_hand(self) -> None:

@@ -129,11 +129,13 @@ class Built(Message):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Move(SessionMessage):
-    """Collective: one coupling iteration of the step ``step``. Any earlier trial of the step is replaced."""
+    """Collective: one coupling iteration of the step ``step``. Any earlier trial of the step is replaced.
+    ``frame`` has no default: totals taken for increments would be a valid motion, and a wrong one.
+    """
 
     type: ClassVar[str] = "MOVE"
     step: Count  # committed step + 1
-    frame: Frame = "committed"  # displacement since the "committed" state, or since the "reference" mesh (total)
+    frame: Frame  # displacement since the "reference" mesh (total), or since the "committed" state (increment)
     report: Report = ""  # what MOVED tells more: "faces" for the mesh as a finite-volume code sees it
     displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
 

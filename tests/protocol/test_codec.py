@@ -38,7 +38,7 @@ def over_the_wire(message):
 @given(hnp.arrays("<f8", hnp.array_shapes(min_dims=2, max_dims=2, min_side=0, max_side=3).filter(lambda s: s[1] >= 1)))
 @settings(max_examples=200, deadline=None)
 def test_displacements_come_back_bitwise(displacement):
-    moved = over_the_wire(Move(**AT, step=1, displacement=displacement))
+    moved = over_the_wire(Move(**AT, frame="committed", step=1, displacement=displacement))
     assert moved.displacement.dtype == np.float64
     assert moved.displacement.shape == displacement.shape
     assert moved.displacement.tobytes() == displacement.tobytes()
@@ -67,7 +67,7 @@ def test_any_flipped_byte_is_a_message_or_a_protocol_error(case, data):
 
 
 def test_received_arrays_are_aligned_owned_and_writable():
-    frames = [bytes(frame) for frame in encode(Move(**AT, step=1, displacement=np.ones((5, 3))))]
+    frames = [bytes(frame) for frame in encode(Move(**AT, frame="committed", step=1, displacement=np.ones((5, 3))))]
     misaligned = memoryview(b"x" + frames[1])[1:]
     moved = decode([frames[0], misaligned])
     assert moved.displacement.flags.aligned
@@ -90,7 +90,7 @@ def test_received_arrays_are_aligned_owned_and_writable():
 )
 def test_a_large_frame_becomes_its_array(rows, make, adopted):
     sent = np.arange(2.0 * rows).reshape(rows, 2)
-    header, frame = encode(Move(**AT, step=1, displacement=sent))
+    header, frame = encode(Move(**AT, frame="committed", step=1, displacement=sent))
     given = make(frame)
     tracemalloc.start()
     moved = decode([header, given]).displacement
@@ -106,14 +106,14 @@ def test_a_large_frame_becomes_its_array(rows, make, adopted):
 
 def test_four_byte_values_in_a_large_frame_are_widened():
     sent = np.arange(1 << 20, dtype="<f4").reshape(-1, 2)
-    header, frame = encode(Move(**AT, step=1, displacement=sent))
+    header, frame = encode(Move(**AT, frame="committed", step=1, displacement=sent))
     moved = decode([header, bytearray(frame)]).displacement
     assert moved.dtype == np.float64
     np.testing.assert_array_equal(moved, sent)
 
 
 def test_narrow_arrays_are_widened():
-    move = over_the_wire(Move(**AT, step=1, displacement=np.array([[0.1, 0.2]], dtype=np.float32)))
+    move = over_the_wire(Move(**AT, frame="committed", step=1, displacement=np.array([[0.1, 0.2]], dtype=np.float32)))
     assert move.displacement.dtype == np.float64
     assert (move.displacement == np.array([[0.1, 0.2]], dtype=np.float32)).all()
     joined = over_the_wire(Joined(state="READY", step=0, iteration=0, moving_nodes=np.array([1, 2], dtype=np.int32)))
@@ -124,13 +124,13 @@ def test_narrow_arrays_are_widened():
 @pytest.mark.parametrize("dtype", [">f8", "<f8"])
 def test_memory_order_and_byte_order_of_the_sender_do_not_show(order, dtype):
     array = np.asarray(np.arange(6.0).reshape(3, 2), dtype=dtype, order=order)
-    frames = [bytes(frame) for frame in encode(Move(**AT, step=1, displacement=array))]
+    frames = [bytes(frame) for frame in encode(Move(**AT, frame="committed", step=1, displacement=array))]
     assert frames[1] == np.arange(6, dtype="<f8").tobytes()
 
 
 def test_a_strided_view_is_sent_as_it_reads():
     array = np.arange(24.0).reshape(6, 4)[::2, 1:3]
-    assert (over_the_wire(Move(**AT, step=1, displacement=array)).displacement == array).all()
+    assert (over_the_wire(Move(**AT, frame="committed", step=1, displacement=array)).displacement == array).all()
 
 
 def test_large_arrays_travel_in_chunks_of_the_frame_size():
@@ -169,7 +169,7 @@ def test_an_array_that_may_be_left_out_and_one_that_may_not():
     assert len(frames) == 1
     assert decode(frames).rows is None
     with pytest.raises(ProtocolError) as caught:
-        encode(Move(**AT, step=1, displacement=None))
+        encode(Move(**AT, frame="committed", step=1, displacement=None))
     assert caught.value.code == "INVALID_ARGUMENT.DTYPE"
 
 
@@ -191,12 +191,12 @@ def test_numpy_scalars_and_tuples_become_plain():
 @pytest.mark.parametrize(
     ("message", "code"),
     [
-        (Move(**AT, step=1, displacement=np.zeros(4)), "INVALID_ARGUMENT.SHAPE"),
-        (Move(**AT, step=1, displacement=np.zeros((2, 4))), "INVALID_ARGUMENT.SHAPE"),
-        (Move(**AT, step=1, displacement=np.zeros((2, 2), dtype=complex)), "INVALID_ARGUMENT.DTYPE"),
-        (Move(**AT, step=1, displacement=np.zeros((2, 2), dtype=int)), "INVALID_ARGUMENT.DTYPE"),
-        (Move(**AT, step=-1, displacement=np.zeros((2, 2))), "INVALID_ARGUMENT.VALUE"),
-        (Move(**AT, step="1", displacement=np.zeros((2, 2))), "INVALID_ARGUMENT.HEADER"),
+        (Move(**AT, frame="committed", step=1, displacement=np.zeros(4)), "INVALID_ARGUMENT.SHAPE"),
+        (Move(**AT, frame="committed", step=1, displacement=np.zeros((2, 4))), "INVALID_ARGUMENT.SHAPE"),
+        (Move(**AT, frame="committed", step=1, displacement=np.zeros((2, 2), dtype=complex)), "INVALID_ARGUMENT.DTYPE"),
+        (Move(**AT, frame="committed", step=1, displacement=np.zeros((2, 2), dtype=int)), "INVALID_ARGUMENT.DTYPE"),
+        (Move(**AT, frame="committed", step=-1, displacement=np.zeros((2, 2))), "INVALID_ARGUMENT.VALUE"),
+        (Move(**AT, frame="committed", step="1", displacement=np.zeros((2, 2))), "INVALID_ARGUMENT.HEADER"),
         (Open(dimension=2, settings={"x": object()}), "INVALID_ARGUMENT.HEADER"),
         (Open(dimension=2, settings={1: "x"}), "INVALID_ARGUMENT.HEADER"),
         (Open(dimension=2, settings={"x": b"\0" * 70000}), "RESOURCE_EXHAUSTED.BYTES"),
@@ -248,7 +248,7 @@ def test_an_error_carries_the_request_id_where_it_was_readable(wrong, request_id
     ],
 )
 def test_an_error_in_the_header_names_the_field(change, field):
-    first, *others = encode(Move(**AT, step=1, displacement=np.zeros((2, 2))))
+    first, *others = encode(Move(**AT, frame="committed", step=1, displacement=np.zeros((2, 2))))
     header = msgpack.unpackb(first)
     change(header)
     with pytest.raises(ProtocolError) as caught:
@@ -272,7 +272,7 @@ def test_an_error_in_the_header_names_the_field(change, field):
     ],
 )
 def test_the_shapes_that_are_admitted(shape, code):
-    first, *others = encode(Move(**AT, step=1, displacement=np.zeros((2, 2))))
+    first, *others = encode(Move(**AT, frame="committed", step=1, displacement=np.zeros((2, 2))))
     header = msgpack.unpackb(first)
     header["arrays"][0]["shape"] = shape
     if code is None:

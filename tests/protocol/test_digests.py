@@ -10,7 +10,9 @@ import pytest
 from mesh_motion_protocol.digests import request_digest, state_digest
 from mesh_motion_protocol.messages import Commit, Move, Open, Upload
 
-MOVE = Move(client=b"c" * 16, sequence=1, session="s", epoch=1, step=1, displacement=np.array([[1.0, 2.0]]))
+MOVE = Move(
+    client=b"c" * 16, sequence=1, session="s", epoch=1, frame="committed", step=1, displacement=np.array([[1.0, 2.0]])
+)
 
 
 def test_id_and_epoch_are_not_content():

@@ -830,14 +830,14 @@ contains
 
    ! --- a time step --------------------------------------------------------------------------------------------------
 
-   ! (dimension, moving nodes) in, (dimension, nodes) out
+   ! (dimension, moving nodes) in, (dimension, nodes) out; totals since the uploaded mesh unless frame says else
    subroutine session_move(self, displacement, answer, frame)
       class(mm_session), intent(inout) :: self
       real(c_double), intent(in), contiguous :: displacement(:, :)
       real(c_double), intent(inout), contiguous :: answer(:, :)
       integer(c_int), intent(in), optional :: frame
       integer(c_int) :: since, ignored
-      since = mm_since_committed
+      since = mm_since_reference
       if (present(frame)) since = frame
       ignored = c_move(self%handle, since, rows_of(self, displacement), displacement, rows_of(self, answer), answer)
    end subroutine

@@ -155,7 +155,9 @@ MM_API mm_result mm_load_credentials(mm_session *session, const char *path);
 
 /* --- a time step ------------------------------------------------------------------------------------------------- */
 
-typedef enum { MM_SINCE_COMMITTED, MM_SINCE_REFERENCE } mm_frame; /* what a displacement counts from */
+/* What a displacement counts from: the committed state (increments) or the mesh as it was uploaded (totals, as structural
+ * codes have them). */
+typedef enum { MM_SINCE_COMMITTED, MM_SINCE_REFERENCE } mm_frame;
 typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
 
 /* One coupling iteration: `moving` rows for the moving nodes (in the order of mm_moving_nodes) in, `nodes` rows for all

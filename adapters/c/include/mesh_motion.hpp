@@ -257,7 +257,7 @@ public:
     void load_credentials(const std::string &path) { check(mm_load_credentials(get(), path.c_str())); }
 
     /// Displacement of the moving nodes in, of all nodes out: dimension() numbers a node.
-    void move(View<const double> displacement, View<double> answer, mm_frame frame = MM_SINCE_COMMITTED)
+    void move(View<const double> displacement, View<double> answer, mm_frame frame = MM_SINCE_REFERENCE)
     {
         require(displacement.size() % columns() == 0 && answer.size() % columns() == 0, "move: rows of the dimension");
         check(mm_move(get(), frame, displacement.size() / columns(), displacement.data(), answer.size() / columns(),

@@ -148,7 +148,7 @@ class Participant:
         given = self._part.displacements() - self._offset
         self._check_fixed(given)
         try:
-            moved = self.session.move(given[self._roles.moving], frame="reference")
+            moved = self.session.move(given[self._roles.moving])
         except QualityRefused as error:
             raise self._refused(error) from None
         for warning in moved.warnings:

@@ -9,7 +9,7 @@
     with connect("tcp://127.0.0.1:7440") as server, server.open(mesh, {"support_radius": 0.5}) as session:
         for step in range(steps):
             while not converged:
-                moved = session.move(displacements)      # since the committed state, in order of session.moving_nodes
+                moved = session.move(displacements)      # totals since the mesh given, in order of session.moving_nodes
                 ...                                      # moved.displacement, moved.quality, moved.warnings
             session.commit()
 

@@ -96,7 +96,7 @@ class Session:
         self,
         displacements: ArrayLike | Mapping[str, ArrayLike],
         *,
-        frame: Frame = "committed",
+        frame: Frame = "reference",
         report: Report = "",
         timeout: float | None = None,
     ) -> Moved:
@@ -106,8 +106,9 @@ class Session:
         ----------
         displacements : (k, d) array, mesh length unit, or dict
             In the order of :attr:`moving_nodes`; or patch name → (p, d) array in the order of the patch's nodes.
-        frame : {"committed", "reference"}
-            Displacement since the committed state, or since the reference mesh (total).
+        frame : {"reference", "committed"}
+            What the displacements count from: the reference mesh for totals, which structural codes have, or the
+            committed state for increments.
         report : {"", "faces"}
             "faces": also tell what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
             it takes time, ask once a step.

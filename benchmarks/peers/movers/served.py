@@ -61,8 +61,8 @@ class ServedMover:
         for iteration in range(1, self.iterations):
             before = self.task.displacements[step - 1][self.order] if step else 0.0 * displacement
             share = 1 - _RELAXATION**iteration
-            self.session.move(before + share * (displacement - before), frame="reference")
-        moved = self.session.move(displacement, frame="reference")
+            self.session.move(before + share * (displacement - before))
+        moved = self.session.move(displacement)
         self.session.commit()
         positions: NDArray[np.float64] = self.task.points + moved.displacement
         return positions

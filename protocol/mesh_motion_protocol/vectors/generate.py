@@ -227,6 +227,12 @@ def _broken_fields() -> Iterable[tuple[str, Frames, str, str]]:
     """Fields of requests."""
     header, value = "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE"
     yield "field-missing", _changed("MOVE", lambda h: h["fields"].pop("step")), header, "step has no default"
+    yield (
+        "move-without-frame",
+        _changed("MOVE", lambda h: h["fields"].pop("frame")),
+        header,
+        "totals and increments are told apart",
+    )
     yield "field-unknown", _field("MOVE", "stepp", 1), header, "requests have no unknown fields"
     yield "field-text", _field("MOVE", "step", "13"), header, "step is an integer"
     yield "field-bool", _field("MOVE", "step", True), header, "true is not 1"

@@ -133,7 +133,7 @@ def test_two_partitions_give_what_one_gives(compiler, endpoint, tools, tmp_path)
     with connect(endpoint) as server, server.open(mesh) as session:
         for step in (1, 2, 3):
             y = mesh.points[session.moving_nodes][:, 1]
-            session.move(np.stack([0.01 * step * y, np.full_like(y, 0.01 * step)], axis=1))
+            session.move(np.stack([0.01 * step * y, np.full_like(y, 0.01 * step)], axis=1), frame="committed")
             session.commit()
         whole = session.points().reshape(n + 1, n + 1, 2)
         session.close("discard")

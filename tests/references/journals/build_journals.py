@@ -127,7 +127,7 @@ def requests(driver: Driver, step: int) -> Any:
 
 def _move(driver: Driver, step: int) -> Any:
     def make(**fields: Any) -> Any:
-        return Move(**fields, step=step, displacement=displacement(driver, step)[0])
+        return Move(**fields, step=step, frame="committed", displacement=displacement(driver, step)[0])
 
     return make
 
