@@ -19,6 +19,12 @@ from mesh_motion_server.pictures.snapshot import Snapshot, choose_plane, choose_
 
 __all__ = ["write_picture"]
 
+#: Inches: the figure, its margins, what ticks and titles take between two panels, and the height of a chart. The places
+#: are set, not looked for: matplotlib's layout engines measure every text and take as long as the drawing.
+_WIDTH, _LEFT, _RIGHT, _TOP, _GAP, _CHART = 13.5, 0.8, 1.3, 0.9, 0.75, 3.2
+#: Largest height of a mesh beside the other one, and above it; no mesh is lower than a third of the latter.
+_TALL, _LOW = 5.4, 3.2
+
 _MINIMUM, _MEAN, _BEFORE = LIGHT.runs[0], LIGHT.runs[2], LIGHT.faint
 
 
@@ -37,28 +43,48 @@ def write_picture(
     metric : str
         The quality metric that the steps' predictions are of.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  (an extra)
-
-    figure = Figure(figsize=(13.5, 10.0), dpi=110, layout="constrained")
-    figure.suptitle(title, fontsize=15, fontweight="bold", color=INK)
     plane = choose_plane(before, after)
     window = choose_window(before, after, plane)
-    wide = window[1, 0] - window[0, 0] > 2.0 * (window[1, 1] - window[0, 1])
-    rows = [["a", "a"], ["b", "b"], ["c", "d"]] if wide else [["a", "b"], ["c", "d"]]
-    heights = [1.0, 1.0, 1.0] if wide else [1.7, 1.0]
-    first, second, *below = figure.subplot_mosaic(rows, height_ratios=heights).values()  # type: ignore[arg-type]
+    figure, (first, second), bar, below = _panels(*(window[1] - window[0]))
+    figure.suptitle(title, y=1.0 - 0.2 / figure.get_figheight(), va="top", fontsize=15, fontweight="bold", color=INK)
     last = f"after step {after.step} of {len(steps)}" + (", the worst" if len(steps) > 1 else "")
     if before.points.shape[1] > 1:
         draw_mesh(first, before, plane, "at opening", window)
         colours = draw_mesh(second, after, plane, last, window)
-        bar = figure.colorbar(colours, ax=[first, second], shrink=0.75, pad=0.01, extend="min")
-        bar.set_label(f"{drawn(metric)} of a cell (inverted: pink)")
+        figure.colorbar(colours, cax=bar, extend="min").set_label(f"{drawn(metric)} of a cell (inverted: pink)")
     else:
+        bar.remove()
         _draw_line(first, before, "at opening", drawn(metric))
         _draw_line(second, after, last, drawn(metric))
     _draw_history(below[0], before, steps, metric)
     _draw_distribution(below[1], (before, after), ("at opening", last), drawn(metric))
-    figure.savefig(path, metadata={"Software": None})
+    figure.savefig(path, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+
+
+def _panels(width: float, height: float) -> tuple[Any, list[Any], Any, list[Any]]:
+    """A figure, the axes of both meshes of this extent, of their colour bar, and of two charts below."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  (an extra)
+
+    wide = width > 2.0 * height
+    across = _WIDTH - _LEFT - _RIGHT
+    half = (across - _GAP) / 2.0
+    mesh_width, largest = (across, _LOW) if wide else (half, _TALL)
+    mesh_height = min(max(mesh_width * height / width, _LOW / 3.0), largest)
+    meshes = mesh_height + wide * (_GAP + mesh_height)
+    total = _TOP + meshes + _GAP + _CHART + _GAP
+    figure = Figure(figsize=(_WIDTH, total), dpi=110)
+
+    def panel(left: float, bottom: float, wide: float, high: float) -> Any:
+        return figure.add_axes((left / _WIDTH, bottom / total, wide / _WIDTH, high / total))
+
+    upper, right, base = total - _TOP - mesh_height, _LEFT + half + _GAP, _CHART + 2.0 * _GAP
+    second = (_LEFT, base) if wide else (right, base)
+    return (
+        figure,
+        [panel(_LEFT, upper, mesh_width, mesh_height), panel(*second, mesh_width, mesh_height)],
+        panel(_LEFT + across + 0.25, base + 0.05 * meshes, 0.22, 0.9 * meshes),
+        [panel(_LEFT, _GAP, half, _CHART), panel(right, _GAP, half, _CHART)],
+    )
 
 
 def _draw_line(axes: Any, mesh: Snapshot, title: str, name: str) -> None:

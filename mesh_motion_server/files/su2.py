@@ -9,10 +9,11 @@ https://su2code.github.io/docs_v7/Mesh-File/
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice, takewhile
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +24,14 @@ from mesh_motion_server.numerics.cells import CELL_TYPES
 
 __all__ = ["key_of", "read_su2"]
 
-_TYPES = {cell_type.vtk: cell_type for cell_type in CELL_TYPES.values()}  # SU2 uses VTK's numbers
-_VERTEX = 1
+#: Name and number of nodes of SU2's numbers of types, which are VTK's; a marker may have vertices, too.
+_CELLS = {cell_type.vtk: (cell_type.name, cell_type.n_nodes) for cell_type in CELL_TYPES.values()}
+_FACETS = {1: ("", 1), **_CELLS}
 #: Markers of nodes that another processor or a period owns; old releases write them.
 _HALO = "SEND_RECEIVE"
 _UNNAMED = "unnamed"
 
-_Rows = list[list[str]]
+_Rows = list[str]
 
 
 @dataclass(eq=False)
@@ -49,25 +51,25 @@ class _Zone:
     def add_marker(self, name: str, rows: _Rows) -> None:
         """Vertices and facets of a marker."""
         marker = self.markers.setdefault(name, defaultdict(list))
-        marker[""].append(np.array([row[1:2] for row in rows if int(row[0]) == _VERTEX], dtype=np.int64).reshape(-1, 1))
-        for kind, nodes in _elements([row for row in rows if int(row[0]) != _VERTEX]).items():
+        for kind, nodes in _elements(rows, _FACETS).items():
             marker[kind].append(nodes)
 
     def mesh(self, path: Path, zone: str) -> MeshFile:
         """The mesh without its halo and without markers that have no elements."""
-        points = np.array([row[: self.dimension] for row in self.points], dtype=np.float64)
+        points = _columns(self.points, range(self.dimension), np.float64)
         markers = {
             name or _UNNAMED: {kind: np.concatenate(parts) for kind, parts in of.items()}
             for name, of in self.markers.items()
         }
         cells, markers, left = _without_halo(self.cells, markers, self.physical, len(points))
-        nodes = {name: np.concatenate([part.ravel() for part in of.values()]) for name, of in markers.items()}
+        none = np.empty(0, dtype=np.int64)
+        nodes = {name: np.concatenate([none, *(part.ravel() for part in of.values())]) for name, of in markers.items()}
         notes = [f"marker {name!r} has no elements: it is no patch" for name in nodes if not len(nodes[name])]
         notes += [f"a marker without a name is the patch {_UNNAMED!r}"] if "" in self.markers else []
         notes += [f"cells of the halo ({_HALO}) that are left out: {left}"] if left else []
         patches = {name: of for name, of in nodes.items() if len(of)}
         facets = {name: {kind: part for kind, part in of.items() if kind} for name, of in markers.items()}
-        mesh = assemble(path, points.reshape(len(points), self.dimension), cells, patches, facets)
+        mesh = assemble(path, points, cells, patches, facets)
         return replace(mesh, zone=zone, notes=tuple(notes))
 
 
@@ -120,41 +122,53 @@ def read_su2(path: Path, zone: str = "") -> MeshFile:
     InvalidInput
         Without the zone, for unknown element types, missing or malformed sections.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
-    lines = (bare for line in text.splitlines() if (bare := line.partition("%")[0].strip()))
     try:
-        zones = _read_zones(lines)
+        zones = _read_zones(path.read_text(encoding="utf-8", errors="replace"))
         chosen = chosen_zone(path, list(zones), zone)
         return zones[chosen].mesh(path, chosen)
     except (ValueError, IndexError) as error:
         raise InvalidInput(f"{path}: malformed SU2 mesh: {error}") from None
 
 
-def _read_zones(lines: Iterator[str]) -> dict[str, _Zone]:
+def _read_zones(text: str) -> dict[str, _Zone]:
     """Go through the sections in whatever order they come."""
     zone, marker = _Zone(), ""
     zones: dict[str, _Zone] = {}
-    for line in lines:
-        key, value = key_of(line)
+    for key, value, rows in _sections(text):
         match key:
             case "IZONE":
                 zone = zones[value] = _Zone()
             case "NDIME":
                 zone.dimension = int(value)
+                if not 1 <= zone.dimension <= 3:
+                    raise ValueError(f"NDIME= {value}, expected 2 or 3")
             case "NPOIN":
                 counts = [int(word) for word in value.split()]
-                zone.points, zone.physical = _rows(lines, counts[0], key), counts[-1]
+                zone.points, zone.physical = _counted(rows, counts[0], key), counts[-1]
             case "NELEM":
-                zone.cells = _elements(_rows(lines, int(value.split()[0]), key))
+                zone.cells = _elements(_counted(rows, int(value.split()[0]), key), _CELLS)
             case "MARKERTAG":
                 marker = value
             case "MARKERELEMS":
-                rows = _rows(lines, int(value.split()[0]), key)
+                elements = _counted(rows, int(value.split()[0]), key)
                 if marker != _HALO:
-                    zone.add_marker(marker, rows)
+                    zone.add_marker(marker, elements)
             case _:
                 continue  # counts that the rows repeat (NMARK), and keys that say nothing about a mesh (FFD_NBOX, …)
     return zones or {"1": zone}
+
+
+def _sections(text: str) -> Iterator[tuple[str, str, _Rows]]:
+    """Key, value and the lines of numbers that follow; what a halo's marker says before them (SEND_TO) is left out."""
+    lines = text.splitlines()
+    if "%" in text:
+        lines = [line.partition("%")[0] for line in lines]
+    lines = [line for line in lines if line and not line.isspace()]
+    keys = [(place, *key_of(line)) for place, line in enumerate(lines) if "=" in line]
+    keys = [(place, key, value) for place, key, value in keys if not key.startswith("SEND")]
+    for (place, key, value), (end, _, _) in pairwise([*keys, (len(lines), "", "")]):
+        rows = lines[place + 1 : end]
+        yield key, value, [row for row in rows if "=" not in row] if key == "MARKERELEMS" else rows
 
 
 def key_of(line: str) -> tuple[str, str]:
@@ -163,25 +177,37 @@ def key_of(line: str) -> tuple[str, str]:
     return (key.strip().replace("_", "").upper(), value.strip()) if equals else ("", "")
 
 
-def _rows(lines: Iterator[str], count: int, key: str) -> _Rows:
-    """The next ``count`` lines of numbers, split; what a halo's marker says before them (SEND_TO) is passed over."""
-    numbers = (line for line in lines if not key_of(line)[0].startswith("SEND"))
-    rows = [line.split() for line in islice(takewhile(lambda line: "=" not in line, numbers), count)]
-    if len(rows) != count:
+def _counted(rows: _Rows, count: int, key: str) -> _Rows:
+    """The first ``count`` lines."""
+    if not 0 <= count <= len(rows):
         raise ValueError(f"{key}= {count}, but only {len(rows)} rows follow")
-    return rows
+    return rows[:count]
 
 
-def _elements(rows: _Rows) -> dict[str, IntArray]:
+def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, IntArray]:
     """{type: (m, k)} node ids; a row is the VTK type, the nodes, and perhaps the element's number."""
-    found: dict[str, list[list[str]]] = defaultdict(list)
-    for row in rows:
-        cell_type = _TYPES.get(int(row[0]))
-        if cell_type is None:
-            known = ", ".join(map(str, _TYPES))
-            raise ValueError(f"element type {row[0]} is not one of {known}; only first-order cells are read")
-        nodes = row[1 : 1 + cell_type.n_nodes]
-        if len(nodes) < cell_type.n_nodes:
-            raise ValueError(f"a {cell_type.name} with {len(nodes)} nodes")
-        found[cell_type.name].append(nodes)
-    return {name: np.array(nodes, dtype=np.int64) for name, nodes in found.items()}
+    codes = _columns(rows, range(1), np.int64)[:, 0]
+    known, first = np.unique(codes, return_index=True)
+    found = {}
+    for code in known[np.argsort(first)].tolist():
+        if code not in types:
+            listed = ", ".join(str(code) for code in types)
+            raise ValueError(f"element type {code} is not one of {listed}; only first-order cells are read")
+        name, count = types[code]
+        own = rows if len(known) == 1 else [rows[i] for i in np.flatnonzero(codes == code).tolist()]
+        found[name] = _columns(own, range(1, 1 + count), np.int64)
+    return found
+
+
+def _columns(rows: _Rows, columns: Sequence[int], dtype: type[np.generic]) -> NDArray[Any]:
+    """(m, k) some columns of lines of numbers."""
+    if not rows or not columns:  # loadtxt warns of either
+        return np.empty((len(rows), len(columns)), dtype=dtype)
+    try:
+        return np.loadtxt(rows, dtype=dtype, comments=None, usecols=columns, ndmin=2)
+    except ValueError as error:
+        for row in rows if len(rows) > 1 else ():  # which one it is
+            _columns([row], columns, dtype)
+        given, needed = len(rows[0].split()), max(columns) + 1
+        reason = f"{given} numbers, expected {needed}" if given < needed else str(error).partition(" at row")[0]
+        raise ValueError(f"{rows[0].strip()!r}: {reason}") from None

@@ -41,7 +41,8 @@ class Facets:
 
     Attributes
     ----------
-    corners : list of (k, 2) arrays
+    corners : (f, 4, 2) array
+        A triangle repeats its last one.
     cells : (f,) int64 array
         Whose facets they are.
     light : (f,) array
@@ -50,7 +51,7 @@ class Facets:
         Whether it belongs to the moving boundary.
     """
 
-    corners: list[FloatArray]
+    corners: FloatArray
     cells: IntArray
     light: FloatArray
     body: NDArray[np.bool_]
@@ -80,10 +81,9 @@ def visible_facets(mesh: Snapshot, chosen: IntArray, axis: int) -> Facets:
     order = order[(normals @ towards)[order] > 0]
     flat = places @ np.stack([right, up], axis=1)
     light = np.clip(normals @ _unit(towards + 0.6 * up - 0.4 * right), 0.0, 1.0)
-    corners = [flat[i, : 3 if degenerate[i] else 4] for i in order]
     moving = np.zeros(len(mesh.points), dtype=np.bool_)
     moving[mesh.moving] = True
-    return Facets(corners, owners[order], light[order], np.all(moving[facets[order]], axis=1))
+    return Facets(flat[order], owners[order], light[order], np.all(moving[facets[order]], axis=1))
 
 
 def draw_clipped(axes: Any, mesh: Snapshot, chosen: IntArray, axis: int, look: Look) -> Any:
@@ -102,13 +102,13 @@ def draw_clipped(axes: Any, mesh: Snapshot, chosen: IntArray, axis: int, look: L
     width = float(np.clip(25.0 / np.sqrt(max(len(values), 1)), 0.05, 0.5)) * look.ring_points / 16.0
     axes.add_collection(
         PolyCollection(
-            facets.corners, facecolors=colours, edgecolors=look.theme.edge, linewidths=width,
+            facets.corners, facecolors=colours, edgecolors=look.theme.edge, linewidths=width,  # type: ignore[arg-type]
             rasterized=len(values) > RASTER_ABOVE,
         )
     )  # fmt: skip
     own = np.flatnonzero((facets.cells == mesh.worst) & ~facets.body)
     if len(own):
-        place = np.mean([facets.corners[i].mean(axis=0) for i in own], axis=0)
+        place = facets.corners[own].mean(axis=(0, 1))
         axes.plot(*place, marker="o", markersize=look.ring_points, markerfacecolor="none",
                   markeredgecolor=INVERTED_COLOUR, markeredgewidth=look.ring_points / 8.0)  # fmt: skip
     axes.set_aspect("equal")

@@ -85,7 +85,7 @@ def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, look: Look) -> 
     window = np.array([centre - half, centre + half])
     polygons = _within(_polygons(mesh, plane), window)
     draw_polygons(axes, polygons, mesh, look)
-    own = [polygons.corners[i] for i in np.flatnonzero(polygons.cells == mesh.worst)]
+    own = polygons.corners[polygons.cells == mesh.worst]
     axes.add_collection(
         PolyCollection(own, facecolors="none", edgecolors=INVERTED_COLOUR, linewidths=look.ring_points / 9.0, zorder=4)
     )
@@ -105,7 +105,7 @@ def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, look: Look) -> 
     width = float(np.clip(40.0 / np.sqrt(max(len(values), 1)), 0.1, 0.7)) * look.ring_points / 16.0
     in_pixels = len(values) > RASTER_ABOVE
     colours = PolyCollection(
-        polygons.corners,
+        polygons.corners,  # type: ignore[arg-type]
         array=np.clip(values, 0.0, 1.0),
         cmap=QUALITY_MAP,
         norm=Normalize(0.0, 1.0),
@@ -113,14 +113,18 @@ def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, look: Look) -> 
         linewidths=width,
         rasterized=in_pixels,
     )
-    axes.add_collection(colours)
-    folded = np.flatnonzero(mesh.inverted[polygons.cells])
-    if len(folded):
-        inverted = [polygons.corners[i] for i in folded]
+    axes.add_collection(colours, autolim=False)  # the window is set, and looking for the extents takes long
+    folded = mesh.inverted[polygons.cells]
+    if folded.any():
         axes.add_collection(
             PolyCollection(
-                inverted, facecolors=INVERTED_COLOUR, edgecolors="white", linewidths=width, rasterized=in_pixels
-            )
+                polygons.corners[folded],  # type: ignore[arg-type]
+                facecolors=INVERTED_COLOUR,
+                edgecolors="white",
+                linewidths=width,
+                rasterized=in_pixels,
+            ),
+            autolim=False,
         )
     return colours
 
@@ -135,8 +139,9 @@ def _within(polygons: Polygons, window: FloatArray) -> Polygons:
     """Those that reach into the window, or nearly."""
     margin = 0.05 * (window[1] - window[0])
     low, high = window[0] - margin, window[1] + margin
-    kept = [i for i, p in enumerate(polygons.corners) if (p.max(axis=0) >= low).all() and (p.min(axis=0) <= high).all()]
-    return Polygons([polygons.corners[i] for i in kept], polygons.cells[kept])
+    corners = polygons.corners
+    kept = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+    return Polygons(corners[kept], polygons.cells[kept])
 
 
 def _show(axes: Any, window: FloatArray) -> None:
@@ -147,7 +152,7 @@ def _show(axes: Any, window: FloatArray) -> None:
 def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArray, look: Look) -> None:
     """A ring around the worst of the cells that are drawn, with its value and, if another one is worse, that one's."""
     for drawn in np.argsort(mesh.quality[polygons.cells], kind="stable"):
-        place = polygons.corners[drawn].mean(axis=0)
+        place = np.unique(polygons.corners[drawn], axis=0).mean(axis=0)
         if ((place >= window[0]) & (place <= window[1])).all():
             break
     else:

@@ -22,6 +22,8 @@ _EDGES: dict[str, tuple[tuple[int, int], ...]] = {
     "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
     "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
 }  # fmt: skip
+#: Of the cut of a hexahedron.
+_MOST_CORNERS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,18 +32,20 @@ class Polygons:
 
     Attributes
     ----------
-    corners : list of (k, 2) arrays
+    corners : (p, k, 2) array
+        Polygons of fewer corners repeat their last one.
     cells : (p,) int64 array
     """
 
-    corners: list[FloatArray]
+    corners: FloatArray
     cells: NDArray[np.int64]
 
 
 def flat(points: FloatArray, cells: CellTable) -> Polygons:
     """The cells of a 2D mesh (points (n, 2)) themselves."""
-    corners = [polygon for block in cells for polygon in points[block.nodes]]
-    return Polygons(corners, np.arange(len(cells)))
+    width = max(block.nodes.shape[1] for block in cells)
+    nodes = [np.pad(block.nodes, ((0, 0), (0, width - block.nodes.shape[1])), mode="edge") for block in cells]
+    return Polygons(points[np.concatenate(nodes)], np.arange(len(cells)))
 
 
 def cut(points: FloatArray, cells: CellTable, axis: int, position: float) -> Polygons:
@@ -53,23 +57,23 @@ def cut(points: FloatArray, cells: CellTable, axis: int, position: float) -> Pol
     height = points[:, axis] - position
     height = np.where(height == 0.0, 1e-300, height)  # a node on the plane counts as above it
     drawn = [i for i in range(3) if i != axis]
-    corners: list[FloatArray] = []
-    numbers: list[int] = []
+    corners, numbers = [np.empty((0, _MOST_CORNERS, 2))], [np.empty(0, dtype=np.int64)]
     for block, first in zip(cells, cells.offsets, strict=False):
-        edges = np.array(_EDGES[block.type.name])
-        signs = height[block.nodes] > 0
-        for row in np.flatnonzero(signs.any(axis=1) & ~signs.all(axis=1)):
-            a, b = block.nodes[row][edges].T
-            crossing = (height[a] > 0) != (height[b] > 0)
-            a, b = a[crossing], b[crossing]
-            share = (height[a] / (height[a] - height[b]))[:, None]
-            places = (points[a] + share * (points[b] - points[a]))[:, drawn]
-            corners.append(_around(places))
-            numbers.append(first + int(row))
-    return Polygons(corners, np.array(numbers, dtype=np.int64))
+        above = height[block.nodes] > 0
+        rows = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
+        a, b = np.moveaxis(block.nodes[rows][:, _EDGES[block.type.name]], 2, 0)
+        share = height[a] / np.where(crosses := (height[a] > 0) != (height[b] > 0), height[a] - height[b], np.inf)
+        places = (points[a] + share[:, :, None] * (points[b] - points[a]))[:, :, drawn]
+        corners.append(_around(places, crosses))
+        numbers.append(first + rows)
+    return Polygons(np.concatenate(corners), np.concatenate(numbers))
 
 
-def _around(places: FloatArray) -> FloatArray:
-    """(k, 2) points in the order of their angle about their mean."""
-    x, y = (places - places.mean(axis=0)).T
-    return places[np.argsort(np.arctan2(y, x), kind="stable")]
+def _around(places: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+    """(p, k, 2) the valid ones of points (p, e, 2) in the order of their angle about their mean, the last repeated."""
+    count = valid.sum(axis=1)[:, None]
+    middle = np.where(valid[:, :, None], places, 0.0).sum(axis=1) / count
+    x, y = np.moveaxis(places - middle[:, None], 2, 0)
+    order = np.argsort(np.where(valid, np.arctan2(y, x), np.inf), axis=1, kind="stable")
+    kept = np.take_along_axis(order, np.minimum(np.arange(_MOST_CORNERS), count - 1), axis=1)
+    return np.take_along_axis(places, kept[:, :, None], axis=1)

@@ -42,7 +42,7 @@ def test_cells_keep_their_numbers() -> None:
 
 def test_a_plane_beside_the_mesh_cuts_nothing() -> None:
     points, cells = SOLIDS["tetra"]
-    assert cut(points, cells, 0, 2.0).corners == []
+    assert len(cut(points, cells, 0, 2.0).corners) == 0
 
 
 def test_flat_cells_are_their_own_polygons() -> None:
@@ -50,4 +50,4 @@ def test_flat_cells_are_their_own_polygons() -> None:
     table = CellTable.from_arrays({"quad": np.array([[0, 1, 2, 3]]), "triangle": np.array([[1, 4, 2]])})
     polygons = flat(points, table)
     np.testing.assert_array_equal(polygons.cells, [0, 1])
-    assert [len(polygon) for polygon in polygons.corners] == [3, 4]
+    np.testing.assert_array_equal(polygons.corners, points[[[1, 4, 2, 2], [0, 1, 2, 3]]])
