@@ -42,11 +42,9 @@ def loops() -> list[str]:
     return sorted(name for name, found in vars(kernels).items() if hasattr(found, "__nb_signature__"))
 
 
-def overloads(name: str) -> list[list[Parameter]]:
+def overloads(loop: Any) -> list[list[Parameter]]:
     """The parameters of each form of a loop, from the signatures that the binding tells."""
-    texts = [
-        signature[0].partition("(")[2].rpartition(") ->")[0] for signature in getattr(kernels, name).__nb_signature__
-    ]
+    texts = [signature[0].partition("(")[2].rpartition(") ->")[0] for signature in loop.__nb_signature__]
     return [[_parameter(arg.partition(": ")[2]) for arg in _split(text) if arg != "/"] for text in texts]
 
 
@@ -157,7 +155,7 @@ def refused(name: str, arguments: list[Any]) -> bool:
 
 def fuzz(name: str) -> str:
     """What is wrong with a loop, if anything is."""
-    rng, forms = np.random.default_rng(0), overloads(name)
+    rng, forms = np.random.default_rng(0), overloads(getattr(kernels, name))
     for expected in forms:
         for _ in range(TRIALS):
             arguments, guarded = drawn(expected, rng)

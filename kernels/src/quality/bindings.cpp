@@ -1,5 +1,3 @@
-#include <nanobind/stl/vector.h>
-
 #include "bind.h"
 #include "quality/cell_bounds.h"
 #include "quality/cell_order.h"

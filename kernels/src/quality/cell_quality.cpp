@@ -372,6 +372,9 @@ void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vecto
                     Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
     require_results(columns.shape(0), reference, size, skew, inverted);
     require(columns.shape(2) == edges.shape(1), "columns: expected an edge for each dimension");
+    bool found = true;
+    for (Index column : columns) found &= 1 <= std::abs(column) && std::abs(column) <= edges.shape(0);
+    require(found, "columns: expected numbers of edges, from 1 on");
     const auto judge = [&]<class Type>(Type) {
         constexpr int d = Type::dimension;
         if (d != edges.shape(1) || Index(Type::corners.size()) != columns.shape(1)) return false;

@@ -1,0 +1,119 @@
+"""Records calls of loops, with their results and what they wrote, for ``replay``.
+
+``python recorded_calls.py FILE`` prints for each loop how many are of moves and tests, and how many in all.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections import Counter
+from contextlib import redirect_stdout, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import mesh_motion_kernels as kernels
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import fuzz
+import moves
+
+#: Where loops are called with what they are for: moves, and tests of what moves seldom do.
+_CASES = ("2D sparse", "2D corrected", "2D maximum", "2D far field", "2D reduced", "3D mixed", "3D two scales")
+_TESTS = (
+    "factorizations/test_iterative.py", "reduction/test_greedy_algorithms.py", "sampling/test_sampled_prediction.py",
+    "test_centres.py", "test_closest_point.py", "test_evaluation.py", "test_hashed_cells.py", "test_linked_unknowns.py",
+    "test_newton.py",
+    "test_prediction.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
+    "volume_reduction/test_background_grid.py",
+)  # fmt: skip
+#: Of each loop so many forms of calls are kept, none longer than so many bytes; and so many of fuzzing.
+_FORMS, _BYTES, _FUZZED = 20, 2_000_000, 20
+LOOPS = sorted(set(fuzz.loops()) - {"available_threads", "get_threads", "set_threads"})
+
+
+def _text(text: bytes) -> bytes:
+    return struct.pack("<q", len(text)) + text
+
+
+def _value(value: Any) -> bytes:
+    """An argument or a result: its kind, then what it consists of."""
+    if value is None:
+        return b"-"
+    if isinstance(value, np.ndarray):
+        shape = struct.pack(f"<{value.ndim + 1}q", value.ndim, *value.shape)
+        return b"a" + _text(value.dtype.str[1:].encode()) + shape + _text(value.tobytes())
+    if isinstance(value, tuple | list):
+        return b"s" + struct.pack("<q", len(value)) + b"".join(map(_value, value))
+    return b"n" + struct.pack("<d", value)
+
+
+def _bytes(arguments: Any) -> int:
+    if isinstance(arguments, tuple | list):
+        return sum(map(_bytes, arguments))
+    return int(getattr(arguments, "nbytes", 8))
+
+
+def _form(arguments: Any) -> Any:
+    """What makes a call different from others: types, whole numbers and the length of rows."""
+    if isinstance(arguments, np.ndarray):
+        return arguments.dtype, arguments.shape[1:]
+    return tuple(map(_form, arguments)) if isinstance(arguments, tuple | list) else str(arguments)[:2]
+
+
+class Recorder:
+    """Writes calls of loops that succeed, and counts them by loop."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.file = file
+        self.calls: Counter[str] = Counter()
+        self._forms: set[Any] = set()
+        self._loops = {name: getattr(kernels, name) for name in LOOPS}
+
+    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        before = _value(arguments)
+        result = self._loops[name](*arguments)
+        self.file.write(_text(name.encode()) + before + _value(result) + _value(arguments))
+        self.calls[name] += 1
+        return result
+
+    def of_use(self) -> None:
+        """Calls of moves and tests."""
+        for name in LOOPS:
+            setattr(kernels, name, partial(self._used, name))
+        for case in _CASES:
+            moves.moved(case)
+        numerics = Path(__file__).parents[1] / "numerics"
+        options = ["-q", "-p", "no:xdist", "-p", "no:cacheprovider", "-m", "not slow"]
+        with redirect_stdout(sys.stderr):
+            assert pytest.main([*options, *(str(numerics / test) for test in _TESTS)]) == 0
+
+    def _used(self, name: str, *arguments: Any) -> Any:
+        form = name, _form(arguments)
+        if form in self._forms or self.calls[name] == _FORMS or _bytes(arguments) > _BYTES:
+            return self._loops[name](*arguments)
+        self._forms.add(form)
+        return self.call(name, arguments)
+
+    def of_fuzzing(self) -> None:
+        """Calls with whatever a loop takes."""
+        rng = np.random.default_rng(0)
+        for name in LOOPS:
+            for expected in fuzz.overloads(self._loops[name]):
+                for _ in range(_FUZZED):
+                    arguments, _ = fuzz.drawn(expected, rng)
+                    with suppress(ValueError):
+                        self.call(name, tuple(arguments))
+
+
+if __name__ == "__main__":
+    with Path(sys.argv[1]).open("wb") as file:
+        recorder = Recorder(file)
+        recorder.of_use()
+        used = recorder.calls.copy()
+        recorder.of_fuzzing()
+    for loop in LOOPS:
+        sys.stdout.write(f"{loop}\t{used[loop]}\t{recorder.calls[loop]}\n")
