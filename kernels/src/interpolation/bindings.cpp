@@ -14,6 +14,7 @@ void bind_interpolation(nanobind::module_& m) {
     bind(m, "sum_values", sum_values);
     bind(m, "sum_gradients", sum_gradients);
     bind(m, "fill_block", fill_block);
+    bind(m, "rows_near", rows_near);
     bind(m, "count_near", count_near);
     bind(m, "fill_rows", fill_rows);
     bind(m, "expand", expand);

@@ -69,6 +69,20 @@ struct CentreGrid {
         return static_cast<Index>(std::min(std::max(-2.0, place), static_cast<double>(shape[axis]) + 1.0));
     }
 
+    /// Cells of the grid and one more on each side.
+    Index cells_around() const { return (shape[0] + 2) * (shape[1] + 2) * (shape[2] + 2); }
+
+    /// Which of these holds a point, −1 if none: the same number, the same runs.
+    Index number(const Point& x) const {
+        Index number = 0;
+        for (std::size_t axis = 3; axis-- > 0;) {
+            const Index along = cell(x, axis);
+            if (along < -1 || along > shape[axis]) return -1;
+            number = number * (shape[axis] + 2) + along + 1;
+        }
+        return number;
+    }
+
     /// The centres within one cell of a point: at most nine runs, since the cells along x are neighbours.
     FewRuns<max_runs> centre_runs(const Point& x) const {
         FewRuns<max_runs> runs;
