@@ -13,7 +13,7 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index rows_of_block = 1024, points_of_block = 1 << 14;
+constexpr Index rows_of_block = 1024, points_of_block = 1 << 12;
 
 /// Finds the runs of centres near a place, by one of two grids.
 class Search {
@@ -132,28 +132,36 @@ std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> poin
     require(n <= std::numeric_limits<std::int32_t>::max() && search.cells() <= std::numeric_limits<std::int32_t>::max(),
             "points, centres: expected no more than numbers of 32 bits");
     const auto reached = search.reached();
-    std::vector<std::int32_t> cell_of(n);
+    std::vector<char> asked(n, 1);
+    for (Index i : unasked) {
+        require(0 <= i && i < n, "unasked: expected rows of points");
+        asked[i] = 0;
+    }
+    struct Found {
+        std::int32_t row, cell;
+    };
+    std::vector<std::vector<Found>> found((n + points_of_block - 1) / points_of_block);
     with_dimension(d, [&](auto dimension) {
         for_ranges(n, points_of_block, [&](Index begin, Index end) {
+            std::array<Found, points_of_block> here;
+            Index count = 0;
             for (Index i = begin; i < end; ++i) {
                 Point x{};
                 for (int axis = 0; axis < dimension; ++axis) x[axis] = points(i, axis);
                 const Index cell = search.cell(x);
-                cell_of[i] = static_cast<std::int32_t>(cell >= 0 && reached && !reached[cell] ? -1 : cell);
+                here[count] = {static_cast<std::int32_t>(i), static_cast<std::int32_t>(cell)};
+                count += (cell >= 0) & asked[i] & (!reached || reached[std::max<Index>(cell, 0)]);  // no branch
             }
+            found[begin / points_of_block].assign(here.begin(), here.begin() + count);
         });
     });
-    for (Index i : unasked) {
-        require(0 <= i && i < n, "unasked: expected rows of points");
-        cell_of[i] = -1;
-    }
-    std::vector<Index> next(search.cells() + 1);  // of each cell, later the place of its next row
-    for (Index i = 0; i < n; ++i) ++next[cell_of[i] + 1];
-    next[0] = 0;
+    std::vector<std::int32_t> next(search.cells() + 1);  // of each cell the place of its next row
+    for (const auto& here : found)
+        for (const auto& [row, cell] : here) ++next[cell + 1];
     std::partial_sum(next.begin(), next.end(), next.begin());
     std::vector<Index> rows(next.back());
-    for (Index i = 0; i < n; ++i)
-        if (cell_of[i] >= 0) rows[next[cell_of[i]]++] = i;
+    for (const auto& here : found)
+        for (const auto& [row, cell] : here) rows[next[cell]++] = row;
     const auto r = static_cast<Index>(rows.size());
     Owned<double, 2> places{std::vector<double>(3 * r), {r, 3}};
     for_ranges(r, points_of_block, [&](Index begin, Index end) {

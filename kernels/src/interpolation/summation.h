@@ -75,12 +75,15 @@ struct CentreGrid {
     /// Which of these holds a point, −1 if none: the same number, the same runs.
     Index number(const Point& x) const {
         Index number = 0;
+        bool inside = true;
         for (std::size_t axis = 3; axis-- > 0;) {
-            const Index along = cell(x, axis);
-            if (along < -1 || along > shape[axis]) return -1;
-            number = number * (shape[axis] + 2) + along + 1;
+            // rounded otherwise than in cell(): next to a cell's side either one's runs have all that is near
+            const double place = (x[axis] - origin[axis]) * inverse_side + 1.0;
+            const bool along = (0.0 <= place) & (place < static_cast<double>(shape[axis] + 2));
+            inside &= along;
+            number = number * (shape[axis] + 2) + static_cast<Index>(along ? place : 0.0);
         }
-        return number;
+        return inside ? number : -1;
     }
 
     /// The centres within one cell of a point: at most nine runs, since the cells along x are neighbours.

@@ -73,7 +73,7 @@ _CLOSE, _WIDE = 5.0, 95.0
 _NEIGHBOURS = 16  # preceding points a row of the preconditioner
 #: Of the largest value interpolated, of which the coarse field leaves a hundredth or less; and for a wide level, which
 #: between its nodes leaves a ten-thousandth to the next one anyway.
-_TOLERANCE, _WIDE_TOLERANCE = 1e-11, 1e-7
+_TOLERANCE, _WIDE_TOLERANCE = 1e-11, 1e-6
 _MAX_ITERATIONS = 200
 _ACCEPTED = 1e-9
 
@@ -209,7 +209,7 @@ class CompactSystem:
         Raises
         ------
         NumericalError
-            If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-7.
+            If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
         weights, iterations = self._conjugate_gradients(
             residual[self.level.members], scale, _TOLERANCE if last else _WIDE_TOLERANCE
