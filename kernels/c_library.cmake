@@ -6,7 +6,7 @@ file(GLOB c_interface CONFIGURE_DEPENDS src/c_interface/*.cpp)
 add_library(mesh_motion_kernels ${c_interface}
   src/parallel.cpp src/far_field/cell_lists.cpp src/interpolation/assembly.cpp src/interpolation/summation.cpp
   src/mesh/hashed_cells.cpp src/quality/cell_quality.cpp src/quality/order_statistics.cpp src/quality/summaries.cpp
-  src/two_scale/near_operator.cpp src/two_scale/spline.cpp)
+  src/interpolation/sparse.cpp src/two_scale/spline.cpp)
 list(GET levels 0 narrowest)
 compile_for(mesh_motion_kernels ${narrowest})
 target_include_directories(mesh_motion_kernels PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include>

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from mesh_motion_server.numerics.centres import CentreLayout
 from mesh_motion_server.numerics.kernels import Basis
 
-__all__ = ["dense_block", "mean_row_entries", "sparse_matrix", "sparse_rows"]
+__all__ = ["dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -60,6 +60,21 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
     fine = layout.small_cells(support_radius * _SLACK)
     grid = (fine.origin, fine.inverse_side, none, none, fine.keys, fine.spans, fine.runs)
     return _Search(fine.order, fine.coordinates, grid)
+
+
+def rows_near(
+    layout: CentreLayout, support_radius: float, points: Array, *, unasked: Integers | None = None
+) -> tuple[Integers, Array]:
+    """Rows (r,) of (n, d) points that may be closer than R to a centre, and these points (r, 3), by their places.
+
+    Rows that are ``unasked`` for (u,) are left out.
+    """
+    search = _search(layout, support_radius)
+    left_out = np.empty(0, dtype=np.int64) if unasked is None else unasked
+    found: tuple[Integers, Array] = kernels.rows_near(
+        np.ascontiguousarray(points), left_out, search.coordinates, *search.grid
+    )
+    return found
 
 
 def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:

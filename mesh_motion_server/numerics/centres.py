@@ -90,20 +90,13 @@ class CentreLayout:
         """The grid's arguments of the compiled loops."""
         return self.origin, self.inverse_side, self.shape, self.starts
 
-    def within_reach(
-        self, points: NDArray[np.float64], *, unasked: NDArray[np.int64] | None = None, threads: int | None = None
-    ) -> NDArray[np.int64]:
-        """Rows (r,) of (n, d) points next to whose cell, or in it, there is a centre; of others every sum is zero.
-
-        Rows that are ``unasked`` for (u,) are left out.
-        """
+    def within_reach(self, points: NDArray[np.float64], *, threads: int | None = None) -> NDArray[np.int64]:
+        """Rows (r,) of (n, d) points next to whose cell, or in it, there is a centre; of others every sum is zero."""
         inside = np.empty(len(points), dtype=np.bool_)
         with limited_to(threads):
             kernels.mark_reached(
                 np.ascontiguousarray(points), self.origin, self.inverse_side, self.shape, self._reached_cells, inside
             )
-        if unasked is not None:
-            inside[unasked] = False
         return np.flatnonzero(inside)
 
     def small_cells(self, side: float) -> HashedCells:

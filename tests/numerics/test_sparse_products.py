@@ -1,10 +1,16 @@
-"""Products with sparse rows, four columns at a time or as they come."""
+"""Products with sparse rows, and conjugate gradients with such matrices."""
 
 import numpy as np
 import pytest
 from scipy.sparse import csr_array, random_array
 
-from mesh_motion_server.numerics.sparse_products import in_lanes, product
+from mesh_motion_server.numerics.assembly import sparse_rows
+from mesh_motion_server.numerics.centres import CentreLayout
+from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
+from mesh_motion_server.numerics.kernels import basis_named
+from mesh_motion_server.numerics.sparse_products import product
+
+C2 = basis_named("wendland-c2")
 
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 5, 8, 12])
@@ -12,16 +18,7 @@ def test_products_are_those_of_the_dense_matrix(k: int) -> None:
     rng = np.random.default_rng(k)
     matrix = csr_array(random_array((300, 200), density=0.05, rng=rng))
     vectors = rng.normal(size=(200, k))
-    expected = matrix.toarray() @ vectors
-    np.testing.assert_allclose(product(matrix, vectors), expected, atol=1e-13)
-    np.testing.assert_allclose(product(matrix, in_lanes(vectors))[:, :k], expected, atol=1e-13)
-
-
-def test_lanes_are_filled_with_zeros() -> None:
-    vectors = np.arange(6.0).reshape(2, 3)
-    np.testing.assert_array_equal(in_lanes(vectors), [[0, 1, 2, 0], [3, 4, 5, 0]])
-    whole = np.ones((3, 8))
-    assert in_lanes(whole) is whole
+    np.testing.assert_allclose(product(matrix, vectors), matrix.toarray() @ vectors, atol=1e-13)
 
 
 def test_an_empty_row_is_zero() -> None:
@@ -29,3 +26,18 @@ def test_an_empty_row_is_zero() -> None:
         (np.array([2.0]), np.array([1], dtype=np.int32), np.array([0, 0, 1], dtype=np.int32)), shape=(2, 3)
     )
     np.testing.assert_array_equal(product(matrix, np.ones((3, 4))), [[0.0] * 4, [2.0] * 4])
+
+
+@pytest.mark.parametrize("k", [2, 3, 5])
+def test_conjugate_gradients_solve_each_column(k: int) -> None:
+    points = np.random.default_rng(k).random((2500, 3))  # more than one block of rows
+    layout = CentreLayout.build(points, C2, 0.12)
+    matrix, inverse = sparse_rows(layout, C2, 0.12, points), SparseInverse(points, C2, 0.12, 16)
+    right = np.random.default_rng(1).normal(size=(2500, k))
+    right[:, 1] = 0.0
+    found = inverse.conjugate_gradients(matrix, right, limit=1e-9, most=200)
+    assert 1 < found.iterations < 200
+    np.testing.assert_allclose(matrix @ found.solution, right, atol=2e-9)
+    np.testing.assert_allclose(right - matrix @ found.solution, found.residual, atol=1e-12)
+    np.testing.assert_array_equal(found.solution[:, 1], 0.0)
+    assert inverse.conjugate_gradients(matrix, right, limit=1e-9, most=2).iterations == 2

@@ -6,9 +6,9 @@
 #include "c_interface/call.h"
 #include "far_field/cell_lists.h"
 #include "interpolation/assembly.h"
+#include "interpolation/sparse.h"
 #include "interpolation/summation.h"
 #include "mesh/hashed_cells.h"
-#include "two_scale/near_operator.h"
 #include "two_scale/spline.h"
 
 namespace mesh_motion {

@@ -3,14 +3,12 @@
 #include "correction/distortion.h"
 #include "correction/newton.h"
 #include "correction/region.h"
-#include "correction/sparse.h"
 
 namespace mesh_motion {
 
 void bind_correction(nanobind::module_& m) {
     bind(m, "add_cells", add_cells);
     bind(m, "add_linked_blocks", add_linked_blocks);
-    bind(m, "advance_columns", advance_columns);
     bind(m, "assemble_corners", assemble_corners);
     bind(m, "block_conjugate_gradients", block_conjugate_gradients);
     bind(m, "block_product", block_product);
@@ -18,7 +16,6 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "cell_blocks", cell_blocks);
     bind(m, "cell_distortions", cell_distortions);
     bind(m, "cell_gradients", cell_gradients);
-    bind(m, "column_products", column_products);
     bind(m, "corner_blocks", corner_blocks);
     bind(m, "determinants", determinants);
     bind(m, "distortion_gradients", distortion_gradients);
@@ -27,9 +24,6 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "linked_pattern", linked_pattern);
     bind(m, "node_adjacency", node_adjacency);
     bind(m, "p_mean", p_mean);
-    bind(m, "redirect_columns", redirect_columns);
-    bind(m, "sparse_inverse_rows", sparse_inverse_rows);
-    bind(m, "sparse_product", sparse_product);
     bind(m, "touched_cells", touched_cells);
 }
 

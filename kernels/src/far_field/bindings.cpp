@@ -8,7 +8,6 @@
 #include "far_field/plan.h"
 #include "two_scale/coarse_points.h"
 #include "two_scale/grid_sums.h"
-#include "two_scale/near_operator.h"
 #include "two_scale/spline.h"
 
 namespace mesh_motion {
@@ -34,7 +33,6 @@ void bind_far_field(nanobind::module_& m) {
     bind(m, "drop_followers", drop_followers);
     bind(m, "choose_farthest", choose_farthest);
     bind(m, "sum_on_grid", sum_on_grid);
-    bind(m, "add_product", add_product);
     bind(m, "spline_values", spline_values);
     bind(m, "spline_gradients", spline_gradients);
     bind(m, "quasi_interpolate", quasi_interpolate);

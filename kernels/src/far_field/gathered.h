@@ -7,10 +7,11 @@ namespace mesh_motion {
 
 class Gathered {
   public:
-    /// Centres j of (3, nc) and their weights (k, nc), by which `each(add)` calls add(j), `count` times.
+    /// Centres j of (3, nc) and their weights (k, nc), by which `each(add)` calls add(j), `count` times; filled up with
+    /// centres of no weight, so that no sum ends within a vector.
     template <class Each>
     Gathered(Matrix<const double> centres, Matrix<const double> weights, Index count, Each&& each)
-        : count_(count), k_(weights.shape(0)), numbers_((3 + k_) * count) {
+        : count_((count + lanes - 1) / lanes * lanes), k_(weights.shape(0)), numbers_((3 + k_) * count_) {
         Index at = 0;
         each([&](Index j) {
             for (Index m = 0; m < 3; ++m) numbers_[m * count_ + at] = centres(m, j);

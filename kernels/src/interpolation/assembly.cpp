@@ -1,7 +1,11 @@
 #include "interpolation/assembly.h"
 
+#include <limits>
+#include <memory>
+#include <numeric>
 #include <optional>
 
+#include "far_field/cell_lists.h"
 #include "interpolation/summation.h"
 #include "mesh/hashed_cells.h"
 #include "parallel.h"
@@ -9,16 +13,16 @@
 namespace mesh_motion {
 namespace {
 
-constexpr Index rows_of_block = 256;
+constexpr Index rows_of_block = 1024, points_of_block = 1 << 12;
 
 /// Finds the runs of centres near a place, by one of two grids.
 class Search {
   public:
-    Search(Matrix<const double> points, Matrix<const double> centres, Vector<const double> origin, double inverse_side,
-           Vector<const Index> shape, Vector<const Index> starts, Vector<const Index> keys,
-           Matrix<const std::int32_t> spans, Matrix<const std::int32_t> stored)
-        : stored_{origin, inverse_side, keys, spans, stored} {
-        require(points.shape(1) == 3 && centres.shape(0) == 3, "points, centres: expected shapes (n, 3) and (3, nc)");
+    Search(Matrix<const double> centres, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
+           Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
+           Matrix<const std::int32_t> stored)
+        : centres(centres), stored_{origin, inverse_side, keys, spans, stored} {
+        require(centres.shape(0) == 3, "centres: expected shape (3, nc)");
         if (keys.size()) {
             stored_.check();
         } else {
@@ -26,23 +30,146 @@ class Search {
         }
     }
 
-    FewRuns<27> near(const Point& x) const {
-        FewRuns<27> runs;
-        if (all_) {
-            for (const auto& [first, last] : all_->centre_runs(x)) runs.add(first, last);
-        } else {
-            const auto found = stored_.near(x[0], x[1], x[2]);
-            for (Index run = 0; run < found.shape(0); ++run) runs.add(found(run, 0), found(run, 1));
-        }
-        return runs;
+    /// Cells have the numbers 0 … cells() − 1.
+    Index cells() const { return all_ ? all_->cells_around() : stored_.keys.size(); }
+
+    /// The cell of a place: in the same one the same centres are near. −1 if none is.
+    Index cell(const Point& x) const { return all_ ? all_->number(x) : stored_.place(stored_.key_of(x[0], x[1], x[2])); }
+
+    /// (cells()) which cells there are centres near; null: all of them.
+    std::unique_ptr<bool[]> reached() const {
+        if (!all_) return nullptr;
+        auto marks = std::make_unique<bool[]>(cells());
+        mark_neighbours(all_->starts, view_of(all_->shape), Vector<bool>(marks.get(), {cells()}));
+        return marks;
     }
+
+    /// f(first, last) for the runs of centres near the cell of a place.
+    template <class F>
+    void for_runs(const Point& x, Index cell, F&& f) const {
+        if (all_) {
+            for (const auto& [first, last] : all_->centre_runs(x)) f(first, last);
+        } else {
+            const auto found = stored_.near(cell);
+            for (Index run = 0; run < found.shape(0); ++run) {
+                const Index first = found(run, 0), last = found(run, 1);
+                require(0 <= first && first <= last && last <= centres.shape(1), "stored: expected numbers of centres");
+                f(first, last);
+            }
+        }
+    }
+
+    const Matrix<const double> centres;
 
   private:
     std::optional<CentreGrid> all_;
     HashedCells stored_;
 };
 
+/// The centres near a cell side by side: points next to each other in memory mostly share one.
+class NearCell {
+  public:
+    explicit NearCell(const Search& search) : search_(search) {}
+
+    /// Takes the cell of a place; how many centres are near it.
+    Index take(const Point& x) {
+        const Index cell = search_.cell(x);
+        if (taken_ && cell == cell_) return count_;
+        cell_ = cell, taken_ = true, count_ = 0;
+        search_.for_runs(x, cell, [&](Index first, Index last) {
+            const Index count = count_ + last - first;
+            for (auto* along : {&x_, &y_, &z_, &squares_})
+                if (static_cast<Index>(along->size()) < count) along->resize(2 * count);
+            if (static_cast<Index>(numbers_.size()) < count) numbers_.resize(2 * count);
+            const auto *xs = search_.centres[0].data(), *ys = search_.centres[1].data(), *zs = search_.centres[2].data();
+            for (Index j = first; j < last; ++j, ++count_)
+                x_[count_] = xs[j], y_[count_] = ys[j], z_[count_] = zs[j], numbers_[count_] = j;
+        });
+        return count_;
+    }
+
+    /// How many of them are closer to a place than R.
+    Index closer(const Point& at, double square_radius) {
+        const double *xs = x_.data(), *ys = y_.data(), *zs = z_.data();
+        double* __restrict squares = squares_.data();
+        Index count = 0;
+        for (Index j = 0; j < count_; ++j) {
+            const double dx = at[0] - xs[j], dy = at[1] - ys[j], dz = at[2] - zs[j];
+            squares[j] = dx * dx + dy * dy + dz * dz;
+            count += squares[j] < square_radius;
+        }
+        return count;
+    }
+
+    /// Their numbers and squared distances as `closer` found them; room for one more than there are.
+    void list(double square_radius, std::vector<Index>& near, std::vector<double>& squares) const {
+        std::size_t found = 0;
+        for (Index j = 0; j < count_; ++j) {  // kept, or written over by the next: no branch
+            near[found] = numbers_[j];
+            squares[found] = squares_[j];
+            found += squares_[j] < square_radius;
+        }
+    }
+
+  private:
+    const Search& search_;
+    Index cell_ = 0, count_ = 0;
+    bool taken_ = false;
+    std::vector<double> x_, y_, z_, squares_;
+    std::vector<Index> numbers_;
+};
+
 }  // namespace
+
+std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> unasked,
+                                                       Matrix<const double> centres, Vector<const double> origin,
+                                                       double inverse_side, Vector<const Index> shape,
+                                                       Vector<const Index> starts, Vector<const Index> keys,
+                                                       Matrix<const std::int32_t> spans,
+                                                       Matrix<const std::int32_t> stored) {
+    const Search search(centres, origin, inverse_side, shape, starts, keys, spans, stored);
+    const Index n = points.shape(0), d = points.shape(1);
+    require(n <= std::numeric_limits<std::int32_t>::max() && search.cells() <= std::numeric_limits<std::int32_t>::max(),
+            "points, centres: expected no more than numbers of 32 bits");
+    const auto reached = search.reached();
+    std::vector<char> asked(n, 1);
+    for (Index i : unasked) {
+        require(0 <= i && i < n, "unasked: expected rows of points");
+        asked[i] = 0;
+    }
+    struct Found {
+        std::int32_t row, cell;
+    };
+    std::vector<std::vector<Found>> found((n + points_of_block - 1) / points_of_block);
+    with_dimension(d, [&](auto dimension) {
+        for_ranges(n, points_of_block, [&](Index begin, Index end) {
+            std::array<Found, points_of_block> here;
+            Index count = 0;
+            for (Index i = begin; i < end; ++i) {
+                Point x{};
+                for (int axis = 0; axis < dimension; ++axis) x[axis] = points(i, axis);
+                const Index cell = search.cell(x);
+                here[count] = {static_cast<std::int32_t>(i), static_cast<std::int32_t>(cell)};
+                count += (cell >= 0) & asked[i] & (!reached || reached[std::max<Index>(cell, 0)]);  // no branch
+            }
+            found[begin / points_of_block].assign(here.begin(), here.begin() + count);
+        });
+    });
+    std::vector<std::int32_t> next(search.cells() + 1);  // of each cell the place of its next row
+    for (const auto& here : found)
+        for (const auto& [row, cell] : here) ++next[cell + 1];
+    std::partial_sum(next.begin(), next.end(), next.begin());
+    std::vector<Index> rows(next.back());
+    for (const auto& here : found)
+        for (const auto& [row, cell] : here) rows[next[cell]++] = row;
+    const auto r = static_cast<Index>(rows.size());
+    Owned<double, 2> places{std::vector<double>(3 * r), {r, 3}};
+    for_ranges(r, points_of_block, [&](Index begin, Index end) {
+        for (Index j = begin; j < end; ++j)
+            for (Index axis = 0; axis < d; ++axis) places.values[3 * j + axis] = points(rows[j], axis);
+    });
+    return {owned(std::move(rows)), std::move(places)};
+}
 
 void fill_block(int code, Matrix<const double> rows, Matrix<const double> columns, double inverse_radius,
                 Matrix<double> out) {
@@ -68,19 +195,14 @@ Owned<Index, 1> count_near(Matrix<const double> points, Matrix<const double> cen
                            Vector<const double> origin, double inverse_side, Vector<const Index> shape,
                            Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
                            Matrix<const std::int32_t> stored) {
-    const Search search(points, centres, origin, inverse_side, shape, starts, keys, spans, stored);
-    const auto [cx, cy, cz] = rows_of<3>(centres);
+    require(points.shape(1) == 3, "points: expected shape (n, 3)");
+    const Search search(centres, origin, inverse_side, shape, starts, keys, spans, stored);
     std::vector<Index> counts(static_cast<std::size_t>(points.shape(0)));
     for_ranges(points.shape(0), rows_of_block, [&](Index begin, Index end) {
+        NearCell cell(search);
         for (Index i = begin; i < end; ++i) {
             const Point x = point_of(points, i);
-            Index count = 0;
-            for (const auto& [first, last] : search.near(x))
-                for (Index j = first; j < last; ++j) {
-                    const double dx = x[0] - cx[j], dy = x[1] - cy[j], dz = x[2] - cz[j];
-                    count += dx * dx + dy * dy + dz * dz < radius * radius;
-                }
-            counts[static_cast<std::size_t>(i)] = count;
+            counts[static_cast<std::size_t>(i)] = cell.take(x) ? cell.closer(x, radius * radius) : 0;
         }
     });
     return owned(std::move(counts));
@@ -91,36 +213,30 @@ void fill_rows(int code, Matrix<const double> points, Matrix<const double> centr
                Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
                Matrix<const std::int32_t> stored, Vector<const std::int32_t> pointers, Vector<std::int32_t> columns,
                Vector<double> entries) {
-    const Search search(points, centres, origin, inverse_side, shape, starts, keys, spans, stored);
+    require(points.shape(1) == 3, "points: expected shape (n, 3)");
+    const Search search(centres, origin, inverse_side, shape, starts, keys, spans, stored);
     require(numbers.size() == centres.shape(1), "numbers: expected one for each centre");
     require(pointers.size() == points.shape(0) + 1, "pointers: expected one more than points");
     require(columns.size() == entries.size(), "columns, entries: expected the same length");
-    const auto [cx, cy, cz] = rows_of<3>(centres);
     const double inverse_radius = 1.0 / radius;
     with_basis(code, [&](auto basis) {
         for_ranges(points.shape(0), rows_of_block, [&](Index begin, Index end) {
+            NearCell cell(search);
             std::vector<Index> near;
             std::vector<double> squares;
             for (Index i = begin; i < end; ++i) {
                 const Point x = point_of(points, i);
-                const FewRuns<27> runs = search.near(x);
-                std::size_t visited = 1, found = 0;
-                for (const auto& [first, last] : runs) visited += static_cast<std::size_t>(last - first);
-                if (visited > near.size()) near.resize(2 * visited), squares.resize(2 * visited);
-                for (const auto& [first, last] : runs)
-                    for (Index j = first; j < last; ++j) {  // kept, or written over by the next: no branch
-                        const double dx = x[0] - cx[j], dy = x[1] - cy[j], dz = x[2] - cz[j];
-                        near[found] = j;
-                        squares[found] = dx * dx + dy * dy + dz * dz;
-                        found += squares[found] < radius * radius;
-                    }
-                const auto count = static_cast<Index>(found);
-                require(0 <= pointers[i] && pointers[i] + count == pointers[i + 1] && pointers[i + 1] <= columns.size(),
+                const Index count = pointers[i + 1] - pointers[i];
+                if (count == 0) continue;  // nothing near: most points of cells that only touch a centre's
+                require(0 <= pointers[i] && pointers[i + 1] <= columns.size() && cell.take(x) > 0 &&
+                            cell.closer(x, radius * radius) == count,
                         "pointers: expected the sums of the counts of centres near points");
+                if (static_cast<Index>(near.size()) <= count) near.resize(2 * count), squares.resize(2 * count);
+                cell.list(radius * radius, near, squares);
                 std::int32_t* __restrict column = columns.data() + pointers[i];
                 double* __restrict entry = entries.data() + pointers[i];
-                for (std::size_t e = 0; e < found; ++e) column[e] = static_cast<std::int32_t>(numbers[near[e]]);
-                for (std::size_t e = 0; e < found; ++e) entry[e] = basis.phi(std::sqrt(squares[e]) * inverse_radius);
+                for (Index e = 0; e < count; ++e) column[e] = static_cast<std::int32_t>(numbers[near[e]]);
+                for (Index e = 0; e < count; ++e) entry[e] = basis.phi(std::sqrt(squares[e]) * inverse_radius);
             }
         });
     });

@@ -9,6 +9,17 @@ namespace mesh_motion {
 void fill_block(int code, Matrix<const double> rows, Matrix<const double> columns, double inverse_radius,
                 Matrix<double> out);
 
+/// Rows (r,) of points (n, d) near whose cell there are (3, nc) centres, and the points there (r, 3), cell by cell; but
+/// for rows that are unasked for (u,).
+///
+/// The last seven arguments as of count_near.
+std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> unasked,
+                                                       Matrix<const double> centres, Vector<const double> origin,
+                                                       double inverse_side, Vector<const Index> shape,
+                                                       Vector<const Index> starts, Vector<const Index> keys,
+                                                       Matrix<const std::int32_t> spans,
+                                                       Matrix<const std::int32_t> stored);
+
 /// (n,) numbers of (3, nc) centres closer than R to each of (n, 3) points.
 ///
 /// The last seven arguments find centres near a place: by a grid of all cells as in CentreGrid (origin, inverse side,

@@ -3,6 +3,7 @@
 #include "interpolation/basis.h"
 #include "interpolation/expansion.h"
 #include "interpolation/reduction.h"
+#include "interpolation/sparse.h"
 #include "interpolation/summation.h"
 
 namespace mesh_motion {
@@ -14,8 +15,15 @@ void bind_interpolation(nanobind::module_& m) {
     bind(m, "sum_values", sum_values);
     bind(m, "sum_gradients", sum_gradients);
     bind(m, "fill_block", fill_block);
+    bind(m, "rows_near", rows_near);
     bind(m, "count_near", count_near);
     bind(m, "fill_rows", fill_rows);
+    bind(m, "add_product", add_product);
+    bind(m, "solve_sparse", solve_sparse);
+    bind(m, "column_products", column_products);
+    bind(m, "advance_columns", advance_columns);
+    bind(m, "redirect_columns", redirect_columns);
+    bind(m, "sparse_inverse_rows", sparse_inverse_rows);
     bind(m, "expand", expand);
     bind(m, "sum_remainders", sum_remainders);
     bind(m, "lengths", lengths);

@@ -69,6 +69,23 @@ struct CentreGrid {
         return static_cast<Index>(std::min(std::max(-2.0, place), static_cast<double>(shape[axis]) + 1.0));
     }
 
+    /// Cells of the grid and one more on each side.
+    Index cells_around() const { return (shape[0] + 2) * (shape[1] + 2) * (shape[2] + 2); }
+
+    /// Which of these holds a point, −1 if none: the same number, the same runs.
+    Index number(const Point& x) const {
+        Index number = 0;
+        bool inside = true;
+        for (std::size_t axis = 3; axis-- > 0;) {
+            // rounded otherwise than in cell(): next to a cell's side either one's runs have all that is near
+            const double place = (x[axis] - origin[axis]) * inverse_side + 1.0;
+            const bool along = (0.0 <= place) & (place < static_cast<double>(shape[axis] + 2));
+            inside &= along;
+            number = number * (shape[axis] + 2) + static_cast<Index>(along ? place : 0.0);
+        }
+        return inside ? number : -1;
+    }
+
     /// The centres within one cell of a point: at most nine runs, since the cells along x are neighbours.
     FewRuns<max_runs> centre_runs(const Point& x) const {
         FewRuns<max_runs> runs;

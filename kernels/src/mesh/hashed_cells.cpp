@@ -100,7 +100,7 @@ Owned<std::int32_t, 2> hashed_runs(Vector<const double> place, Vector<const doub
     require(place.size() == 3, "place: expected a shape (3,)");
     const HashedCells cells{origin, inverse_side, keys, spans, runs};
     cells.check();
-    const Matrix<const std::int32_t> found = cells.near(place[0], place[1], place[2]);
+    const Matrix<const std::int32_t> found = cells.near(cells.place(cells.key_of(place[0], place[1], place[2])));
     return {{found.begin(), found.end()}, found.shape()};
 }
 

@@ -34,17 +34,28 @@ struct HashedCells {
         return slot;
     }
 
-    /// The runs (m, 2) of sorted points about a place, 27 at most.
-    Matrix<const std::int32_t> near(double x, double y, double z) const {
+    /// The key of the cell that holds a place; −1 where there can be none.
+    Index key_of(double x, double y, double z) const {
         constexpr double most = (1 << bits) - 2;
         const double px = (x - origin[0]) * inverse_side, py = (y - origin[1]) * inverse_side,
                      pz = (z - origin[2]) * inverse_side;
-        if (-1.0 <= px && px < most && -1.0 <= py && py < most && -1.0 <= pz && pz < most) {
-            const auto whole = [](double v) { return static_cast<Index>(std::floor(v)); };
-            const Index key = packed(whole(px), whole(py), whole(pz)), found = slot(key, keys);
-            if (keys[found] == key) return runs.rows(spans(found, 0), spans(found, 1));
-        }
-        return runs.rows(0, 0);
+        const auto whole = [](double v) { return static_cast<Index>(std::floor(v)); };
+        const bool inside = -1.0 <= px && px < most && -1.0 <= py && py < most && -1.0 <= pz && pz < most;
+        return inside ? packed(whole(px), whole(py), whole(pz)) : -1;
+    }
+
+    /// Where the table has a key; −1 where it does not.
+    Index place(Index key) const {
+        const Index found = key < 0 ? -1 : slot(key, keys);
+        return found >= 0 && keys[found] == key ? found : -1;
+    }
+
+    /// The runs (m, 2) of sorted points about the cell at a place of the table, 27 at most; none at −1.
+    Matrix<const std::int32_t> near(Index place) const {
+        if (place < 0) return runs.rows(0, 0);
+        const Index first = spans(place, 0), last = spans(place, 1);
+        require(0 <= first && first <= last && last <= runs.shape(0), "spans: expected numbers of runs");
+        return runs.rows(first, last);
     }
 };
 

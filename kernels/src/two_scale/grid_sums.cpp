@@ -45,19 +45,27 @@ struct Part {
 
 using Block = std::array<Part, 3>;
 
-/// The order of interpolation that each centre asks for; 0 for those that are near.
-std::vector<int> orders_of(Matrix<const double> centres, const Block& block, Vector<const double> distances) {
+constexpr int beyond_reach = -1;
+
+/// The order of interpolation that each centre asks for; 0 for those that are near, or whose support ends in the block.
+std::vector<int> orders_of(Matrix<const double> centres, const Block& block, double reach,
+                           Vector<const double> distances) {
     const double half = std::max({block[0].half, block[1].half, block[2].half});
     std::vector<int> orders(centres.shape(1));
     for (Index j = 0; j < centres.shape(1); ++j) {
-        double square = 0.0;
+        double square = 0.0, nearest = 0.0, furthest = 0.0;
         for (int axis = 0; axis < 3; ++axis) {
-            const double beyond = std::max(std::abs(centres(axis, j) - block[axis].middle) - half, 0.0);
+            const double off = std::abs(centres(axis, j) - block[axis].middle), beyond = std::max(off - half, 0.0);
+            const double least = std::max(off - block[axis].half, 0.0), most = off + block[axis].half;
             square += beyond * beyond;
+            nearest += least * least;
+            furthest += most * most;
         }
         const double away = half + std::sqrt(square);  // opposite a face the distance from the middle, of a corner more
-        for (int order = last_order; order >= least_order; --order)
-            if (away > distances[order] * half) orders[j] = order;
+        if (nearest >= reach * reach) orders[j] = beyond_reach;
+        else if (furthest <= reach * reach)
+            for (int order = last_order; order >= least_order; --order)
+                if (away > distances[order] * half) orders[j] = order;
     }
     return orders;
 }
@@ -72,10 +80,10 @@ void for_places(const std::array<std::vector<double>, 3>& along, F&& f) {
 }
 
 template <class Basis>
-void sum_block(Matrix<const double> centres, Matrix<const double> weights, double inverse_radius, const Block& block,
-               Vector<const double> low, double spacing, Vector<const double> distances, Cube<double> out) {
+void sum_block(Matrix<const double> centres, Matrix<const double> weights, double inverse_radius, double reach,
+               const Block& block, Vector<const double> low, double spacing, Vector<const double> distances, Cube<double> out) {
     const Index k = weights.shape(0);
-    const std::vector<int> orders = orders_of(centres, block, distances);
+    const std::vector<int> orders = orders_of(centres, block, reach, distances);
     std::vector<double> room(resampling_room<3>(side, k));
     // the sums over the centres of an order
     const auto sums = [&](int order, const std::array<std::vector<double>, 3>& along) {
@@ -127,7 +135,8 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
 }  // namespace
 
 void sum_on_grid(int code, Matrix<const double> centres, Matrix<const double> weights, double inverse_radius,
-                 Vector<const double> low, double spacing, Vector<const double> distances, Cube<double> out) {
+                 double reach, Vector<const double> low, double spacing, Vector<const double> distances,
+                 Cube<double> out) {
     const Index k = weights.shape(0);
     require(centres.shape(0) == 3 && weights.shape(1) == centres.shape(1) && k > 0,
             "centres, weights: expected (3, nc), (k, nc)");
@@ -140,7 +149,7 @@ void sum_on_grid(int code, Matrix<const double> centres, Matrix<const double> we
             const Block block{Part(b / (parts[1] * parts[2]), n[0], low[0], spacing),
                               Part(b / parts[2] % parts[1], n[1], low[1], spacing),
                               Part(b % parts[2], n[2], low[2], spacing)};
-            sum_block<decltype(basis)>(centres, weights, inverse_radius, block, low, spacing, distances, out);
+            sum_block<decltype(basis)>(centres, weights, inverse_radius, reach, block, low, spacing, distances, out);
         });
     });
 }

@@ -8,8 +8,10 @@ namespace mesh_motion {
 /// out (nx, ny, nz k): Σ_j w_j φ(|x − x_j|/R) at the points low + spacing (i, j, m), x slowest.
 ///
 /// centres (3, nc), weights (k, nc), low (3). Seen from a block of the grid, a centre more than distances[p] (9) half
-/// widths from its middle goes through a polynomial of p = 4 … 8 points an axis, the least p for which that holds.
+/// widths from its middle goes through a polynomial of p = 4 … 8 points an axis, the least p for which that holds. φ
+/// vanishes beyond `reach` from a centre, which may be infinite: no polynomial crosses that.
 void sum_on_grid(int code, Matrix<const double> centres, Matrix<const double> weights, double inverse_radius,
-                 Vector<const double> low, double spacing, Vector<const double> distances, Cube<double> out);
+                 double reach, Vector<const double> low, double spacing, Vector<const double> distances,
+                 Cube<double> out);
 
 }  // namespace mesh_motion

@@ -109,7 +109,7 @@ template <int A, int W, int F, class Step>
                                                const std::array<Index, A>& stride,
                                                const std::array<const Four*, A> (&weights)[F], double (&sums)[F][W]) {
     constexpr int leading = A == 3 ? 16 : A == 2 ? 4 : 1;
-    Quad lines[F][W] = {};
+    Quad lines[F][2][W] = {};  // even and odd points apart: one sum would wait for each product
 #pragma GCC unroll 16
     for (int p = 0; p < leading; ++p) {
         const int layer[] = {A == 3 ? p / 4 : p, p % 4};
@@ -123,13 +123,14 @@ template <int A, int W, int F, class Step>
         for (int f = 0; f < F; ++f) {
             double weight = 1.0;
             for (int axis = 0; axis < A - 1; ++axis) weight *= (*weights[f][axis])[layer[axis]];
-            for (int q = 0; q < W; ++q) lines[f][q] += weight * numbers[q];
+            for (int q = 0; q < W; ++q) lines[f][p % 2][q] += weight * numbers[q];
         }
     }
     for (int f = 0; f < F; ++f) {
         const Four& last = *weights[f][A - 1];
+        for (int q = 0; q < W; ++q) lines[f][0][q] += lines[f][1][q];
         double line[4 * W];
-        std::memcpy(line, lines[f], sizeof line);
+        std::memcpy(line, lines[f][0], sizeof line);
         for (int c = 0; c < W; ++c)
             sums[f][c] = (last[0] * line[c] + last[1] * line[W + c]) +
                          (last[2] * line[2 * W + c] + last[3] * line[3 * W + c]);

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from mesh_motion_server.numerics.factorizations.conjugate_gradients import Iterated
 from mesh_motion_server.numerics.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_server.numerics.kernels import Basis
-from mesh_motion_server.numerics.sparse_products import in_lanes, nbytes, product
+from mesh_motion_server.numerics.sparse_products import nbytes, product
 
 __all__ = ["SparseInverse"]
 
@@ -65,6 +66,19 @@ class SparseInverse:
 
     def __call__(self, residual: Array) -> Array:
         """(n, k) preconditioned residual."""
-        columns = residual.shape[1]
-        found = product(self._transposed, product(self._factor, in_lanes(residual)))
-        return found if found.shape[1] == columns else np.ascontiguousarray(found[:, :columns])
+        return product(self._transposed, product(self._factor, residual))
+
+    def conjugate_gradients(self, matrix: csr_array, right: Array, *, limit: float, most: int) -> Iterated:
+        """Solve with the (n, n) matrix for right-hand sides (n, k), which advance together as of the function so named.
+
+        Parameters
+        ----------
+        limit : float
+            Largest number of the residual that is left.
+        most : int
+            Iterations.
+        """
+        residual, solution = np.array(right, order="C"), np.empty(right.shape)
+        each = (part for m in (matrix, self._factor, self._transposed) for part in (m.indptr, m.indices, m.data))
+        iterations: int = kernels.solve_sparse(*each, limit, most, residual, solution)
+        return Iterated(solution, residual, iterations)

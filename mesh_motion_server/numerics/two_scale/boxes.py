@@ -7,6 +7,7 @@ before resolves. Points near each other share a box; the boxes of a level are di
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +56,7 @@ class Box:
     @property
     def grid_points(self) -> int:
         """Points at which the field is evaluated: two more than the cells' own on every side."""
-        return int(np.prod(np.where(self.cells > 0, self.cells + 5, 1)))
+        return math.prod(n + 5 if n > 0 else 1 for n in self.cells.tolist())
 
 
 def nested_boxes(coarse: Floats, low: Floats, high: Floats) -> list[Box]:
@@ -102,7 +103,8 @@ def _merged(place: Floats) -> list[tuple[Indices, Indices]]:
     if not len(place):
         return []
     # points of one cell of this side are near each other; boxes of cells that are, touch
-    label = np.unique(np.floor(place / MARGIN).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
+    cells = np.floor(place / MARGIN).astype(np.int64)
+    label = np.unique(cells @ (1 << 40, 1 << 20, 1), return_inverse=True)[1]
     boxes = []
     for group in (place[label == number] for number in range(label.max() + 1)):
         low, high = group.min(axis=0) - MARGIN, group.max(axis=0) + MARGIN

@@ -27,11 +27,11 @@ from scipy.sparse import csr_array
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.assembly import sparse_rows
 from mesh_motion_server.numerics.centres import CentreLayout, padded
-from mesh_motion_server.numerics.factorizations.conjugate_gradients import conjugate_gradients, largest
+from mesh_motion_server.numerics.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.kernels import basis_named
-from mesh_motion_server.numerics.sparse_products import in_lanes, nbytes, product
+from mesh_motion_server.numerics.sparse_products import nbytes
 from mesh_motion_server.numerics.two_scale.coarse_points import separated_points
 
 __all__ = [
@@ -73,7 +73,7 @@ _CLOSE, _WIDE = 5.0, 95.0
 _NEIGHBOURS = 16  # preceding points a row of the preconditioner
 #: Of the largest value interpolated, of which the coarse field leaves a hundredth or less; and for a wide level, which
 #: between its nodes leaves a ten-thousandth to the next one anyway.
-_TOLERANCE, _WIDE_TOLERANCE = 1e-11, 1e-7
+_TOLERANCE, _WIDE_TOLERANCE = 1e-11, 1e-6
 _MAX_ITERATIONS = 200
 _ACCEPTED = 1e-9
 
@@ -209,12 +209,11 @@ class CompactSystem:
         Raises
         ------
         NumericalError
-            If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-7.
+            If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
-        found, iterations = self._conjugate_gradients(
-            in_lanes(residual[self.level.members]), scale, _TOLERANCE if last else _WIDE_TOLERANCE
+        weights, iterations = self._conjugate_gradients(
+            residual[self.level.members], scale, _TOLERANCE if last else _WIDE_TOLERANCE
         )
-        weights = np.ascontiguousarray(found[:, : residual.shape[1]])
         return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout), iterations
 
     def _conjugate_gradients(self, right: Floats, scale: float, tolerance: float) -> tuple[Floats, int]:
@@ -223,13 +222,7 @@ class CompactSystem:
             return np.zeros_like(right), 0
         taken = 0
         for precondition in self._preconditioners():
-            found = conjugate_gradients(
-                right,
-                apply=lambda vectors: product(self.matrix, vectors),
-                precondition=precondition,
-                done=lambda left: largest(left) <= tolerance * scale,
-                most=_MAX_ITERATIONS,
-            )
+            found = precondition.conjugate_gradients(self.matrix, right, limit=tolerance * scale, most=_MAX_ITERATIONS)
             taken += found.iterations
             reached = largest(found.residual) / scale
             if reached <= max(_ACCEPTED, tolerance):

@@ -34,6 +34,8 @@ _LEAST, _ORDER = 4, 8
 _FAR = 1.8
 #: Functions so smooth that large weights cancel: all their far centres get the highest order.
 _SMOOTH = ("wendland-c4", "wendland-c6")
+#: Support radii that grid and centres may be wide: in a wider one cells of centres leave more sums out.
+_WIDE = 3.0
 #: Products of grid points and centres below which blocks do not pay.
 _WORTHWHILE = 2e6
 
@@ -55,8 +57,8 @@ def on_grid(interpolant: Interpolant, grid: NestedGrid, evaluator: Evaluator) ->
 def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tuple[int, ...]) -> Floats | None:
     """``Σ_j w_j φ(|x − x_j| / R)`` at the points of a grid; None where blocks do not pay or do not suit.
 
-    They suit in three dimensions, and where φ varies on the scale of its distance from a centre: for a support radius
-    as large as the distances.
+    They suit in three dimensions, and where φ varies on the scale of its distance from a centre: up to the support
+    radius. Beyond it a compact function is zero, and any other one does not suit.
 
     Parameters
     ----------
@@ -78,14 +80,16 @@ def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tup
         return None
     high = low + spacing * (np.array(counts) - 1.0)
     reach = np.maximum(high, centres.max(axis=0)) - np.minimum(low, centres.min(axis=0))
-    if float(np.sqrt(np.sum(reach**2))) > interpolant.support_radius:
+    compact, radius = interpolant.basis.compact, interpolant.support_radius
+    if float(np.sqrt(np.sum(reach**2))) > (_WIDE if compact else 1.0) * radius:
         return None
     out = np.empty((*counts, interpolant.weights.shape[1]))
     kernels.sum_on_grid(
         interpolant.basis.code,
         np.ascontiguousarray(centres.T),
         np.ascontiguousarray(interpolant.weights.T),
-        1.0 / interpolant.support_radius,
+        1.0 / radius,
+        radius if compact else np.inf,
         low,
         spacing,
         _ALL_HIGHEST if interpolant.basis.name in _SMOOTH else _DISTANCES,

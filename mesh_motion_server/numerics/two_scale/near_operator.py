@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mesh_motion_server.numerics.assembly import sparse_rows
-from mesh_motion_server.numerics.centres import padded
+from mesh_motion_server.numerics.assembly import rows_near, sparse_rows
 from mesh_motion_server.numerics.interpolant import Interpolant
 from mesh_motion_server.numerics.sparse_products import nbytes
 from mesh_motion_server.numerics.threads import limited_to
@@ -32,7 +31,7 @@ class NearOperator:
     Attributes
     ----------
     rows : (r,) int64 array
-        Places that the level may reach, ascending; at all others it vanishes.
+        Places that the level may reach, those near each other side by side; at all others it vanishes.
     matrix : (r, nc) csr_array
         Its functions there.
     """
@@ -45,8 +44,9 @@ class NearOperator:
         cls, level: Interpolant, points: Floats, *, unasked: Indices | None = None, threads: int | None = None
     ) -> NearOperator:
         """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``unasked`` (u,)."""
-        rows = level.layout.within_reach(points, unasked=unasked, threads=threads)
-        return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, padded(points[rows])))
+        with limited_to(threads):
+            rows, near = rows_near(level.layout, level.support_radius, points, unasked=unasked)
+            return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
 
     @property
     def nbytes(self) -> int:

@@ -11,6 +11,7 @@ C. de Boor, *A Practical Guide to Splines*, Springer 2001, ch. XII (quasi-interp
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -150,7 +151,7 @@ def _quasi_interpolated(values: Floats, axis: int) -> Floats:
     """(8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry."""
     before, after = values.shape[:axis], values.shape[axis + 1 :]
     out = np.empty((*before, values.shape[axis] - 2, *after))
-    rows, stride = int(np.prod(before)), int(np.prod(after))
+    rows, stride = math.prod(before), math.prod(after)
     kernels.quasi_interpolate(np.ascontiguousarray(values).reshape(rows, -1), stride, out.reshape(rows, -1))
     return out
 

@@ -52,9 +52,17 @@ def test_any_number_of_columns(k: int) -> None:
     assert np.abs(found - _directly(interpolant)).max() <= 5e-5 * largest
 
 
+@pytest.mark.parametrize("radius", [0.7, 1.0, 1.4])
+def test_no_polynomial_crosses_the_end_of_a_support(radius: float) -> None:
+    interpolant, largest = _interpolant("wendland-c2", radius)
+    found = grid_sums(interpolant, LOW, SPACING, COUNTS)
+    assert found is not None
+    assert np.abs(found - _directly(interpolant)).max() <= 5e-5 * largest
+
+
 def test_a_short_radius_few_points_and_a_plane_are_left_to_the_direct_sum() -> None:
-    interpolant, _ = _interpolant("wendland-c2", 1.0)
-    assert grid_sums(interpolant, LOW, SPACING, COUNTS) is None
+    for short in (_interpolant("wendland-c2", 0.5)[0], _interpolant("tps", 1.0)[0]):
+        assert grid_sums(short, LOW, SPACING, COUNTS) is None
     interpolant, _ = _interpolant("wendland-c2", 2.5)
     assert grid_sums(interpolant, LOW, SPACING, (9, 9, 9)) is None
     assert grid_sums(interpolant, LOW, SPACING, COUNTS[:2]) is None
