@@ -50,7 +50,7 @@ _TABLE = (
     ("journal.rotate", "the manifest is full, the next one not begun", _FILE),
     # the session
     ("session.upload.taken", "a part of the mesh is kept, the state not changed", _COMPUTING),
-    ("session.build.checked", "the mesh is checked, nothing of it is durable", _COMPUTING),
+    ("session.build.checked", "the mesh is checked, the journal not begun", _COMPUTING),
     ("session.build.stored", "the mesh is durable, the session does not know it", _COMPUTING),
     ("session.move.start", "a Move is about to be computed", _COMPUTING),
     ("session.move.computed", "a Move is computed, its trial not taken", _COMPUTING),

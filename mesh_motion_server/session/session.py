@@ -233,9 +233,10 @@ class Session:
         """
         state = self.admit(Operation.BUILD)
         partitions = self.upload.meshes()
-        mesh = merge(partitions)
-        model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
-        failpoint("session.build.checked")
+        with self._folder.writing_mesh(partitions):
+            mesh = merge(partitions)
+            model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
+            failpoint("session.build.checked")
         journal = self._folder.build(partitions, len(mesh.points), self._limits.snapshot_steps, epoch=self._epoch)
         failpoint("session.build.stored")
         self._built = Built(mesh, model, keeper_of(journal))
