@@ -108,7 +108,7 @@ def _count(partition: PartitionMesh) -> int:
 
 
 def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
-    """Its arrays as they are written, in order, some rows at a time: what is widened for the file stays in the cache."""
+    """Its arrays as they are written, in order, some rows at a time: what is widened stays in the cache."""
     cells = [piece for name in partition.cells for piece in partition.cell_pieces(name)]
     numbers = [partition.global_ids, *cells, *(patch.nodes for patch in partition.patches.values())]
     for array, dtype in [(partition.points, "<f8"), *((array, "<i8") for array in numbers)]:

@@ -296,6 +296,7 @@ class Session:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
         failpoint("session.commit.start")
         durable = np.take(trial.points, built.mesh.id_order, axis=0)
+        built.keeper.prepare(durable)  # the disk works while the state is hashed and judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
