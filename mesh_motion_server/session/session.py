@@ -203,8 +203,8 @@ class Session:
             )
 
     def mesh_warnings(self) -> list[str]:
-        """What the mesh check noticed, in the numbering of the upload."""
-        return checked_warnings(self._build_model, self.mesh, self.model, self.spec.settings.to_method())
+        """What was noticed when the session was built, in the numbering of the upload."""
+        return checked_warnings(self.mesh, self.model)
 
     def coordinates(self, frame: str) -> Floats:
         """(n, d) coordinates in canonical order: "committed" or "reference"."""
