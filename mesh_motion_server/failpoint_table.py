@@ -42,7 +42,7 @@ _TABLE = (
     ("journal.settle.record", "the last record is written anew and synced, slots are not cleaned", _FILE),
     ("journal.settle.done", "what a crash left is repaired, but for the provisional manifest", _FILE),
     ("journal.commit.start", "a commit is about to be written", _FILE),
-    ("journal.commit.ahead-unsynced", "coordinates are written before their record, and not synced", _FILE),
+    ("journal.commit.ahead", "the coordinates are written and not synced, their record is not known", _FILE),
     ("journal.commit.slot-unsynced", "the slot is written and not synced", _FILE),
     ("journal.commit.slot-synced", "the slot is durable, its record is not in the manifest", _FILE),
     ("journal.record.unsynced", "a record is written and not synced", _FILE),

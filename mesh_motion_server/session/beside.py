@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Generic, TypeVar
 
 __all__ = ["Beside"]
@@ -18,17 +19,21 @@ class Beside(Generic[_Result]):
     ----------
     call : callable
         Touches nothing that its maker uses before :meth:`result`.
+    worth_a_thread : bool
+        Else it is over already when this is made.
     """
 
-    def __init__(self, call: Callable[[], _Result]) -> None:
+    def __init__(self, call: Callable[[], _Result], *, worth_a_thread: bool = True) -> None:
         self._call = call
         self._found: list[_Result] = []
         self._error: BaseException | None = None
-        self._thread: threading.Thread | None = threading.Thread(target=self._run, name="beside", daemon=True)
-        try:
-            self._thread.start()
-        except RuntimeError:
-            self._thread = None
+        self._thread: threading.Thread | None = None
+        if worth_a_thread:
+            with suppress(RuntimeError):
+                thread = threading.Thread(target=self._run, name="beside", daemon=True)
+                thread.start()
+                self._thread = thread
+        if self._thread is None:
             self._run()
 
     def wait(self) -> None:

@@ -36,8 +36,6 @@ _LOG = logging.getLogger(__name__)
 _LEAST_LOG, _MOST_LOG = 1 << 20, 32 << 20
 #: An input is logged if it has so many bytes at most, or is at most this part of the state (benchmarks.durability).
 _SMALL_INPUT, _SMALL_PART = 256 << 10, 1 / 32
-#: A state of so many bytes is written before its record: then a sync more costs less than what goes on meanwhile saves.
-_LARGE_STATE = 4 << 20
 #: So long after a state was stored the next one is, seconds: computing what was logged meanwhile again takes no longer,
 #: and a worker that resumes a session is given ten minutes, however slow its moves are.
 _LONGEST_LOG = 60.0
@@ -62,8 +60,7 @@ class FullKeeper(Keeper):
 
     def prepare(self, state: Floats) -> None:
         """See :class:`Keeper`."""
-        if state.nbytes >= _LARGE_STATE:
-            self.journal.write_ahead(state)
+        self.journal.write_ahead(state)
 
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         """See :class:`Keeper`."""

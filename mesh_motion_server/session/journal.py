@@ -54,6 +54,8 @@ __all__ = ["Journal", "record_area"]
 
 Floats = NDArray[np.float64]
 
+#: A state of so many bytes is synced before its record is written: one sync more takes less than hashing it meanwhile.
+_LARGE_STATE = 4 << 20
 #: Smallest manifest: some 250 commits of one partition.
 _LEAST_CAPACITY = 1 << 20
 #: A manifest holds at least this many records of the largest size beside its checkpoint.
@@ -163,7 +165,7 @@ class Journal:
             self._store(body, state)
 
     def write_ahead(self, state: Floats) -> None:
-        """Begin to write the coordinates of the next step to its slot, for :meth:`store` of the same array.
+        """Write the coordinates of the next step to its slot, for :meth:`store` of this array; large ones meanwhile.
 
         Parameters
         ----------
@@ -178,17 +180,18 @@ class Journal:
         self._require_fitting(state, self.ledger.step + 1)
         with self._freezing(f"committing step {self.ledger.step + 1}"):
             self._take_ahead()
-        slot = self.ledger.next_slot
+        slot, large = self.ledger.next_slot, state.nbytes >= _LARGE_STATE
 
         def write() -> None:
             self._write_state(slot, state)
-            failpoint("journal.commit.ahead-unsynced")
-            self._files.sync(self._handles[1 + slot])
+            failpoint("journal.commit.ahead")
+            if large:
+                self._files.sync(self._handles[1 + slot])
 
-        self._ahead = state, Beside(write)
+        self._ahead = state, Beside(write, worth_a_thread=large)
 
     def _take_ahead(self) -> Floats | None:
-        """The coordinates that were written ahead, once they are on the disk."""
+        """The coordinates that were written ahead, once they are written."""
         if self._ahead is None:
             return None
         (state, written), self._ahead = self._ahead, None

@@ -25,9 +25,9 @@ def test_failures_at_every_operation(error: int, for_ever: bool) -> None:
     assert endings["FROZEN"] > 20
 
 
-def test_failures_of_states_that_are_written_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failures_of_states_that_are_synced_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     before = fail_each_call(errno.EIO, for_ever=True)
-    monkeypatch.setattr("mesh_motion_server.session.durability._LARGE_STATE", 0)
+    monkeypatch.setattr("mesh_motion_server.session.journal._LARGE_STATE", 0)
     endings = fail_each_call(errno.EIO, for_ever=True)
     assert endings["FROZEN"] > before["FROZEN"]  # one more sync in each commit
 

@@ -50,11 +50,17 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal_module, "_capacity", lambda foundation: 8 * PAGE)
 
 
+@pytest.fixture(params=["small states", "large states"])
+def any_size(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.param == "large states":
+        monkeypatch.setattr(journal_module, "_LARGE_STATE", 0)
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_what_is_written_ahead_makes_the_same_files(tmp_path: Path) -> None:
+def test_what_is_written_ahead_makes_the_same_files(tmp_path: Path, any_size: None) -> None:
     (tmp_path / "once").mkdir()
     (tmp_path / "ahead").mkdir()
     write(tmp_path / "once", 3).close()
@@ -68,7 +74,7 @@ def test_what_is_written_ahead_makes_the_same_files(tmp_path: Path) -> None:
     assert contents(tmp_path / "once") == contents(tmp_path / "ahead")
 
 
-def test_another_state_than_the_one_written_ahead_is_stored(tmp_path: Path) -> None:
+def test_another_state_than_the_one_written_ahead_is_stored(tmp_path: Path, any_size: None) -> None:
     journal = write(tmp_path, 1)
     journal.write_ahead(state_of(7))
     journal.store(entry_of(2), state_of(2))
@@ -76,7 +82,7 @@ def test_another_state_than_the_one_written_ahead_is_stored(tmp_path: Path) -> N
     np.testing.assert_array_equal(reopen(tmp_path).read_state(), state_of(2))
 
 
-def test_a_state_written_ahead_and_not_stored_changes_nothing(tmp_path: Path) -> None:
+def test_a_state_written_ahead_and_not_stored_changes_nothing(tmp_path: Path, any_size: None) -> None:
     journal = write(tmp_path, 3)
     journal.write_ahead(state_of(4))
     journal.close()
@@ -95,7 +101,7 @@ class Broken(PosixFileSystem):
 
 
 @pytest.mark.parametrize("following", ["store", "write_ahead"])
-def test_a_disk_that_fails_ahead_freezes(tmp_path: Path, following: str) -> None:
+def test_a_disk_that_fails_ahead_freezes(tmp_path: Path, any_size: None, following: str) -> None:
     write(tmp_path, 0).close()
     journal, state = reopen(tmp_path, Broken()), state_of(1)
     journal.write_ahead(state)
