@@ -42,6 +42,7 @@ _TABLE = (
     ("journal.settle.record", "the last record is written anew and synced, slots are not cleaned", _FILE),
     ("journal.settle.done", "what a crash left is repaired, but for the provisional manifest", _FILE),
     ("journal.commit.start", "a commit is about to be written", _FILE),
+    ("journal.commit.ahead", "the coordinates are written and not synced, their record is not known", _FILE),
     ("journal.commit.slot-unsynced", "the slot is written and not synced", _FILE),
     ("journal.commit.slot-synced", "the slot is durable, its record is not in the manifest", _FILE),
     ("journal.record.unsynced", "a record is written and not synced", _FILE),
@@ -50,7 +51,7 @@ _TABLE = (
     ("journal.rotate", "the manifest is full, the next one not begun", _FILE),
     # the session
     ("session.upload.taken", "a part of the mesh is kept, the state not changed", _COMPUTING),
-    ("session.build.checked", "the mesh is checked, nothing of it is durable", _COMPUTING),
+    ("session.build.checked", "the mesh is checked, the journal not begun", _COMPUTING),
     ("session.build.stored", "the mesh is durable, the session does not know it", _COMPUTING),
     ("session.move.start", "a Move is about to be computed", _COMPUTING),
     ("session.move.computed", "a Move is computed, its trial not taken", _COMPUTING),

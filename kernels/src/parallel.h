@@ -29,4 +29,7 @@ void for_ranges(Index n, Index size, F&& f) {
     for_blocks((n + size - 1) / size, [&](Index block) { f(block * size, std::min(n, (block + 1) * size)); });
 }
 
+/// Adds one to a number that the threads of a loop count in; returns what it was, which depends on who came first.
+inline Index count_one(Index& number) { return __atomic_fetch_add(&number, 1, __ATOMIC_RELAXED); }
+
 }  // namespace mesh_motion

@@ -9,12 +9,12 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["first_repetition", "sorted_cells"]
+__all__ = ["sorted_cells"]
 
 Ints = NDArray[np.int64]
 
 
-def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints, NDArray[Any]]:
+def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints, NDArray[Any], int]:
     """Cells of one type, renumbered and sorted.
 
     Parameters
@@ -30,6 +30,8 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
         Rows ascending; equal ones in the order they came.
     (m,) int32 or int64 array
         Where each row came from, counted through the pieces.
+    int
+        The first row that equals the one before it, or -1.
     """
     width = np.int32 if nodes <= 2**31 else np.int64
     given = [
@@ -39,12 +41,4 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
     rows = np.empty((total, given[0][1].shape[1]), dtype=np.int64)
     # kept as long as the session: half the memory where the numbers allow it
     order = np.empty(total, dtype=np.int32 if total < 2**31 else np.int64)
-    kernels.sort_cells(given, nodes, rows, order)
-    return rows, order
-
-
-def first_repetition(rows: Ints) -> int | None:
-    """The first of sorted rows (m, k) that equals the one before it."""
-    same = np.flatnonzero(rows[1:, -1] == rows[:-1, -1])  # few neighbours agree in this column, most in the first
-    same = same[(rows[same + 1] == rows[same]).all(axis=1)]
-    return int(same[0]) + 1 if len(same) else None
+    return rows, order, kernels.sort_cells(given, nodes, rows, order)

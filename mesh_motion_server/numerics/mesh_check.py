@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.centres import bounding_box
 from mesh_motion_server.numerics.coincidence import first_at_place
 from mesh_motion_server.numerics.metrics import cell_quality, quality_extremes, reference_sizes
 from mesh_motion_server.numerics.orientation import OrientedCells, oriented
@@ -117,7 +118,8 @@ def _check_points(points: NDArray[np.float64], dimension: int) -> None:
 
 def _check_extent(points: NDArray[np.float64]) -> None:
     """Lengths whose powers (a size is a product of d of them) stay within the floating-point range."""
-    extent = float((points.max(axis=0) / 2 - points.min(axis=0) / 2).max()) * 2  # halves: no overflow
+    low, high = bounding_box(points)
+    extent = float((high / 2 - low / 2).max()) * 2  # halves: no overflow
     if 0.0 < extent < _SMALLEST_EXTENT or extent > _LARGEST_EXTENT:
         raise InvalidInput(
             f"the mesh is {extent:.3g} long, expected {_SMALLEST_EXTENT:.0e} to {_LARGEST_EXTENT:.0e}",
@@ -198,7 +200,7 @@ def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
 
 def _coincident(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> list[str]:
     """A warning for boundary or patch nodes (b,) at the same place: two sides of an interface, a baffle or a wake."""
-    first = nodes[first_at_place(points[nodes], float(np.ptp(points, axis=0).max()))]
+    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
     others = np.flatnonzero(first != nodes)
     if not len(others):
         return []

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.centres import bounding_box
 from mesh_motion_server.numerics.coincidence import first_at_place
 from mesh_motion_server.numerics.correction_problem import check_placement
 from mesh_motion_server.numerics.factorizations.memory_bound import check_dense
@@ -160,7 +161,7 @@ def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:
 
 def _check_lengths(method: Method, points: NDArray[np.float64]) -> None:
     """Refuse lengths that are none of this mesh: r/R overflows or is lost in rounding, for any function."""
-    extent = float(np.ptp(points, axis=0).max())
+    extent = float(np.ptp(bounding_box(points), axis=0).max())
     for name in ("support_radius", "enrichment_radius", "volume_reduction_length", "boundary_layer_thickness"):
         length = getattr(method, name)
         if length is not None and not extent / _EXTENTS <= length <= extent * _EXTENTS:
@@ -260,7 +261,7 @@ def _check_places(
     else:
         return
     nodes = roles.all
-    first = nodes[first_at_place(points[nodes], float(np.ptp(points, axis=0).max()))]
+    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
     others = np.flatnonzero(first != nodes)
     if not len(others):
         return

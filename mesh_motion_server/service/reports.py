@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mesh_motion_server.numerics.centres import bounding_box
 from mesh_motion_server.session.partitions import MergedMesh
 from mesh_motion_server.session.session import Session
 
@@ -98,7 +99,7 @@ def mesh_report(session: Session, warnings: list[str] | None = None) -> dict[str
         "cells": {block.type.name: len(block) for block in mesh.cells},
         "patches": {name: {"role": patch.role, "nodes": len(patch.nodes)} for name, patch in patches},
         "moving_nodes": len(mesh.moving),
-        "box": [mesh.points.min(axis=0).tolist(), mesh.points.max(axis=0).tolist()],
+        "box": bounding_box(mesh.points).tolist(),
         "warnings": shortened(session.mesh_warnings() if warnings is None else warnings),
     }
 

@@ -58,6 +58,10 @@ class FullKeeper(Keeper):
         """See :class:`Keeper`."""
         return step
 
+    def prepare(self, state: Floats) -> None:
+        """See :class:`Keeper`."""
+        self.journal.write_ahead(state)
+
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         """See :class:`Keeper`."""
         del boundary
@@ -72,6 +76,9 @@ class FullKeeper(Keeper):
 
 class ReplayKeeper(FullKeeper):
     """Level ``replay``."""
+
+    def prepare(self, state: Floats) -> None:
+        """See :class:`Keeper`: few states are stored."""
 
     def __init__(self, journal: Journal) -> None:
         super().__init__(journal)

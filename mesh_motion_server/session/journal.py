@@ -12,7 +12,9 @@ Files of a session's folder that belong to it:
     whole. At offset 0 the copy of the state's record, at ``record_area`` the coordinates: an (n, d) row-major array of
     little-endian doubles, ascending by global id.
 
-:meth:`Journal.store` writes the slot, syncs, appends the record with its replies, and syncs. :meth:`Journal.log` syncs
+:meth:`Journal.store` writes the slot, syncs, appends the record with its replies, and syncs; the coordinates may be
+written and synced before their record is known (:meth:`Journal.write_ahead`): a slot whose record is older than its
+coordinates is one that was being overwritten. :meth:`Journal.log` syncs
 a record alone, from which the state can be computed again. What is made of them is the level of durability's affair
 (:mod:`~mesh_motion_server.session.durability`). New and renamed files are synced with their folder before anything
 relies on them. After any failed operation nothing is ever retried (the kernel may have dropped what it could not write,
@@ -32,6 +34,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.session.beside import Beside
 from mesh_motion_server.session.filesystem import FileSystem, disk_failure, write_all
 from mesh_motion_server.session.journal_files import (
     KEPT_COMMITS,
@@ -51,6 +54,8 @@ __all__ = ["Journal", "record_area"]
 
 Floats = NDArray[np.float64]
 
+#: A state of so many bytes is synced before its record is written: one sync more takes less than hashing it meanwhile.
+_LARGE_STATE = 4 << 20
 #: Smallest manifest: some 250 commits of one partition.
 _LEAST_CAPACITY = 1 << 20
 #: A manifest holds at least this many records of the largest size beside its checkpoint.
@@ -80,6 +85,7 @@ class Journal:
         self._files = files
         self._end = end
         self._handles: list[int] = []
+        self._ahead: tuple[Floats, Beside[None]] | None = None
 
     @classmethod
     def create(
@@ -158,6 +164,40 @@ class Journal:
             failpoint("journal.commit.start")
             self._store(body, state)
 
+    def write_ahead(self, state: Floats) -> None:
+        """Write the coordinates of the next step to its slot, for :meth:`store` of this array; large ones meanwhile.
+
+        Parameters
+        ----------
+        state : (n, d) array, mesh length unit
+            Not to be changed before it is stored.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`store`, if an earlier one failed.
+        """
+        self._require_fitting(state, self.ledger.step + 1)
+        with self._freezing(f"committing step {self.ledger.step + 1}"):
+            self._take_ahead()
+        slot, large = self.ledger.next_slot, state.nbytes >= _LARGE_STATE
+
+        def write() -> None:
+            self._write_state(slot, state)
+            failpoint("journal.commit.ahead")
+            if large:
+                self._files.sync(self._handles[1 + slot])
+
+        self._ahead = state, Beside(write, worth_a_thread=large)
+
+    def _take_ahead(self) -> Floats | None:
+        """The coordinates that were written ahead, once they are written."""
+        if self._ahead is None:
+            return None
+        (state, written), self._ahead = self._ahead, None
+        written.result()
+        return state
+
     def log(self, entry: Commit) -> None:
         """Make a step durable without its coordinates: ``entry.boundary`` is what they are computed from.
 
@@ -220,6 +260,8 @@ class Journal:
 
     def close(self) -> None:
         """Give the files back; idempotent."""
+        if self._ahead is not None:
+            self._ahead[1].wait()
         while self._handles:
             self._files.close(self._handles.pop())
 
@@ -241,21 +283,28 @@ class Journal:
 
     def _store(self, body: dict[str, object], state: Floats) -> None:
         """A record and the coordinates that it is about."""
+        ahead = self._take_ahead() is state
         packed = self._fitting_record(body)
-        self._write_slot(self.ledger.next_slot, packed, state)
+        self._write_slot(self.ledger.next_slot, packed, None if ahead else state)
         failpoint("journal.commit.slot-synced")
         self._append(packed)
 
-    def _write_slot(self, slot: int, packed: bytes, state: Floats) -> None:
-        """The record's copy and the coordinates, synced."""
+    def _write_slot(self, slot: int, packed: bytes, state: Floats | None) -> None:
+        """The record's copy and the coordinates, unless these were written ahead, synced."""
         area = self.ledger.foundation.record_area
         if len(packed) > area:
             raise JournalError(f"a record for slot {slot} takes {len(packed)} bytes of {area}", code="INTERNAL")
         handle = self._handles[1 + slot]
         write_all(self._files, handle, 0, packed)
-        write_all(self._files, handle, area, np.ascontiguousarray(state, dtype="<f8").data.cast("B"))
+        if state is not None:
+            self._write_state(slot, state)
         failpoint("journal.commit.slot-unsynced")
         self._files.sync(handle)
+
+    def _write_state(self, slot: int, state: Floats) -> None:
+        """The coordinates (n, d), not synced."""
+        raw = np.ascontiguousarray(state, dtype="<f8").data.cast("B")
+        write_all(self._files, self._handles[1 + slot], self.ledger.foundation.record_area, raw)
 
     def _append(self, packed: bytes) -> None:
         """The record at the manifest's end, synced; then the ledger says so."""

@@ -54,6 +54,16 @@ class Keeper(ABC):
         """The durable step that is told to whoever commits ``step``."""
 
     @abstractmethod
+    def prepare(self, state: Floats) -> None:
+        """The next commit will be of this state (n, d), which nobody changes: what can be written is written meanwhile.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`commit`.
+        """
+
+    @abstractmethod
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         """Take a commit: its state (n, d), ascending by global id, which nobody changes, and what determines it.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cell_order import first_repetition, sorted_cells
+from mesh_motion_server.numerics.cell_order import sorted_cells
 from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.session.joining import joined
@@ -174,9 +174,10 @@ def _merge_cells(
         pieces = [(p, piece) for p, mesh in enumerate(partitions) for piece in mesh.cell_pieces(name)]
         if not pieces:
             continue
-        tables[name], order = sorted_cells([(node_maps[p], piece) for p, piece in pieces], nodes)
+        tables[name], order, again = sorted_cells([(node_maps[p], piece) for p, piece in pieces], nodes)
         origins.append(_origin(name, [(p, len(piece)) for p, piece in pieces], order))
-        _check_no_duplicate(tables[name], origins[-1])
+        if again >= 0:
+            raise _repeated(again, origins[-1])
     return CellTable.from_arrays(tables), tuple(origins)
 
 
@@ -193,14 +194,11 @@ def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.int
     return CellOrigin(name, partition[order], local[order])
 
 
-def _check_no_duplicate(nodes: Ints, origin: CellOrigin) -> None:
-    """Sorted rows (m, k) all differ."""
-    again = first_repetition(nodes)
-    if again is None:
-        return
+def _repeated(again: int, origin: CellOrigin) -> InvalidInput:
+    """The error for a row that equals the one before it."""
     places = [(int(origin.partition[row]), int(origin.local[row])) for row in (again - 1, again)]
     (p, a), (q, b) = places
-    raise InvalidInput(
+    return InvalidInput(
         f"cell {a} of type {origin.type_name!r} in partition {p} is also cell {b} in partition {q}",
         code="INVALID_ARGUMENT.MESH" if p == q else "INVALID_ARGUMENT.PARTITION",
         hint="send every cell once, from the partition that owns it",

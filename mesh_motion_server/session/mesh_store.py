@@ -30,6 +30,8 @@ __all__ = ["read_mesh", "write_mesh"]
 
 _MAGIC = b"MMMESH\x01\n"
 _LENGTH = struct.Struct("<Q")
+#: Half a megabyte of tetrahedra.
+_BLOCK_ROWS = 1 << 14
 
 
 def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh]) -> bytes:
@@ -41,8 +43,7 @@ def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh
     handle = files.create(path, len(head) + 8 * sum(_count(partition) for partition in partitions))
     try:
         offset = 0
-        # one after the other: what is widened for the file is never there all at once
-        for part in chain([head], (a.data.cast("B") for partition in partitions for a in _arrays(partition))):
+        for part in chain([head], (b.data.cast("B") for partition in partitions for b in _blocks(partition))):
             offset = write_all(files, handle, offset, part)
             digest.update(part)
         failpoint("store.mesh.unsynced")
@@ -106,15 +107,13 @@ def _count(partition: PartitionMesh) -> int:
     return partition.points.size + len(partition.global_ids) + cells + patches
 
 
-def _arrays(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
-    """Its arrays as they are written, in order."""
-    yield np.ascontiguousarray(partition.points, dtype="<f8")
-    yield np.ascontiguousarray(partition.global_ids, dtype="<i8")
-    for name in partition.cells:
-        for piece in partition.cell_pieces(name):
-            yield np.ascontiguousarray(piece, dtype="<i8")
-    for patch in partition.patches.values():
-        yield np.ascontiguousarray(patch.nodes, dtype="<i8")
+def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
+    """Its arrays as they are written, in order, some rows at a time: what is widened stays in the cache."""
+    cells = [piece for name in partition.cells for piece in partition.cell_pieces(name)]
+    numbers = [partition.global_ids, *cells, *(patch.nodes for patch in partition.patches.values())]
+    for array, dtype in [(partition.points, "<f8"), *((array, "<i8") for array in numbers)]:
+        for start in range(0, len(array), _BLOCK_ROWS):
+            yield np.ascontiguousarray(array[start : start + _BLOCK_ROWS], dtype=dtype)
 
 
 class _Reader:

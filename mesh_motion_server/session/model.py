@@ -149,12 +149,16 @@ def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Mode
         raise
 
 
-def checked_warnings(build: ModelBuilder, mesh: MergedMesh, model: Model, method: Method) -> list[str]:
-    """What the mesh check noticed, in the numbering of the upload."""
+def checked_warnings(mesh: MergedMesh, model: Model) -> list[str]:
+    """What building the model noticed, what the check of the mesh says of it in the numbering of the upload."""
     if not model.warnings:
         return []
+    # imported here for the same reason
+    from mesh_motion_server.numerics.mesh_check import check_mesh  # noqa: PLC0415
+
     view = upload_view(mesh)
-    return list(build(view.points, view.cells, view.patches, method).warnings)
+    checked = check_mesh(view.points, view.cells, view.patches)
+    return [*checked, *model.warnings[len(checked) :]]
 
 
 def _with_place(error: InvalidInput, view: UploadView) -> InvalidInput:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.centres import bounding_box
 from mesh_motion_server.numerics.exact_displacements import differences_of
 from mesh_motion_server.numerics.roles import Patch
 
@@ -105,7 +106,7 @@ class MergedMesh:
     @cached_property
     def extent(self) -> float:
         """Longest side of the reference mesh's bounding box, mesh length unit."""
-        return float(np.ptp(self.points, axis=0).max())
+        return float(np.ptp(bounding_box(self.points), axis=0).max())
 
     def locate_cell(self, cell: int) -> tuple[int, str, int]:
         """(partition, type name, local index) of a canonical cell number."""

@@ -76,6 +76,9 @@ class RelaxedKeeper(Keeper):
         del step
         return self.durable_step
 
+    def prepare(self, state: Floats) -> None:
+        """See :class:`Keeper`: commits are stored behind their answers."""
+
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
         """See :class:`Keeper`."""
         del boundary

@@ -203,8 +203,8 @@ class Session:
             )
 
     def mesh_warnings(self) -> list[str]:
-        """What the mesh check noticed, in the numbering of the upload."""
-        return checked_warnings(self._build_model, self.mesh, self.model, self.spec.settings.to_method())
+        """What was noticed when the session was built, in the numbering of the upload."""
+        return checked_warnings(self.mesh, self.model)
 
     def coordinates(self, frame: str) -> Floats:
         """(n, d) coordinates in canonical order: "committed" or "reference"."""
@@ -233,9 +233,10 @@ class Session:
         """
         state = self.admit(Operation.BUILD)
         partitions = self.upload.meshes()
-        mesh = merge(partitions)
-        model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
-        failpoint("session.build.checked")
+        with self._folder.writing_mesh(partitions):
+            mesh = merge(partitions)
+            model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
+            failpoint("session.build.checked")
         journal = self._folder.build(partitions, len(mesh.points), self._limits.snapshot_steps, epoch=self._epoch)
         failpoint("session.build.stored")
         self._built = Built(mesh, model, keeper_of(journal))
@@ -295,6 +296,7 @@ class Session:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
         failpoint("session.commit.start")
         durable = np.take(trial.points, built.mesh.id_order, axis=0)
+        built.keeper.prepare(durable)  # the disk works while the state is hashed and judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)

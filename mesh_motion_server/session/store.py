@@ -20,10 +20,12 @@ import hashlib
 import re
 import shutil
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 from mesh_motion_server.errors import JournalError, ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.session.beside import Beside
 from mesh_motion_server.session.durability import log_bytes
 from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, read_whole, write_all
 from mesh_motion_server.session.journal import Journal, record_area
@@ -56,6 +58,19 @@ class SessionFolder:
         self._spec_digest = hashlib.sha256(raw).digest()
         self._files = files
         self._lock: int | None = lock
+        self._mesh: Beside[bytes] | None = None
+
+    @contextlib.contextmanager
+    def writing_mesh(self, partitions: Sequence[PartitionMesh]) -> Iterator[None]:
+        """Write the mesh while it is checked, for :meth:`build`; one that is refused is removed again."""
+        self._mesh = Beside(partial(write_mesh, self.path / _MESH, self._files, partitions))
+        try:
+            yield
+        except BaseException:
+            self._mesh.wait()
+            self._mesh = None
+            self._remove_half_made()
+            raise
 
     def build(self, partitions: Sequence[PartitionMesh], nodes: int, snapshot_steps: int, *, epoch: int = 1) -> Journal:
         """Make the mesh durable and start the journal.
@@ -63,6 +78,7 @@ class SessionFolder:
         Parameters
         ----------
         partitions : sequence of PartitionMesh
+            As to :meth:`writing_mesh`, if that was entered before.
         nodes : int
             Of all of them, each counted once.
         snapshot_steps : int
@@ -75,11 +91,12 @@ class SessionFolder:
         """
         level, dimension = self.spec.durability, self.spec.dimension
         replay = level == "replay"
+        mesh, self._mesh = self._mesh, None
         try:
             foundation = Foundation(
                 session=self.spec.session,
                 spec=self._spec_digest,
-                mesh=write_mesh(self.path / _MESH, self._files, partitions),
+                mesh=mesh.result() if mesh else write_mesh(self.path / _MESH, self._files, partitions),
                 nodes=nodes,
                 dimension=dimension,
                 record_area=record_area(len(partitions), KEPT_COMMITS if level == "relaxed" else 1),

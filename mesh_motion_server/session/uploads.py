@@ -20,6 +20,8 @@ __all__ = ["ITEMS", "MeshUpload", "Part"]
 ITEMS = ("nodes", "global_ids", "cells", "patch")
 
 _KINDS = {"f": "float", "i": "integer"}
+#: What a number counts for, in whichever width it comes.
+_ITEM_BYTES = 8
 _Key = tuple[str, str]
 _Rows = NDArray[Any]
 
@@ -37,7 +39,7 @@ class Part:
     role : str
         The patch's role.
     rows : (k, c) array
-        float64 coordinates, or int64 indices and ids.
+        float64 coordinates, or int64 indices and ids; cells also int32.
     """
 
     item: str
@@ -112,17 +114,18 @@ class MeshUpload:
         """
         pile = self._piles[partition]
         self._check(part, partition, pile)
-        if self.nbytes + part.rows.nbytes > self._budget:
+        nbytes = _ITEM_BYTES * part.rows.size
+        if self.nbytes + nbytes > self._budget:
             raise ResourceError(
-                f"the upload would take {self.nbytes + part.rows.nbytes} bytes; a session may take {self._budget}",
+                f"the upload would take {self.nbytes + nbytes} bytes; a session may take {self._budget}",
                 hint="raise the server's max_session_bytes",
-                details={"bytes": self.nbytes + part.rows.nbytes, "limit": self._budget},
+                details={"bytes": self.nbytes + nbytes, "limit": self._budget},
             )
         kept = _narrow(part.rows) if part.item == "cells" else part.rows
         rows = pile.parts.setdefault((part.item, part.name), [])
-        self._added.append(_Added(pile, (part.item, part.name), part.rows.nbytes))
+        self._added.append(_Added(pile, (part.item, part.name), nbytes))
         rows.append(kept)
-        self.nbytes += part.rows.nbytes
+        self.nbytes += nbytes
         if part.item == "patch":
             pile.roles[part.name] = part.role
         return sum(len(r) for r in rows)
@@ -200,6 +203,8 @@ class MeshUpload:
 
 def _narrow(rows: _Rows) -> _Rows:
     """Node numbers (k, c) in half the memory where 4 bytes hold them: an upload is kept until the session is built."""
+    if rows.dtype == np.int32:
+        return rows
     limits = np.iinfo(np.int32)
     fits = rows.size and rows.min() >= limits.min and rows.max() <= limits.max
     return rows.astype(np.int32) if fits else rows

@@ -76,7 +76,7 @@ def frame_count(nbytes: int) -> int:
 
 
 def array_of(declared: dict[str, Any], frames: Sequence[Buffer], spec: ArraySpec) -> NDArray[Any]:
-    """Put an array together from its frames: aligned, writable, native, widened to 8 bytes an item.
+    """Put an array together from its frames: aligned, writable, native, widened to 8 bytes an item or as ``spec`` says.
 
     The memory of an only frame that is large, writable and aligned becomes the array's; all others are copied.
 
@@ -88,9 +88,10 @@ def array_of(declared: dict[str, Any], frames: Sequence[Buffer], spec: ArraySpec
     shape, dtype = declared["shape"], declared["dtype"]
     items = math.prod(shape)
     _check_sizes(frames, items * _ITEM_BYTES[dtype], spec)
+    native = np.int32 if spec.narrow and dtype == "<i4" else _NATIVE[dtype]
     raw = _adopted(frames, dtype)
-    if raw is None or raw.dtype != _NATIVE[dtype]:
-        raw = np.empty(items, dtype=_NATIVE[dtype])
+    if raw is None or raw.dtype != native:
+        raw = np.empty(items, dtype=native)
         _fill(raw, frames, dtype)
     return raw.reshape(shape)
 

@@ -46,4 +46,4 @@ FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "
 FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
 MovingIndices = Annotated[NDArray[np.int64], ArrayField("<i8", ("moving node",))]
 KnownMovingIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("moving node",), required=False)]
-UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False)]
+UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False, narrow=True)]

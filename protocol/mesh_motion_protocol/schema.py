@@ -29,12 +29,13 @@ class FieldSpec:
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """An array field: admitted dtypes on the wire and the axes' names."""
+    """An array field: admitted dtypes on the wire, the axes' names, whether integers of 4 bytes stay so on receipt."""
 
     name: str
     dtypes: tuple[str, ...]
     axes: tuple[str, ...]
     required: bool
+    narrow: bool = False
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def _read(cls: type[Message]) -> MessageSchema:
         kind, markers = _split(hints[item.name])
         array = next((m for m in markers if isinstance(m, ArrayField)), None)
         if array is not None:
-            arrays.append(ArraySpec(item.name, _admitted(array.dtype), array.axes, array.required))
+            arrays.append(ArraySpec(item.name, _admitted(array.dtype), array.axes, array.required, array.narrow))
         else:
             required = item.default is MISSING and item.default_factory is MISSING
             specs.append(FieldSpec(item.name, kind, markers, required))

@@ -120,6 +120,16 @@ def test_narrow_arrays_are_widened():
     assert joined.moving_nodes.dtype == np.int64
 
 
+def test_the_cells_of_a_mesh_stay_narrow():
+    cells = np.arange(1 << 19, dtype=np.int32).reshape(-1, 4)
+    header, frame = encode(Upload(**AT, item="cells", name="tetra", rows=cells))
+    given = bytearray(frame)
+    rows = decode([header, given]).rows
+    assert rows.dtype == np.int32
+    assert np.shares_memory(rows, np.frombuffer(given, dtype=np.uint8))
+    np.testing.assert_array_equal(rows, cells)
+
+
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("dtype", [">f8", "<f8"])
 def test_memory_order_and_byte_order_of_the_sender_do_not_show(order, dtype):

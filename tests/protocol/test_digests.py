@@ -64,3 +64,14 @@ def test_state_digest_is_the_sha256_of_the_text_in_the_spec():
     text = b"mesh-motion state 1\n" + struct.pack("<3q", 12, 3, 2) + struct.pack("<6d", 0, 1, 2, 3, 4, -5.5)
     assert state_digest(12, points) == hashlib.sha256(text).digest()
     assert state_digest(12, np.asfortranarray(points)) == state_digest(12, points)
+
+
+@pytest.mark.parametrize("rows", [2, 40_000])
+def test_narrow_and_wide_numbers_are_the_same_content(rows):
+    cells = np.arange(4 * rows).reshape(rows, 4)
+    wide, narrow = (
+        Upload(session="s", epoch=1, item="cells", name="tetra", rows=cells.astype(d)) for d in ("i8", "<i4")
+    )
+    text = msgpack.packb(["UPLOAD", {"item": "cells", "name": "tetra", "partition": 0, "role": "", "session": "s"}])
+    text += msgpack.packb(["rows", "<i8", [rows, 4]]) + cells.tobytes()
+    assert request_digest(wide) == request_digest(narrow) == hashlib.sha256(text).digest()

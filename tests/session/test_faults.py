@@ -25,6 +25,13 @@ def test_failures_at_every_operation(error: int, for_ever: bool) -> None:
     assert endings["FROZEN"] > 20
 
 
+def test_failures_of_states_that_are_synced_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = fail_each_call(errno.EIO, for_ever=True)
+    monkeypatch.setattr("mesh_motion_server.session.journal._LARGE_STATE", 0)
+    endings = fail_each_call(errno.EIO, for_ever=True)
+    assert endings["FROZEN"] > before["FROZEN"]  # one more sync in each commit
+
+
 def test_failures_where_commits_are_logged() -> None:
     endings = fail_each_call(errno.EIO, for_ever=False, level="replay")
     assert endings.pop("whole") == 1

@@ -41,13 +41,76 @@ def write(folder: Path, steps: int) -> Journal:
     return journal
 
 
-def reopen(folder: Path) -> Journal:
-    return Journal.open(folder, PosixFileSystem())
+def reopen(folder: Path, files: PosixFileSystem | None = None) -> Journal:
+    return Journal.open(folder, files or PosixFileSystem())
 
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal_module, "_capacity", lambda foundation: 8 * PAGE)
+
+
+@pytest.fixture(params=["small states", "large states"])
+def any_size(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.param == "large states":
+        monkeypatch.setattr(journal_module, "_LARGE_STATE", 0)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_what_is_written_ahead_makes_the_same_files(tmp_path: Path, any_size: None) -> None:
+    (tmp_path / "once").mkdir()
+    (tmp_path / "ahead").mkdir()
+    write(tmp_path / "once", 3).close()
+    journal = write(tmp_path / "ahead", 0)
+    for step in (1, 2, 3):
+        state = state_of(step)
+        journal.write_ahead(state_of(7))  # a trial that is given up
+        journal.write_ahead(state)
+        journal.store(entry_of(step), state)
+    journal.close()
+    assert contents(tmp_path / "once") == contents(tmp_path / "ahead")
+
+
+def test_another_state_than_the_one_written_ahead_is_stored(tmp_path: Path, any_size: None) -> None:
+    journal = write(tmp_path, 1)
+    journal.write_ahead(state_of(7))
+    journal.store(entry_of(2), state_of(2))
+    journal.close()
+    np.testing.assert_array_equal(reopen(tmp_path).read_state(), state_of(2))
+
+
+def test_a_state_written_ahead_and_not_stored_changes_nothing(tmp_path: Path, any_size: None) -> None:
+    journal = write(tmp_path, 3)
+    journal.write_ahead(state_of(4))
+    journal.close()
+    again = reopen(tmp_path)
+    assert again.ledger.step == 3
+    np.testing.assert_array_equal(again.read_state(), state_of(3))
+
+
+class Broken(PosixFileSystem):
+    """Takes records, but no state."""
+
+    def write(self, handle: int, offset: int, data: Any) -> int:
+        if len(data) == FOUNDATION.state_bytes:
+            raise OSError(errno.EIO, "broken")
+        return super().write(handle, offset, data)
+
+
+@pytest.mark.parametrize("following", ["store", "write_ahead"])
+def test_a_disk_that_fails_ahead_freezes(tmp_path: Path, any_size: None, following: str) -> None:
+    write(tmp_path, 0).close()
+    journal, state = reopen(tmp_path, Broken()), state_of(1)
+    journal.write_ahead(state)
+    with pytest.raises(JournalError, match="committing step 1: broken") as caught:
+        journal.store(entry_of(1), state) if following == "store" else journal.write_ahead(state)
+    assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
+    assert journal.frozen
+    journal.close()
+    assert reopen(tmp_path).ledger.step == 0
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 3, 7])

@@ -10,7 +10,7 @@ namespace mesh_motion {
 namespace {
 
 constexpr Index none = std::numeric_limits<Index>::max();
-constexpr Index nodes_per_task = 512;
+constexpr Index nodes_per_task = 512, cells_per_task = 1 << 12;
 constexpr Index ahead = 16;  // cells fetched before they are needed: of cells in any order each one is a wait for memory
 
 /// Cells of one type, and the local nodes of their facets.
@@ -101,13 +101,21 @@ struct Buckets {
     Buckets(const std::vector<Block>& blocks, Index n) : starts(n + 2) {
         const auto each = [&](auto&& f) {
             for (const Block& block : blocks)
-                for (Index cell = block.first; cell < block.end(); ++cell)
-                    block.for_smallest(block.cell(cell), [&](Index node) { f(node, cell); });
+                for_ranges(block.nodes.shape(0), cells_per_task, [&](Index first, Index last) {
+                    for (Index cell = block.first + first; cell < block.first + last; ++cell)
+                        block.for_smallest(block.cell(cell), [&](Index node) { f(node, cell); });
+                });
         };
-        each([&](Index node, Index) { ++starts[node + 2]; });
+        each([&](Index node, Index) { count_one(starts[node + 2]); });
         for (Index node = 2; node < n + 2; ++node) starts[node] += starts[node - 1];
         cells.resize(starts[n + 1]);
-        each([&](Index node, Index cell) { cells[starts[node + 1]++] = static_cast<std::uint32_t>(cell); });
+        each([&](Index node, Index cell) { cells[count_one(starts[node + 1])] = static_cast<std::uint32_t>(cell); });
+    }
+
+    /// Puts the cells of nodes first … last − 1 in the order of their numbers: threads have filled in as they came.
+    void sort(Index first, Index last) {
+        for (Index node = first; node < last; ++node)
+            std::sort(cells.begin() + starts[node], cells.begin() + starts[node + 1]);
     }
 };
 
@@ -241,15 +249,13 @@ std::tuple<Owned<Index, 1>, Owned<Index, 2>, Index> match_facets(Vector<const In
                                                                  Cube<const Index> local, bool pairs) {
     const std::vector<Block> cells = described(nodes, blocks, local);
     Index least = 0, n = 0;
-    for (Index node : nodes) {
-        least = std::min(least, node);
-        n = std::max(n, node + 1);
-    }
+    for (Index node : nodes) least = std::min(least, node), n = std::max(n, node + 1);
     require(least >= 0 && n < 3'000'000'000, "nodes: expected numbers from 0 to 3·10⁹");  // whose squares are numbers
-    const Buckets buckets(cells, n);
+    Buckets buckets(cells, n);
 
     std::vector<Found> found((n + nodes_per_task - 1) / nodes_per_task);
     for_ranges(n, nodes_per_task, [&](Index first, Index last) {
+        buckets.sort(first, last);
         Matcher matcher(n, found[first / nodes_per_task], pairs);
         const auto block_of = [&](Index number) {
             auto block = cells.begin();

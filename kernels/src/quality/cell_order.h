@@ -13,9 +13,10 @@ namespace mesh_motion {
 /// pieces: new numbers of the nodes that the cells (m_i, k) name, and these cells; every number below `nodes`. Number
 /// is int32 or int64, Order too. rows (m, k) are ascending, equal ones in the order they came; order (m,) is where
 /// each came from, counted through the pieces. Cells go to one bucket for each first node, each sorted by the others.
+/// Returns the first row that equals the one before it, or −1.
 template <class Number, class Order>
-void sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Number>>>& pieces, Index nodes,
-                Matrix<Index> rows, Vector<Order> order);
+Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Number>>>& pieces, Index nodes,
+                 Matrix<Index> rows, Vector<Order> order);
 
 /// The first row of nodes (m, k) with a repeated entry, or −1.
 Index first_row_with_repetition(Matrix<const Index> nodes);

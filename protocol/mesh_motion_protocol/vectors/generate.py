@@ -89,7 +89,8 @@ def _plain(value: Any) -> Any:
 def _plain_array(array: Any) -> dict[str, Any] | None:
     if array is None:
         return None
-    return {"dtype": array.dtype.str, "shape": list(array.shape), "values": array.ravel().tolist()}
+    wide = f"<{array.dtype.kind}8"  # in whichever width it is held
+    return {"dtype": wide, "shape": list(array.shape), "values": array.ravel().tolist()}
 
 
 def _header(kind: str, change: Callable[[Header], Any] | None = None) -> Header:

@@ -1,0 +1,55 @@
+"""A call beside the one that makes it: the disk works while cells are judged."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Generic, TypeVar
+
+__all__ = ["Beside"]
+
+_Result = TypeVar("_Result")
+
+
+class Beside(Generic[_Result]):
+    """A call in a thread of its own, begun at once; where there is no memory for a thread, in this one.
+
+    Parameters
+    ----------
+    call : callable
+        Touches nothing that its maker uses before :meth:`result`.
+    worth_a_thread : bool
+        Else it is over already when this is made.
+    """
+
+    def __init__(self, call: Callable[[], _Result], *, worth_a_thread: bool = True) -> None:
+        self._call = call
+        self._found: list[_Result] = []
+        self._error: BaseException | None = None
+        self._thread: threading.Thread | None = None
+        if worth_a_thread:
+            with suppress(RuntimeError):
+                thread = threading.Thread(target=self._run, name="beside", daemon=True)
+                thread.start()
+                self._thread = thread
+        if self._thread is None:
+            self._run()
+
+    def wait(self) -> None:
+        """Return when the call is over, however it ended."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def result(self) -> _Result:
+        """What the call returned, when it is over; what it raised is raised here."""
+        self.wait()
+        if self._error is not None:
+            raise self._error
+        return self._found[0]
+
+    def _run(self) -> None:
+        try:
+            self._found.append(self._call())
+        except BaseException as error:
+            self._error = error
