@@ -19,9 +19,7 @@ from typing import Any
 import numpy as np
 from mesh_motion_protocol.messages import Commit, Move
 
-from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.prove.driver import Driver, make_spec
-from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.service.telling import Teller
 from mesh_motion_server.session.history import History
@@ -29,6 +27,8 @@ from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions import PartitionMesh
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
+from proofs.driver import Driver, make_spec
+from proofs.stand_in import grid_mesh
 
 __all__ = ["main", "measure"]
 

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from mesh_motion_client import Mesh, Patch, connect
 
-from mesh_motion_server.prove.processes import children_of, command_of
-from mesh_motion_server.prove.server_process import ServerProcess
-from mesh_motion_server.prove.stand_in import grid_mesh
+from proofs.processes import children_of, command_of
+from proofs.server_process import ServerProcess
+from proofs.stand_in import grid_mesh
 
 __all__ = ["main"]
 

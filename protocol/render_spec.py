@@ -21,7 +21,7 @@ from mesh_motion_protocol.limits import LIMITS
 from mesh_motion_protocol.messages import COLLECTIVE, CONTROL, MESSAGES, REPLIES, Message
 from mesh_motion_protocol.schema import ArraySpec, FieldSpec, schema_of
 
-from mesh_motion_server.numerics.kernels import BASES
+from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.method import CHOICES
 from mesh_motion_server.security.authorisation import MATRIX, Role
 from mesh_motion_server.session.state import TABLE, Operation, State

@@ -17,7 +17,7 @@ import pytest
 
 from mesh_motion_server import __version__, commands
 from mesh_motion_server import cli as cli_module
-from mesh_motion_server.cli import ExitStatus, main, status_of
+from mesh_motion_server.commands.cli import ExitStatus, main, status_of
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ROTATION = EXAMPLES / "thesis_rotation" / "case.toml"
@@ -266,7 +266,7 @@ def test_serve_says_ready_lists_its_sessions_and_drains(run: Run, tmp_path: Path
 
 
 def test_without_the_server_extra_one_line_names_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    for package in ("typer", "mesh_motion_server.commands"):
+    for package in ("typer", "mesh_motion_server.commands.app"):
         monkeypatch.delitem(sys.modules, package, raising=False)
     monkeypatch.setitem(sys.modules, "typer", None)
     monkeypatch.setattr(sys, "argv", ["mesh-motion", "version"])

@@ -98,7 +98,7 @@ def test_imports_point_to_the_left(module: str, path: Path) -> None:
         ("mesh_motion_server.distributed.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),
         ("mesh_motion_server.service.seeded", "from ..transport import gateway"),
-        ("mesh_motion_server.observation.seeded", "from ..transport import gateway"),
+        ("mesh_motion_server.watch.observation.seeded", "from ..transport import gateway"),
         ("mesh_motion_protocol.seeded", "from scipy.spatial import cKDTree"),
         ("mesh_motion_conformance.seeded", "from mesh_motion_protocol.codec import decode"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),
@@ -111,7 +111,7 @@ def test_the_walk_sees_a_seeded_offence(module: str, source: str) -> None:
 
 #: What starts before any worker: the command, the supervisor with its store, the gateway and the attendants.
 STARTERS = (
-    "mesh_motion_server.cli",
+    "mesh_motion_server.commands.cli",
     "mesh_motion_server.transport.serve",
     "mesh_motion_server.transport.gateway",
     "mesh_motion_server.transport.monitor",

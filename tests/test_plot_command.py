@@ -8,7 +8,7 @@ from xml.etree import ElementTree as Xml
 import pytest
 from typer.testing import CliRunner
 
-from mesh_motion_server.commands import app
+from mesh_motion_server.commands.app import app
 
 pytest.importorskip("matplotlib")
 

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from benchmarks.correction.cases import CASES, Case, standard_positions
 from benchmarks.peers.measurement import peak_memory
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.metrics import reference_sizes
-from mesh_motion_server.numerics.region_measure import region_measure
-from mesh_motion_server.numerics.trial_nodes import LEVELS, Polished, TrialMesh, polish, reach
+from mesh_motion_server.numerics.correction.region_measure import region_measure
+from mesh_motion_server.numerics.correction.trial_nodes import LEVELS, Polished, TrialMesh, polish, reach
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 __all__ = ["Cost", "measured"]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.meshes import load_or_build
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 
 __all__ = ["PartitionCase", "load"]
 

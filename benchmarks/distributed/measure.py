@@ -22,9 +22,9 @@ from mesh_motion_server.distributed.motion import PartitionedMotion
 from mesh_motion_server.distributed.packing import pack
 from mesh_motion_server.distributed.sources import FileSource, MeshSource, write_partitions
 from mesh_motion_server.distributed.traffic import Traffic
-from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.session.factors import FactorCache
 

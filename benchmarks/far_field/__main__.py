@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS
 from benchmarks.scale.cases import MESHES
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.far_field.evaluator import FarFieldEvaluator
-from mesh_motion_server.numerics.far_field.far_sum import FarSum
-from mesh_motion_server.numerics.interpolant import Interpolant, factorize
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.far_field.evaluator import FarFieldEvaluator
+from mesh_motion_server.numerics.interpolation.far_field.far_sum import FarSum
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.finite_volume import FaceMeasures, face_measures
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 __all__ = ["Judge", "Verdict"]
 

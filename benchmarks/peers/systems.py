@@ -136,7 +136,7 @@ def _last_line(log: Path) -> str:
 
 _KRATOS = "KratosMultiphysics.MeshMovingApplication"
 
-_OURS = "mesh_motion_server.numerics.motion"
+_OURS = "mesh_motion_server.numerics.motion.motion"
 
 
 def _rival(text: str, **options: Any) -> PythonSystem:

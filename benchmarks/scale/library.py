@@ -20,13 +20,13 @@ from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.task import Task
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.figures import Figures, Seconds, timed
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.numerics.standard_motion import StandardTrial
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.standard_motion import StandardTrial
+from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.session.factors import FactorCache
 

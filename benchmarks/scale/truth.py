@@ -14,7 +14,7 @@ from pathlib import Path
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.library import model_of, near_wall
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 __all__ = ["Truth", "truth"]
 

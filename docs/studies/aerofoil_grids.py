@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.roles import Patch
 
 __all__ = ["TRAILING_EDGES", "Grid", "c_grid", "h_grid", "o_grid", "wing"]
 

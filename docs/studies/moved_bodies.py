@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
 
 __all__ = ["StoredMesh", "Turn", "final_quality", "moved", "stored"]
 

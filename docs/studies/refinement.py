@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.metrics import reference_sizes
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 __all__ = ["refined"]
 

@@ -19,15 +19,15 @@ from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
-from mesh_motion_server.numerics.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh_check import checked_mesh, suggest_support_radius
-from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.orientation import oriented
-from mesh_motion_server.numerics.periodic_nodes import PeriodicNodes
+from mesh_motion_server.numerics.interpolation.two_scale.plans import AUTOMATIC_FROM
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.motion.method_check import check_method
+from mesh_motion_server.numerics.quality.mesh_check import checked_mesh, suggest_support_radius
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.quality.orientation import oriented
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
-from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.two_scale.plans import AUTOMATIC_FROM
 
 __all__ = ["CheckReport", "Costs", "check"]
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from mesh_motion_server.cases.recorded import Recorded, StepFigures
-from mesh_motion_server.observation.series import PHASES
 from mesh_motion_server.session.replay import maker
+from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["Agreement", "Comparison", "Replayed", "Summary", "summary_of", "table_of", "write_comparison"]
 

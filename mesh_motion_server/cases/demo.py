@@ -16,7 +16,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from mesh_motion_server.cases.play import Played, play
-from mesh_motion_server.pictures.page import pictures_are_possible
+from mesh_motion_server.watch.pictures.page import pictures_are_possible
 
 __all__ = ["DEMO_CASES", "DemoCase", "Outcome", "play_demo", "table_of"]
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from mesh_motion_server.pictures.mesh_axes import draw_mesh
-from mesh_motion_server.pictures.palette import INK, INVERTED_COLOUR, LIGHT
-from mesh_motion_server.pictures.snapshot import choose_window
+from mesh_motion_server.watch.pictures.mesh_axes import draw_mesh
+from mesh_motion_server.watch.pictures.palette import INK, INVERTED_COLOUR, LIGHT
+from mesh_motion_server.watch.pictures.snapshot import choose_window
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.demo import Outcome

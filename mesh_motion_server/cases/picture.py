@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.cases.records import StepRecord, drawn
-from mesh_motion_server.pictures.mesh_axes import draw_mesh
-from mesh_motion_server.pictures.palette import INK, INVERTED_COLOUR, LIGHT
-from mesh_motion_server.pictures.snapshot import Snapshot, choose_plane, choose_window
+from mesh_motion_server.watch.pictures.mesh_axes import draw_mesh
+from mesh_motion_server.watch.pictures.palette import INK, INVERTED_COLOUR, LIGHT
+from mesh_motion_server.watch.pictures.snapshot import Snapshot, choose_plane, choose_window
 
 __all__ = ["write_picture"]
 

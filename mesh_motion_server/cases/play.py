@@ -38,11 +38,11 @@ from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.files import MeshFile, Series, check_target, open_series, write_moved
-from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
-from mesh_motion_server.numerics.orientation import oriented
-from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
-from mesh_motion_server.pictures.page import pictures_are_possible
-from mesh_motion_server.pictures.snapshot import Snapshot
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.watch.pictures.page import pictures_are_possible
+from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 __all__ = ["Played", "play"]
 

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError
-from mesh_motion_server.observation.fold import StepFold, is_corrected
-from mesh_motion_server.observation.series import PHASES
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.history.events import read_events
@@ -23,6 +21,8 @@ from mesh_motion_server.session.merging import merge
 from mesh_motion_server.session.mesh_store import read_mesh
 from mesh_motion_server.session.numbering import UploadView, upload_view
 from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.watch.observation.fold import StepFold, is_corrected
+from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["Recorded", "StepFigures", "read_recorded"]
 

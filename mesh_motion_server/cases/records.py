@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.faces import FACES
-from mesh_motion_server.numerics.metrics import CellQuality
-from mesh_motion_server.observation.series import PHASES
+from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn", "quality_numbers"]
 

@@ -35,12 +35,12 @@ from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_record
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn, quality_numbers
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import Series, open_series
-from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest
-from mesh_motion_server.numerics.orientation import oriented
-from mesh_motion_server.pictures.page import pictures_are_possible
-from mesh_motion_server.pictures.snapshot import Snapshot
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.quality.orientation import oriented
 from mesh_motion_server.session.history.boundary import BoundaryStep
 from mesh_motion_server.settings import MethodSettings
+from mesh_motion_server.watch.pictures.page import pictures_are_possible
+from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 __all__ = ["Opener", "Runner", "Variant", "over_the_wire", "replay", "replay_variant", "variant_of"]
 

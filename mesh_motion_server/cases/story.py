@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.observation.fold import is_corrected
-from mesh_motion_server.observation.steps import events_of_step
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.listing import SPEC
 from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.watch.observation.fold import is_corrected
+from mesh_motion_server.watch.observation.steps import events_of_step
 
 __all__ = ["Story", "reason_of_move", "tell_step"]
 

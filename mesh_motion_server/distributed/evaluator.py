@@ -34,11 +34,11 @@ from mesh_motion_server.distributed.split import Split, mesh_digest
 from mesh_motion_server.distributed.summaries import Questions, by_question, joined
 from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.distributed.versions import Told, Version, Versions
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.centres import bounding_box
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.metrics import QualitySummary
-from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
+from mesh_motion_server.numerics.interpolation.centres import bounding_box
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import QualitySummary
 
 __all__ = ["DistributedEvaluator"]
 
@@ -49,7 +49,7 @@ _LEAST_CELLS = 2000
 
 
 class DistributedEvaluator:
-    """An :class:`~mesh_motion_server.numerics.evaluation.Evaluator` and judge of one mesh.
+    """An :class:`~mesh_motion_server.numerics.interpolation.evaluation.Evaluator` and judge of one mesh.
 
     Its results are those of one machine: displacements and gradients bit for bit, and of the quality all but the means.
 

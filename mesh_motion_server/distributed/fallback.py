@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.evaluator import DistributedEvaluator
 from mesh_motion_server.errors import ResourceError
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.metrics import CellsAtRest, QualitySummary, cells_at_rest
-from mesh_motion_server.numerics.orientation import OrientedCells, oriented
-from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.quality.metrics import CellsAtRest, QualitySummary, cells_at_rest
+from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 
 __all__ = ["LocalWhenAlone"]
 

@@ -12,13 +12,13 @@ from mesh_motion_server.distributed.connection import Connection
 from mesh_motion_server.distributed.evaluator import DistributedEvaluator
 from mesh_motion_server.distributed.fallback import LocalWhenAlone
 from mesh_motion_server.distributed.traffic import Traffic
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.factor_source import FactorSource
+from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.quality_summary import Judgement
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = ["FALLBACKS", "DistributedModel"]
 
@@ -30,7 +30,7 @@ FALLBACKS = ("refuse", "local")
 
 @dataclass(frozen=True, eq=False)
 class DistributedModel:
-    """A :class:`~mesh_motion_server.numerics.motion.MotionModel` with what it computes on workers.
+    """A :class:`~mesh_motion_server.numerics.motion.motion.MotionModel` with what it computes on workers.
 
     Attributes
     ----------

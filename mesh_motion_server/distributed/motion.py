@@ -28,17 +28,17 @@ from mesh_motion_server.distributed.sources import PartitionSource
 from mesh_motion_server.distributed.summaries import Questions, by_question, joined
 from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.numerics.acceptance import refuse_unacceptable
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.factor_source import FactorSource, MakeEachTime
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime
+from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import QualitySummary
-from mesh_motion_server.numerics.motion_field import Stage
-from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.standard_motion import StandardMotion
+from mesh_motion_server.numerics.motion.acceptance import refuse_unacceptable
+from mesh_motion_server.numerics.motion.motion_field import Stage
+from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.quality.metrics import QualitySummary
 from mesh_motion_server.numerics.stopwatch import Stopwatch
-from mesh_motion_server.numerics.support_radius import suggest_support_radius
-from mesh_motion_server.numerics.two_scale.plans import TwoScalePlans
 
 __all__ = ["PartitionedMotion", "PartitionedTrial"]
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.kernels import basis_named
-from mesh_motion_server.numerics.polynomial import Polynomial
-from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.two_scale.nested_grid import NestedSpline
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
+from mesh_motion_server.numerics.interpolation.kernels import basis_named
+from mesh_motion_server.numerics.interpolation.polynomial import Polynomial
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
 
 __all__ = ["pack", "unpack"]
 

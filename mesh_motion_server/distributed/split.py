@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellBlock, CellTable
-from mesh_motion_server.numerics.morton import morton_codes
-from mesh_motion_server.numerics.orientation import oriented
+from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
+from mesh_motion_server.numerics.mesh.morton import morton_codes
+from mesh_motion_server.numerics.quality.orientation import oriented
 
 __all__ = ["MeshPartition", "Split", "mesh_digest"]
 

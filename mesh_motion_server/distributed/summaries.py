@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.order_statistics import WHOLE, BinContent, Way, content, narrowed
-from mesh_motion_server.numerics.metrics import CellQuality
-from mesh_motion_server.numerics.quality_summary import (
+from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_server.numerics.quality.quality_summary import (
     Distribution,
     QualitySummary,
     WorstCell,

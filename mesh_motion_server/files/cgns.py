@@ -22,7 +22,7 @@ from mesh_motion_server.files.cgns_tree import Node, open_cgns
 from mesh_motion_server.files.face_cells import find_cells
 from mesh_motion_server.files.face_pieces import divide
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble, chosen_zone
-from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["coordinate_nodes", "read_cgns", "the_zone"]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from mesh_motion_server.files.cgns_tree import Node
 from mesh_motion_server.files.mesh_file import IntArray
-from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elements"]
 

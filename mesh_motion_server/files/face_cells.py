@@ -2,7 +2,7 @@
 
 How many triangles and quadrilaterals a cell has says what it may be. One face is its base; the nodes above are the
 other ends of the edges that leave the base's nodes. It is taken for what it may be if its faces then are those of
-:data:`~mesh_motion_server.numerics.local_facets.LOCAL_FACETS`; if not, it is a polyhedron, as any other cell is.
+:data:`~mesh_motion_server.numerics.mesh.local_facets.LOCAL_FACETS`; if not, it is a polyhedron, as any other cell is.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.face_mesh import FaceMesh
 from mesh_motion_server.files.mesh_file import IntArray
-from mesh_motion_server.numerics.cells import CELL_TYPES
-from mesh_motion_server.numerics.local_facets import LOCAL_FACETS
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["FoundCells", "find_cells"]
 

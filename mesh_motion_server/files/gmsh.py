@@ -19,7 +19,7 @@ import numpy as np
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble
-from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["read_gmsh"]
 

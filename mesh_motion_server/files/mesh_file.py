@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 
 __all__ = ["MeshFile", "assemble", "chosen_zone"]
 
@@ -27,7 +27,7 @@ class MeshFile:
     points : (n, d) float64 array, mesh length unit
         Finite; d is the dimension of the cells; the file's node order.
     cells : dict of str to (m, k) int64 arrays
-        Cells of each type of :data:`~mesh_motion_server.numerics.cells.CELL_TYPES`, all of dimension d, none empty.
+        Cells of each type of :data:`~mesh_motion_server.numerics.mesh.cells.CELL_TYPES`, all of dimension d, none empty.
     patches : dict of str to (p,) int64 arrays
         Node ids of each patch, ascending, each once.
     path : Path
@@ -69,7 +69,7 @@ class MeshFile:
     def oriented(self) -> MeshFile:
         """The mesh with the mirror image of each cell that is listed the other way round."""
         # imported here: whoever only reads meshes has no compiler
-        from mesh_motion_server.numerics.orientation import oriented  # noqa: PLC0415
+        from mesh_motion_server.numerics.quality.orientation import oriented  # noqa: PLC0415
 
         cells = {block.type.name: block.nodes for block in oriented(self.points, self.cell_table).cells}
         return replace(self, cells={name: cells[name] for name in self.cells})

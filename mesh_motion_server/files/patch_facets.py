@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mesh_motion_server.files.mesh_file import IntArray, MeshFile
-from mesh_motion_server.numerics.cell_facets import CellFacets
+from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
 
 __all__ = ["FACET_TYPES", "PatchFacets", "facets_of_patches"]
 

@@ -27,10 +27,10 @@ from mesh_motion_server.files.polymesh_place import is_a_time, target_folder
 from mesh_motion_server.files.polymesh_plane import plane_axes, project
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.text_rows import real_rows
-from mesh_motion_server.numerics.cell_facets import CellFacets
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.extrusion import extruded_cells, extruded_points
-from mesh_motion_server.numerics.facet_matching import padded
+from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.extrusion import extruded_cells, extruded_points
+from mesh_motion_server.numerics.mesh.facet_matching import padded
 
 __all__ = ["check_move_polymesh", "check_polymesh", "move_polymesh", "write_polymesh"]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.vtkhdf import VtkHdfSeries
 from mesh_motion_server.files.vtu import VtuSeries
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["SERIES_FORMATS", "Series", "open_series"]
 

@@ -10,7 +10,7 @@ from mesh_motion_server.files.patch_facets import facets_of_patches
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.su2 import key_of
 from mesh_motion_server.files.text_rows import integer_rows, real_rows
-from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["check_su2", "move_su2", "write_su2"]
 

@@ -25,7 +25,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import IntArray, MeshFile, assemble
 from mesh_motion_server.files.packages import load_meshio, reason_of
 from mesh_motion_server.files.vtu_inline import inlined
-from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "read_vtk"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["three_components", "topology"]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.vtk_arrays import three_components, topology
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["VtuSeries", "write_vtu"]
 

@@ -77,7 +77,7 @@ class Method:
         function of the boundary, always active and without either. "smooth" needs the correction "optimised" and a
         displacement from the reference mesh.
     sub_steps : {"auto", "never", "always"}
-        Lead the mesh to its targets in legs, each corrected (:mod:`~mesh_motion_server.numerics.sub_steps`): where the
+        Lead the mesh to its targets in legs, each corrected (:mod:`~mesh_motion_server.numerics.motion.sub_steps`): where the
         corrected motion would be refused, never, or always. A motion without correction is never cut.
     enrichment_radius : float or None
         R_l, mesh length unit; None: the diameter of the largest ball between the boundaries, at most R.
@@ -108,7 +108,7 @@ class Method:
         from the mesh and the motion.
     far_field_tolerance : float
         Far centres may be taken together where that changes no displacement by more than this share of the largest
-        one (:mod:`~mesh_motion_server.numerics.far_field`); 0: every sum is exact.
+        one (:mod:`~mesh_motion_server.numerics.interpolation.far_field`); 0: every sum is exact.
     boundary_layer_thickness : float or None
         Nodes this near to a moving wall move with it, mesh length unit; None: all nodes are interpolated.
     refuse_below_threshold : bool

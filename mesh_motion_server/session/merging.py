@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cell_order import sorted_cells
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cell_order import sorted_cells
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.joining import joined
 from mesh_motion_server.session.ordering import canonical_order
 from mesh_motion_server.session.partitions import CellOrigin, MergedMesh, PartitionMesh

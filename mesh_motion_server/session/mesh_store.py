@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.cells import CELL_TYPES
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.filesystem import FileSystem, unreadable, write_all
 from mesh_motion_server.session.partitions import PartitionMesh
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.roles import Patch
 from mesh_motion_server.session.numbering import UploadView, upload_view
 from mesh_motion_server.session.partitions import MergedMesh
 from mesh_motion_server.settings import ServerSettings
@@ -29,7 +29,7 @@ __all__ = [
 
 
 class Model(Protocol):
-    """:class:`mesh_motion_server.numerics.motion.MotionModel`, as far as a session uses it."""
+    """:class:`mesh_motion_server.numerics.motion.motion.MotionModel`, as far as a session uses it."""
 
     @property
     def method(self) -> Method:
@@ -73,7 +73,7 @@ def build_motion_model(
 ) -> Model:
     """The numerics' model of a mesh."""
     # imported here: the compiled kernels take a second to load, and whoever only lists sessions needs none
-    from mesh_motion_server.numerics.motion import MotionModel  # noqa: PLC0415
+    from mesh_motion_server.numerics.motion.motion import MotionModel  # noqa: PLC0415
 
     return MotionModel.build(points, cells, patches, method)
 
@@ -117,7 +117,7 @@ def release(model: Model) -> None:
 def check_basis(name: str) -> None:
     """Raise INVALID_ARGUMENT.SETTINGS unless the numerics know the basis and can use it."""
     # imported here for the same reason
-    from mesh_motion_server.numerics.kernels import basis_named  # noqa: PLC0415
+    from mesh_motion_server.numerics.interpolation.kernels import basis_named  # noqa: PLC0415
 
     try:
         basis_named(name)
@@ -154,7 +154,7 @@ def checked_warnings(mesh: MergedMesh, model: Model) -> list[str]:
     if not model.warnings:
         return []
     # imported here for the same reason
-    from mesh_motion_server.numerics.mesh_check import check_mesh  # noqa: PLC0415
+    from mesh_motion_server.numerics.quality.mesh_check import check_mesh  # noqa: PLC0415
 
     view = upload_view(mesh)
     checked = check_mesh(view.points, view.cells, view.patches)

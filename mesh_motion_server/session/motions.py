@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.exact_displacements import settle
+from mesh_motion_server.numerics.motion.exact_displacements import settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.numbering import in_senders_numbers

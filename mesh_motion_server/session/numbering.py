@@ -1,7 +1,7 @@
 """The mesh in the numbering its senders know, for messages about it.
 
 Nodes count through the global ids in ascending order: with one partition these are the local indices as uploaded. Cells
-count through the types in the order of :data:`~mesh_motion_server.numerics.cells.CELL_TYPES`, within a type through the
+count through the types in the order of :data:`~mesh_motion_server.numerics.mesh.cells.CELL_TYPES`, within a type through the
 partitions as uploaded.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions import MergedMesh
 
 __all__ = ["UploadView", "in_senders_numbers", "upload_view"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.morton import morton_codes
+from mesh_motion_server.numerics.mesh.morton import morton_codes
 
 __all__ = ["canonical_order", "morton_codes"]
 

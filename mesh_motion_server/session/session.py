@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.finite_volume import FaceMeasures, face_measures
+from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.session.durability import keeper_of, logged_failure
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.history import History

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.finite_volume import FaceMeasures, face_measures
+from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.session.keeper import Keeper
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions import MergedMesh

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, ResourceError
-from mesh_motion_server.numerics.cells import CELL_TYPES
-from mesh_motion_server.numerics.roles import ROLES, Patch
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
 from mesh_motion_server.session.joining import joined
 from mesh_motion_server.session.partitions import PartitionMesh
 

@@ -61,7 +61,7 @@ class Hosting:
 
     host: str = "mesh_motion_server.service.dispatch"
     store: str = "mesh_motion_server.session.store"
-    numerics: str = "mesh_motion_server.numerics.motion"
+    numerics: str = "mesh_motion_server.numerics.motion.motion"
 
     def load_host(self) -> Any:
         """The class ``SessionHost``, with everything imported that its first request needs."""

@@ -69,7 +69,7 @@ class Watch:
         )
         self.page = Attendant(
             "monitor",
-            "mesh_motion_server.monitor_page.process",
+            "mesh_motion_server.watch.page.process",
             settings.monitor,
             {"build": _build(), "state": str(settings.state_folder)},
             level,

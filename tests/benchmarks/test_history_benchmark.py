@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks.history import measure
-from mesh_motion_server.observation.follow import EventTail
 from mesh_motion_server.service.telling import Teller
+from mesh_motion_server.watch.observation.follow import EventTail
 
 
 def test_one_session_has_a_history_and_the_other_none(tmp_path: Path) -> None:

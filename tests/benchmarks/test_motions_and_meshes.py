@@ -12,9 +12,9 @@ from benchmarks.peers.judge import Judge
 from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS, RigidMotion
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.metrics import reference_sizes
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 
 @pytest.fixture(scope="module")

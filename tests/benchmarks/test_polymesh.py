@@ -14,8 +14,8 @@ from benchmarks.peers.openfoam.foam_files import read_points
 from benchmarks.peers.openfoam.polymesh import FRONT_AND_BACK, PolyMesh
 from benchmarks.peers.openfoam.run import environment, missing
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.metrics import reference_sizes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 TYPES = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 

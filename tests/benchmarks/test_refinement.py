@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.peers.refinement import refined_tetrahedra
-from mesh_motion_server.numerics.boundary_facets import boundary_facets, boundary_nodes
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 
 def _cube() -> tuple[np.ndarray, np.ndarray]:

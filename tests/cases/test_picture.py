@@ -9,8 +9,8 @@ from tiny_meshes import tiny_meshes
 
 from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import StepRecord
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.pictures.snapshot import Snapshot, choose_plane, choose_window
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_server.watch.pictures.snapshot import Snapshot, choose_plane, choose_window
 
 pytest.importorskip("matplotlib")
 MESHES = dict(tiny_meshes())

@@ -26,9 +26,9 @@ from mesh_motion_server.cases.outputs import RESULTS
 from mesh_motion_server.cases.play import play
 from mesh_motion_server.errors import InvalidInput, NumericalError, ResourceError
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh, write_npz
-from mesh_motion_server.numerics.finite_volume import face_measures
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.mesh.finite_volume import face_measures
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 
 class StandIn:

@@ -17,11 +17,9 @@ from mesh_motion_protocol.messages import Close, Commit, Move, Rollback
 from mesh_motion_server.cases.comparison import Comparison, table_of, write_comparison
 from mesh_motion_server.cases.recorded import Recorded, read_recorded
 from mesh_motion_server.cases.replay import replay, replay_variant, variant_of
+from mesh_motion_server.commands.replay import changes_of, replay_session
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
-from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.prove.driver import SESSION, Driver, make_spec
-from mesh_motion_server.prove.stand_in import grid_mesh, split_mesh
-from mesh_motion_server.replay_command import changes_of, replay_session
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.history.boundary import BoundaryLog, BoundaryStep
@@ -32,6 +30,8 @@ from mesh_motion_server.session.partitions import PartitionMesh
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
+from proofs.driver import SESSION, Driver, make_spec
+from proofs.stand_in import grid_mesh, split_mesh
 
 STEPS = 6
 SETTINGS = {"quality_metric": "size-skew", "support_radius": 0.8, "quality_threshold": 0.45, "correction": "optimised"}

@@ -11,12 +11,12 @@ from histories import lowest_quality, made_up_events, put_events, resumed_at, wr
 from mesh_motion_server.cases.inspect import inspect_folder, inspect_step
 from mesh_motion_server.cases.story import tell_step
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.observation.steps import digest_of_history
-from mesh_motion_server.prove.driver import make_driver
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.spec import SessionSpec, StoredSpec
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings
+from mesh_motion_server.watch.observation.steps import digest_of_history
+from proofs.driver import make_driver
+from proofs.stand_in import grid_mesh
 
 
 @pytest.fixture(scope="module")

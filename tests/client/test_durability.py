@@ -8,7 +8,7 @@ import pytest
 from mesh_motion_client import InvalidInput, StepsLost, connect
 
 from mesh_motion_server.failpoints import PLAN, VARIABLE
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.waiting import wait_until
 
 UP = np.array([[0.0, 1 / 64]] * 4)
 

@@ -5,8 +5,8 @@ import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch
 from mesh_motion_client.mesh import CELL_NODES, ROLES
 
-from mesh_motion_server.numerics.cells import CELL_TYPES
-from mesh_motion_server.numerics.roles import ROLES as SERVER_ROLES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.roles import ROLES as SERVER_ROLES
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 AT = {"session": "s", "epoch": 1}

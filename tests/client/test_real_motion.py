@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import Mesh, Patch, connect
 
-from mesh_motion_server.prove.server_process import ServerProcess
+from proofs.server_process import ServerProcess
 
 STEPS, ITERATIONS = 4, 2
 

@@ -14,7 +14,7 @@ from mesh_motion_client.connection import Connection
 from mesh_motion_client.control import Control
 from mesh_motion_protocol.digests import request_digest
 
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.waiting import wait_until
 
 HERE = Path(__file__).parent
 UP = np.array([[0.0, 0.25]] * 4)

@@ -5,7 +5,7 @@ import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
 from mesh_motion_protocol.digests import state_digest
 
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.waiting import wait_until
 
 UP = np.array([[0.0, 0.25]] * 4)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mesh_motion_server.prove.server_process import ServerProcess
+from proofs.server_process import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Short enough that their end is part of the suite.

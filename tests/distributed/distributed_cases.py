@@ -11,10 +11,10 @@ from correction_cases import BodyMesh, stored
 
 from mesh_motion_server.distributed.connection import Connection
 from mesh_motion_server.distributed.model import DistributedModel
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
 
 MESHES = {"block": lambda: stored("thesis_block"), "cube": lambda: box_mesh("tetra", 10)}
 

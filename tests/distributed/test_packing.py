@@ -7,10 +7,10 @@ import pytest
 from two_scale_boundaries import boundary, graded_circle, sphere, square, walls
 
 from mesh_motion_server.distributed.packing import pack, unpack
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.two_scale.factorization import TwoScalePlan
-from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 
 RANDOM = np.random.default_rng(11)
 BOXES = {2: [(0.0, 0.3), (0.35, 0.65), (0.6, 1.0), (0.9, 0.99)], 3: [(0.0, 0.3), (0.3, 0.7), (0.6, 1.0)]}

@@ -18,8 +18,8 @@ from mesh_motion_server.distributed.held import HeldPartition
 from mesh_motion_server.distributed.motion import PartitionedMotion
 from mesh_motion_server.distributed.sources import FileSource, MeshSource, write_partitions
 from mesh_motion_server.errors import InvalidInput, NumericalError, SessionError
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.roles import Patch
 
 METHODS = {
     "relative": Method(correction="none"),

@@ -8,7 +8,7 @@ from box_meshes import CELL_KINDS, box_mesh
 
 from mesh_motion_server.distributed.split import Split, mesh_digest
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)

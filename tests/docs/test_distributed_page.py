@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from mesh_motion_server.commands import app
+from mesh_motion_server.commands.app import app
 from mesh_motion_server.settings import ServerSettings
 
 ROOT = Path(__file__).parents[2]

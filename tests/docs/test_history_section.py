@@ -14,13 +14,13 @@ import pytest
 from mesh_motion_protocol.messages import Commit, Move
 from shown_commands import blocks, run
 
-from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.prove.driver import Driver, make_spec
-from mesh_motion_server.prove.stand_in import grid_mesh
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
+from proofs.driver import Driver, make_spec
+from proofs.stand_in import grid_mesh
 
 PAGE = (Path(__file__).parents[2] / "docs" / "operations.md").read_text(encoding="utf-8")
 

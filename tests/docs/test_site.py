@@ -12,7 +12,7 @@ from docs.site.index import INDEX, PAGES, toctrees
 from docs.site.links import faults
 from docs.site.reference import PARTS, filled
 from mesh_motion_server import cli
-from mesh_motion_server.cli import ExitStatus
+from mesh_motion_server.commands.cli import ExitStatus
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 
 ROOT = Path(__file__).parents[2]

@@ -222,7 +222,7 @@ def test_the_page_is_true(check: Callable[[str], list[str]]) -> None:
         (misplaced_names, "/numerics/decomposition.py", "/numerics/metrics.py", "numerics.decomposition.eigen"),
         (dead_links, "studies/thesis/volume_reduction.py", "studies/volume.py", "studies/volume.py"),
         (dead_links, "beyond.md)", "beyond.md#nowhere)", "beyond.md#nowhere"),
-        (missing_files, "`numerics/kernels.py`", "`numerics/kernel.py`", "numerics/kernel.py"),
+        (missing_files, "`numerics/interpolation/kernels.py`", "`numerics/kernel.py`", "numerics/kernel.py"),
         (unknown_tests, "[test_known_skews]", "[test_unknown_skews]", "test_unknown_skews"),
         (missing_equations, "| (3.16) |", "| (3.61) |", "3.16"),
         (missing_equations, "| (4.8) |", "| (4.7) |", "4.7"),

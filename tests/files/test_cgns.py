@@ -20,7 +20,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, memory, read_mesh, write_mesh, write_moved
 from mesh_motion_server.files.cgns_write import add_node, new_cgns
 from mesh_motion_server.files.polymesh import read_face_mesh
-from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 h5py = pytest.importorskip("h5py")
 

@@ -17,7 +17,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, memory, read_mesh
 from mesh_motion_server.files.face_cells import find_cells
 from mesh_motion_server.files.polymesh import read_face_mesh
-from mesh_motion_server.numerics.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 FILES = ("points", "faces", "owner", "neighbour", "boundary")
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.series import open_series
 from mesh_motion_server.files.vtkhdf import VtkHdfSeries
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 h5py = pytest.importorskip("h5py")
 
@@ -129,7 +129,7 @@ import sys
 import numpy as np
 from pathlib import Path
 from mesh_motion_server.files.vtkhdf import VtkHdfSeries
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 points = np.arange(3.0 * 400).reshape(400, 3)
 cells = CellTable.from_arrays({"tetra": np.arange(400).reshape(-1, 4)})
 series = VtkHdfSeries(Path(sys.argv[1]), "mesh", 100_000)

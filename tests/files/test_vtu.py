@@ -15,7 +15,7 @@ import pytest
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import VtuSeries, memory, read_mesh, write_vtu
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 Mesh = tuple[np.ndarray, dict[str, np.ndarray]]
 

@@ -21,8 +21,8 @@ from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.files import MeshFile, check_target, read_mesh, write_mesh, write_moved
 from mesh_motion_server.files.patch_facets import FACET_TYPES
 from mesh_motion_server.files.replace import require_file_place, require_folder_place
-from mesh_motion_server.numerics.cell_facets import CellFacets
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 
 SUFFIXES = [".npz", ".msh", ".su2", ".vtu", ".vtk", ".cgns", ""]
 EXACT = [".npz", ".msh", ".su2", ".vtu", ".vtk", ".cgns"]

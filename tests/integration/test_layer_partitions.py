@@ -7,7 +7,7 @@ from frame_meshes import rotation, square_frame
 from two_partitions import moved_in_two_parts
 
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 SETTINGS = {"support_radius": 0.5, "displacement": "absolute", "boundary_layer_thickness": 0.08}
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.files import read_mesh
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 BLOCK, SLAB = EXAMPLES / "thesis_dx" / "mesh.npz", EXAMPLES / "thesis_rotation" / "mesh.npz"

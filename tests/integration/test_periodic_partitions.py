@@ -8,7 +8,7 @@ from periodic_meshes import periodic_box, sector
 from two_partitions import moved_in_two_parts
 
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 SETTINGS = {"support_radius": 0.8, "displacement": "absolute", "correction_target": "maximum"}
 

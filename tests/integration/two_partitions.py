@@ -10,8 +10,8 @@ import mesh_motion_client as client
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 
 __all__ = ["moved_in_two_parts"]
 

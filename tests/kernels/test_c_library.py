@@ -17,15 +17,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Interpolant, factorize
-from mesh_motion_server.numerics.kernels import BASES
-from mesh_motion_server.numerics.metrics import METRIC_CODES, QUALITY_METRICS, cell_quality, cells_at_rest, judged
-from mesh_motion_server.numerics.polynomial import LinearBasis, Polynomial
-from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.two_scale.nested_grid import NestedSpline
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES
+from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.quality.metrics import (
+    METRIC_CODES,
+    QUALITY_METRICS,
+    cell_quality,
+    cells_at_rest,
+    judged,
+)
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -13,8 +13,8 @@ pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 import uvicorn
 from uvicorn.server import ServerState
 
-from mesh_motion_server.monitor_page import connections
-from mesh_motion_server.monitor_page.connections import BoundedProtocol
+from mesh_motion_server.watch.page import connections
+from mesh_motion_server.watch.page.connections import BoundedProtocol
 
 
 async def nobody(scope: object, receive: object, send: object) -> None:

@@ -15,8 +15,8 @@ from histories import largest_angle
 from matplotlib import colormaps
 from shown_page import PAINTED, serving, show, stored
 
-from mesh_motion_server.pictures.palette import INVERTED_COLOUR, QUALITY_MAP
-from mesh_motion_server.prove.server_process import ServerProcess
+from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, QUALITY_MAP
+from proofs.server_process import ServerProcess
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]

@@ -16,7 +16,7 @@ from shown_page import await_session, serving, show, stored
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
-from mesh_motion_server.prove.server_process import ServerProcess
+from proofs.server_process import ServerProcess
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
 

@@ -19,11 +19,11 @@ import pytest
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
-from mesh_motion_server.monitor_page import connections
-from mesh_motion_server.monitor_page.live import MOST_LISTENERS
-from mesh_motion_server.prove.processes import alive, children_of, command_of
-from mesh_motion_server.prove.server_process import ServerProcess
-from mesh_motion_server.prove.waiting import wait_until
+from mesh_motion_server.watch.page import connections
+from mesh_motion_server.watch.page.live import MOST_LISTENERS
+from proofs.processes import alive, children_of, command_of
+from proofs.server_process import ServerProcess
+from proofs.waiting import wait_until
 
 
 @pytest.fixture(scope="module")

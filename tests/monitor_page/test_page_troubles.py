@@ -14,8 +14,8 @@ from shown_page import PAINTED, await_session, serving, show, stored
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
-from mesh_motion_server.monitor_page.live import MOST_LISTENERS
-from mesh_motion_server.prove.server_process import ServerProcess
+from mesh_motion_server.watch.page.live import MOST_LISTENERS
+from proofs.server_process import ServerProcess
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
 

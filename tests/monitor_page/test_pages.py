@@ -20,16 +20,16 @@ import pytest
 from histories import resumed_at, write_history
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.monitor_page import live
-from mesh_motion_server.monitor_page.app import STATIC, Page
-from mesh_motion_server.monitor_page.archive import Archive, as_json
-from mesh_motion_server.monitor_page.drawing import Packer
-from mesh_motion_server.monitor_page.followed import plain_column
-from mesh_motion_server.monitor_page.guard import is_allowed_host
-from mesh_motion_server.observation.mesh_view import StoredMesh
-from mesh_motion_server.prove.driver import SESSION, make_driver
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.watch.observation.mesh_view import StoredMesh
+from mesh_motion_server.watch.page import live
+from mesh_motion_server.watch.page.app import STATIC, Page
+from mesh_motion_server.watch.page.archive import Archive, as_json
+from mesh_motion_server.watch.page.drawing import Packer
+from mesh_motion_server.watch.page.followed import plain_column
+from mesh_motion_server.watch.page.guard import is_allowed_host
+from proofs.driver import SESSION, make_driver
+from proofs.stand_in import grid_mesh
 
 testclient = pytest.importorskip("starlette.testclient", reason="the extra monitor is not installed")
 BUILD = {"version": "1", "protocol": "1.0", "python": "3"}
@@ -267,7 +267,7 @@ def test_lists_that_wait_are_bounded_and_hold_up_no_other_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stored(tmp_path, 1, history=5)
-    monkeypatch.setattr("mesh_motion_server.monitor_page.app._WAITING", 2)
+    monkeypatch.setattr("mesh_motion_server.watch.page.app._WAITING", 2)
     page = Page(tmp_path, BUILD)
     release, read = threading.Event(), page._archive.overview
 
@@ -289,7 +289,7 @@ def test_lists_that_wait_are_bounded_and_hold_up_no_other_question(
 def test_a_session_with_a_worker_is_listed_before_many_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(1, 4):
         stored(tmp_path, 1, session=f"{number}" * 32)
-    monkeypatch.setattr("mesh_motion_server.monitor_page.overview._LISTED", 2)
+    monkeypatch.setattr("mesh_motion_server.watch.page.overview._LISTED", 2)
     page = Page(tmp_path, BUILD)
     assert [one["session"][0] for one in listed(page)] == ["3", "2"]
     page.hear({"missing": "", "sessions": [["1" * 32, "alive", "READY", 1, 1]]})
@@ -461,7 +461,7 @@ def test_a_mesh_that_is_too_large_is_refused_in_words(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stored(tmp_path, 1)
-    monkeypatch.setattr("mesh_motion_server.monitor_page.archive._MESH_BYTES", 10)
+    monkeypatch.setattr("mesh_motion_server.watch.page.archive._MESH_BYTES", 10)
     answer = asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh")
     assert (answer.status_code, answer.json()["code"].partition(".")[0]) == (400, "INVALID_ARGUMENT")
     (tmp_path / "sessions" / SESSION / "mesh.bin").unlink()

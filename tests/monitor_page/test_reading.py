@@ -10,8 +10,8 @@ from histories import write_history
 
 pytest.importorskip("starlette", reason="the extra monitor is not installed")
 
-from mesh_motion_server.monitor_page import reading
-from mesh_motion_server.monitor_page.reading import Reading
+from mesh_motion_server.watch.page import reading
+from mesh_motion_server.watch.page.reading import Reading
 
 STEPS = 400
 

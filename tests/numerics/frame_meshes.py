@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 
 
 def square_frame(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from box_meshes import box_mesh
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 
 Mesh = tuple[np.ndarray, CellTable, dict[str, Patch]]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mesh_motion_server.numerics.acceptance import largest_accepted
+from mesh_motion_server.numerics.motion.acceptance import largest_accepted
 
 
 @pytest.mark.parametrize("limit", [0.0, 0.005, 0.3, 0.7, 0.99])

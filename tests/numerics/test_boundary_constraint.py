@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from sliding_meshes import duct
 
-from mesh_motion_server.numerics.boundary_constraint import BoundaryConstraint
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
 
 
 def model_of(mesh, **choices) -> MotionModel:

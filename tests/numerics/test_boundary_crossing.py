@@ -8,8 +8,8 @@ from box_meshes import box_mesh
 from correction_cases import stored
 from frame_meshes import rotation
 
-from mesh_motion_server.numerics.boundary_crossing import BoundaryFacets, crossing_place
-from mesh_motion_server.numerics.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 
 
 def facets_of(points: np.ndarray, **nodes: list[list[int]]) -> tuple[BoundaryFacets, np.ndarray]:

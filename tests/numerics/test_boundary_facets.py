@@ -8,9 +8,9 @@ import pytest
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics import boundary_facets as module
-from mesh_motion_server.numerics.boundary_facets import LOCAL_FACETS, boundary_facets, boundary_nodes
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.metrics import reference_sizes
+from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS, boundary_facets, boundary_nodes
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
 ONE_CELL = {

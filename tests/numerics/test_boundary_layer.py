@@ -11,13 +11,13 @@ from periodic_meshes import periodic_box
 from docs.studies.beyond._layers import bent_flag, bent_wing, stored_layer
 from docs.studies.beyond._motions import stored
 from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.boundary_layer import BoundaryLayer
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 DISPLACEMENTS = ("relative", "absolute", "reanchored")
 

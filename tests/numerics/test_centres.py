@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.centres import CentreLayout, bounding_box, padded
-from mesh_motion_server.numerics.kernels import BASES
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout, bounding_box, padded
+from mesh_motion_server.numerics.interpolation.kernels import BASES
 
 C2 = BASES["wendland-c2"]
 

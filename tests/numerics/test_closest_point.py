@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh_motion_server.numerics.closest_point import FacetSet, nearest_within
+from mesh_motion_server.numerics.mesh.closest_point import FacetSet, nearest_within
 
 
 def sampled(corners, points, n=60):

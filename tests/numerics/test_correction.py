@@ -9,8 +9,7 @@ from box_meshes import box_mesh
 from correction_cases import CASES, RADIUS, case, moved, rigid, stored
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.correction import (
+from mesh_motion_server.numerics.correction.correction import (
     CORRECTIONS,
     Correction,
     CorrectionProblem,
@@ -18,11 +17,12 @@ from mesh_motion_server.numerics.correction import (
     _spoils,
     correct,
 )
-from mesh_motion_server.numerics.correction_problem import SMALL_MESH
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.metrics import cell_quality, cells_at_rest, reference_sizes
-from mesh_motion_server.numerics.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.correction.correction_problem import SMALL_MESH
+from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest, reference_sizes
 
 # best minimum size-skew known: all nodes free, ten levels up to p = 1000 of 60 accurate Newton iterations each
 CEILINGS = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_distortion import one_cell
 
-from mesh_motion_server.numerics.distortion import (
+from mesh_motion_server.numerics.correction.distortion import (
     PNorm,
     corner_blocks,
     corner_simplices,

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.distortion import (
+from mesh_motion_server.numerics.correction.distortion import (
     PNorm,
     corner_simplices,
     determinants,
     distortion_gradient,
     mean_distortion,
 )
-from mesh_motion_server.numerics.metrics import cell_quality
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 SIMPLICES = ("line", "triangle", "tetra")
 NORMS = (PNorm(1, 1), PNorm(8, 2), PNorm(60, 8), PNorm(2, 1, 0.3))

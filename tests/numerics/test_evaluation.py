@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.kernels import BASES, slopes, values
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES, slopes, values
 
 SMOOTH = sorted(name for name, basis in BASES.items() if basis.gradient_at_centre and not basis.unusable)
 

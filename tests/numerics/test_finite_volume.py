@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from mesh_motion_server.files import MeshFile, write_moved
 from mesh_motion_server.numerics import finite_volume
-from mesh_motion_server.numerics.cell_facets import CellFacets
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.extrusion import extruded_cells, extruded_points
-from mesh_motion_server.numerics.finite_volume import FaceMeasures, face_measures
-from mesh_motion_server.numerics.local_facets import LOCAL_FACETS
+from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.extrusion import extruded_cells, extruded_points
+from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
+from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 FLOOR = 1e-5  # degrees: cosines near 1 tell an angle to the root of the rounding
 

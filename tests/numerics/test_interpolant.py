@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.kernels import BASES, values
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
 USABLE = sorted(name for name, basis in BASES.items() if not basis.unusable)
 DEFINITE = sorted(name for name in USABLE if BASES[name].order == 0)
@@ -231,8 +231,8 @@ REPEAT = """
 import hashlib, sys
 import mesh_motion_kernels, numpy as np
 mesh_motion_kernels.set_threads(int(sys.argv[1]))
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 points = np.random.default_rng(0).random((900, 3))
 data, places = np.sin(5 * points), np.random.default_rng(1).random((500, 3))
 digest = hashlib.sha256()

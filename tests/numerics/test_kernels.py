@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.kernels import BASES, basis_named, checked_radius, slopes, values
+from mesh_motion_server.numerics.interpolation.kernels import BASES, basis_named, checked_radius, slopes, values
 
 USABLE = sorted(name for name, basis in BASES.items() if not basis.unusable)
 COMPACT = sorted(name for name, basis in BASES.items() if basis.compact)

@@ -9,11 +9,11 @@ import pytest
 from box_meshes import box_mesh
 
 from docs.studies.aerofoil_grids import Grid, o_grid, wing
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.layered_walls import LayeredWalls
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.layered_walls import LayeredWalls
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 
 def narrow(kind: str) -> Grid:

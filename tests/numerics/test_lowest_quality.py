@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny_meshes import tiny_mesh, tiny_meshes
 
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.lowest_quality import LowestJudge, lowest_quality
-from mesh_motion_server.numerics.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.metrics import (
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.quality.lowest_quality import LowestJudge, lowest_quality
+from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.quality.metrics import (
     QUALITY_METRICS,
     CellsAtRest,
     cell_quality,

@@ -9,12 +9,12 @@ import pytest
 from frame_meshes import rotation, square_frame
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.factor_source import factorization_of
-from mesh_motion_server.numerics.kernels import BASES
+from mesh_motion_server.numerics.interpolation.factor_source import factorization_of
+from mesh_motion_server.numerics.interpolation.kernels import BASES
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 USABLE = [name for name, basis in BASES.items() if not basis.unusable]
 

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.method import CHOICES
-from mesh_motion_server.numerics.metrics import (
+from mesh_motion_server.numerics.quality.metrics import (
     METRIC_CODES,
     QUALITY_METRICS,
     cell_quality,

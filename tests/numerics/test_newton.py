@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 
-from mesh_motion_server.numerics.distortion import PNorm, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.free_region import FreeRegion, free_region
-from mesh_motion_server.numerics.newton import Accuracy, QuadraticTerm, newton
+from mesh_motion_server.numerics.correction.distortion import PNorm, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region
+from mesh_motion_server.numerics.correction.newton import Accuracy, QuadraticTerm, newton
 
 
 def shaken(kind: str, size: float) -> tuple[np.ndarray, FreeRegion]:

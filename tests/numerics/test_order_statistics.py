@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality_summary import distribution, percentile_ranks, smallest, summarize
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.quality.quality_summary import distribution, percentile_ranks, smallest, summarize
 
 NEAR_ONE = st.integers(0, 2000).map(lambda k: 1.0 - k * 2.0**-53)
 VALUES = st.lists(st.floats(-1, 1) | NEAR_ONE | st.sampled_from([-np.inf, 1.0, 1.0 + 2.0**-52, -1.0]), min_size=1)

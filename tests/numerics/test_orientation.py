@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.mesh_check import check_mesh, checked_mesh
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.orientation import oriented
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.quality.mesh_check import check_mesh, checked_mesh
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.quality.orientation import oriented
 
 LISTED = {1: "from right to left", 2: "clockwise", 3: "in the opposite orientation"}
 

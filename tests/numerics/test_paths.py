@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.paths import fit_rigid_motion, split_rigid, substeps
+from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion, split_rigid, substeps
 
 
 def turn(d, degrees, axis=(0.0, 0.0, 1.0)):

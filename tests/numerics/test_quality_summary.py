@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes, summarize
-from mesh_motion_server.numerics.quality_summary import distribution, smallest
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes, summarize
+from mesh_motion_server.numerics.quality.quality_summary import distribution, smallest
 
 VALUES = st.lists(
     st.sampled_from([-np.inf, -1.0, -0.5, -0.0, 0.0, 1e-9, 0.3, 0.3000001, 0.7, 1.0]) | st.floats(-1, 1), min_size=1

@@ -5,12 +5,12 @@ import pytest
 
 from docs.studies.moved_bodies import Turn, stored
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.interpolation.support_radius import candidate_support_radii
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.roles import BoundaryRoles
-from mesh_motion_server.numerics.support_radius import candidate_support_radii
+from mesh_motion_server.numerics.motion.method_check import check_method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.session.factors import FactorCache
 
 BLOCKS = "tests/references/correction_two_blocks"

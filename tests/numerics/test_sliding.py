@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.boundary_facets import boundary_facets, boundary_nodes
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 
 
 def grid(*counts):

@@ -14,13 +14,13 @@ from correction_cases import BodyMesh, moved, rigid, stored
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.correction import CorrectionSettings, correct
+from mesh_motion_server.numerics.correction.correction import CorrectionSettings, correct
+from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime, gradient_stiffness, travel
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.numerics.smooth_in_time import SmoothInTime, gradient_stiffness, travel
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.session.factors import FactorCache
 
 FLAG = Path(__file__).parents[2] / "examples" / "turek_hron_flag"

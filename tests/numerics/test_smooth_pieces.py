@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.smooth_pieces import sides, smooth_pieces
+from mesh_motion_server.numerics.mesh.smooth_pieces import sides, smooth_pieces
 
 
 def polygon(turns):

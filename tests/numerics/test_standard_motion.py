@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame
 
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.prediction import predict
-from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.quality.prediction import predict
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 

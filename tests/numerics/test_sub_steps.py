@@ -14,12 +14,12 @@ from periodic_meshes import periodic_box
 from sliding_meshes import duct
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
-from mesh_motion_server.numerics.sub_steps import Leg, furthest_walk, walk
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.sub_steps import Leg, furthest_walk, walk
+from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 
 def box_model(kind: str = "quad", **choices) -> MotionModel:

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from histories import made_up_events, put_events, write_history
 
-from mesh_motion_server.observation.follow import EventTail, last_event
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.history.events import line_of
+from mesh_motion_server.watch.observation.follow import EventTail, last_event
 
 
 def test_what_is_there_and_then_what_is_added(tmp_path: Path) -> None:

@@ -10,16 +10,16 @@ import pytest
 from mesh_motion_protocol.digests import state_digest
 
 from mesh_motion_server.errors import InvalidInput, JournalError
-from mesh_motion_server.numerics.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.observation import mesh_view
-from mesh_motion_server.observation.mesh_surface import cells_surface, sides_surface
-from mesh_motion_server.observation.mesh_view import StoredMesh
-from mesh_motion_server.prove.driver import SESSION, Driver, make_driver
-from mesh_motion_server.prove.stand_in import grid_mesh, split_mesh
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.watch.observation import mesh_view
+from mesh_motion_server.watch.observation.mesh_surface import cells_surface, sides_surface
+from mesh_motion_server.watch.observation.mesh_view import StoredMesh
+from proofs.driver import SESSION, Driver, make_driver
+from proofs.stand_in import grid_mesh, split_mesh
 
 
 def stepped(folder: Path, steps: int, pieces: int = 1) -> tuple[Driver, Path]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from histories import largest_angle, lowest_quality, made_up_events, resumed_at
 
-from mesh_motion_server.observation.series import PHASES, Series
+from mesh_motion_server.watch.observation.series import PHASES, Series
 
 
 def test_each_step_has_what_was_told() -> None:

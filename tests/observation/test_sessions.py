@@ -10,12 +10,12 @@ import pytest
 from histories import made_up_events, put_events, write_history
 from mesh_motion_protocol.messages import Close, Commit, Rollback
 
-from mesh_motion_server.observation.sessions import Sessions
-from mesh_motion_server.prove.driver import Driver, make_driver, resume_driver
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.watch.observation.sessions import Sessions
+from proofs.driver import Driver, make_driver, resume_driver
+from proofs.stand_in import grid_mesh
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import status_page
 from mesh_motion_client import Mesh, Patch
 from prometheus_client.parser import text_string_to_metric_families
 
-from mesh_motion_server.prove.server_process import ServerProcess
-from mesh_motion_server.prove.stand_in_server import StandInServer
+from proofs.server_process import ServerProcess
+from proofs.stand_in_server import StandInServer
 
 
 def small_mesh(cells=4):

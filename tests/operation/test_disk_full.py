@@ -15,12 +15,12 @@ from mesh_motion_protocol.messages import Build, Commit, Fetch, Status
 from served import small_mesh
 
 from mesh_motion_server.errors import ResourceError
-from mesh_motion_server.prove.driver import Driver, make_driver, resume_driver
-from mesh_motion_server.prove.model_files import ModelFiles
-from mesh_motion_server.prove.stand_in import grid_mesh
-from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.session import journal
 from mesh_motion_server.session.store import SessionStore
+from proofs.driver import Driver, make_driver, resume_driver
+from proofs.model_files import ModelFiles
+from proofs.stand_in import grid_mesh
+from proofs.waiting import wait_until
 
 _MIB = 1 << 20
 

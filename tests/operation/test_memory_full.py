@@ -9,7 +9,7 @@ import pytest
 from mesh_motion_client import Mesh, MeshMotionError, Patch, connect
 from served import small_mesh
 
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.waiting import wait_until
 
 
 def strip(nodes: int) -> Mesh:

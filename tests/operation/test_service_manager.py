@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.operation.service_manager import ServiceManager
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.waiting import wait_until
 
 UNIT = Path(__file__).parents[2] / "docs" / "mesh-motion.service"
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from mesh_motion_server.completions import log_levels, promises, roles, session_folders
-from mesh_motion_server.prove.table import CHECKS
+from mesh_motion_server.commands.completions import log_levels, promises, roles, session_folders
 from mesh_motion_server.security.authorisation import ROLES
+from proofs.table import CHECKS
 
 SESSION = "0123456789abcdef" * 2
 
@@ -34,7 +34,7 @@ def home(tmp_path: Path) -> dict[str, str]:
     """An environment with the command, and one stored session."""
     program = tmp_path / "bin" / "mesh-motion"
     program.parent.mkdir()
-    program.write_text(f"#!{sys.executable}\nfrom mesh_motion_server.cli import main\nmain()\n")
+    program.write_text(f"#!{sys.executable}\nfrom mesh_motion_server.commands.cli import main\nmain()\n")
     program.chmod(0o755)
     (tmp_path / ".local" / "state" / "mesh-motion" / "sessions" / SESSION).mkdir(parents=True)
     return os.environ | {"HOME": str(tmp_path), "PATH": f"{program.parent}:{os.environ['PATH']}"}

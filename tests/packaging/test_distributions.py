@@ -51,14 +51,14 @@ def test_the_wheel_tells_its_licence_version_and_commands(wheel: Path) -> None:
     with ZipFile(wheel) as archive:
         metadata = Parser().parsestr(archive.read(f"{about}/METADATA").decode())
         entries = archive.read(f"{about}/entry_points.txt").decode()
-        vendored = sorted(ROOT.glob("mesh_motion_server/monitor_page/static/vendor/*/LICENSE"))
+        vendored = sorted(ROOT.glob("mesh_motion_server/watch/page/static/vendor/*/LICENSE"))
         assert [path.parent.name for path in vendored] == ["three", "uplot"]
         for path in (ROOT / "LICENSE", *vendored):
             assert archive.read(f"{about}/licenses/{path.relative_to(ROOT)}") == path.read_bytes()
     assert metadata["Version"] == __version__
     assert metadata["License-Expression"] == "BSD-3-Clause AND MIT"
     assert {"server", "mesh", "plot", "dask", "all"} <= set(metadata.get_all("Provides-Extra"))
-    assert "mesh-motion = mesh_motion_server.cli:main" in entries
+    assert "mesh-motion = mesh_motion_server.commands.cli:main" in entries
 
 
 def test_the_sdist_is_the_checkout_and_builds_the_same_wheel(sdist: Path, wheel: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import Credentials, Keys, Mesh, MeshMotionError, Patch, Server, Session, connect
 
-from mesh_motion_server.cli import main
+from mesh_motion_server.commands.cli import main
 
 ROTATION = Path(__file__).parents[2] / "examples" / "thesis_rotation"
 with np.load(ROTATION / "mesh.npz") as _file:

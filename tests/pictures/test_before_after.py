@@ -12,18 +12,18 @@ import pytest
 from tiny_meshes import tiny_mesh, tiny_meshes
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.pictures.snapshot import Plane, Snapshot
+from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("meshio")
 
-from mesh_motion_server.pictures import mesh_axes
-from mesh_motion_server.pictures.before_after import MeshPair, draw_before_after
-from mesh_motion_server.pictures.clipped import cells_behind, visible_facets
-from mesh_motion_server.pictures.meshes import pair_of
-from mesh_motion_server.pictures.page import Page, save, styled
-from mesh_motion_server.pictures.reading import read_pair
-from mesh_motion_server.pictures.slices import flat
+from mesh_motion_server.watch.pictures import mesh_axes
+from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
+from mesh_motion_server.watch.pictures.clipped import cells_behind, visible_facets
+from mesh_motion_server.watch.pictures.meshes import pair_of
+from mesh_motion_server.watch.pictures.page import Page, save, styled
+from mesh_motion_server.watch.pictures.reading import read_pair
+from mesh_motion_server.watch.pictures.slices import flat
 
 MakePlayed = Callable[..., Path]
 SOLIDS = {name: mesh for name, mesh in tiny_meshes(3) if mesh[0].shape[1] == 3}

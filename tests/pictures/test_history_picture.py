@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.pictures.runs import Quality, Refused, Run, read_played
+from mesh_motion_server.watch.pictures.runs import Quality, Refused, Run, read_played
 
 pytest.importorskip("matplotlib")
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 
-from mesh_motion_server.pictures.history import draw_history, panels_of
-from mesh_motion_server.pictures.page import Page, styled
-from mesh_motion_server.pictures.palette import DARK
-from mesh_motion_server.pictures.reading import read_runs
+from mesh_motion_server.watch.pictures.history import draw_history, panels_of
+from mesh_motion_server.watch.pictures.page import Page, styled
+from mesh_motion_server.watch.pictures.palette import DARK
+from mesh_motion_server.watch.pictures.reading import read_runs
 
 MakePlayed = Callable[..., Path]
 

@@ -14,7 +14,7 @@ from mesh_motion_server.errors import InvalidInput, ResourceError
 
 pytest.importorskip("matplotlib")
 
-from mesh_motion_server.pictures.page import Page, blank, parse_size, save, styled
+from mesh_motion_server.watch.pictures.page import Page, blank, parse_size, save, styled
 
 SVG = "{http://www.w3.org/2000/svg}"
 

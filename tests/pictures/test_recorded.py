@@ -10,10 +10,10 @@ import pytest
 from histories import lowest_quality, write_history
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.pictures.reading import read_pair, read_runs
-from mesh_motion_server.prove.driver import Driver, make_driver
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.watch.pictures.reading import read_pair, read_runs
+from proofs.driver import Driver, make_driver
+from proofs.stand_in import grid_mesh
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tiny_meshes import tiny_meshes
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.pictures.slices import cut, flat
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.watch.pictures.slices import cut, flat
 
 SOLIDS = {name: mesh for name, mesh in tiny_meshes(3) if mesh[0].shape[1] == 3}
 

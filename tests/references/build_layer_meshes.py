@@ -18,11 +18,11 @@ import numpy as np
 from docs.studies.beyond._layers import angle_weighted_normals
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.files.mesh_file import MeshFile
-from mesh_motion_server.numerics.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 HERE = Path(__file__).parent
 WING_LAYER, WING_ROWS, WING_GROWTH = 0.012, 6, 1.3

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Build, Commit, Move
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.finite_volume import face_measures
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.finite_volume import face_measures
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.model import build_motion_model

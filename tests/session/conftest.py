@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 from mesh_motion_protocol.messages import Join
 
-from mesh_motion_server.prove import model_files
-from mesh_motion_server.prove.driver import SESSION, TOKEN, Driver, make_driver, make_spec, resume, resume_driver
-from mesh_motion_server.prove.stand_in import StandIn, grid_mesh, split_mesh
 from mesh_motion_server.service.dispatch import Envelope
+from proofs import model_files
+from proofs.driver import SESSION, TOKEN, Driver, make_driver, make_spec, resume, resume_driver
+from proofs.stand_in import StandIn, grid_mesh, split_mesh
 
 
 @pytest.fixture

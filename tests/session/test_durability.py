@@ -13,7 +13,6 @@ import pytest
 from mesh_motion_protocol.messages import Close, Commit, Fetch, Move, Status
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.prove.check import BrokenPromise, require
 from mesh_motion_server.session import replay as replay_module
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.inspection import inspect_session
@@ -22,6 +21,7 @@ from mesh_motion_server.session.journal_files import read_journal
 from mesh_motion_server.session.relaxed import RelaxedKeeper
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
+from proofs.check import BrokenPromise, require
 
 LIMITS = ServerSettings(snapshot_steps=4)
 

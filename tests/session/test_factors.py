@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.session.factors import FactorCache
 
 

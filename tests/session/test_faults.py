@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.errors import JournalError, MeshMotionError
-from mesh_motion_server.prove.check import BrokenPromise, Budget
-from mesh_motion_server.prove.io_faults import CHECK, fail_each_call, short_writes
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.relaxed import RelaxedKeeper
+from proofs.check import BrokenPromise, Budget
+from proofs.io_faults import CHECK, fail_each_call, short_writes
 
 
 @pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO])
@@ -53,7 +53,7 @@ def test_short_writes_are_continued(most: int, level: str) -> None:
 
 def test_the_whole_row(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "mesh_motion_server.prove.io_faults.fail_each_call",
+        "proofs.io_faults.fail_each_call",
         lambda error, for_ever, level: Counter({"whole": 1, "FROZEN": 3}),
     )
     result = CHECK.run(1, Budget(2))
@@ -84,7 +84,7 @@ def test_an_error_that_is_swallowed_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_failure_in_the_background_that_is_not_told_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mesh_motion_server.prove.io_faults._PATIENCE", 0.5)
+    monkeypatch.setattr("proofs.io_faults._PATIENCE", 0.5)
     monkeypatch.setattr(RelaxedKeeper, "frozen", False)
     with pytest.raises(BrokenPromise, match="step 1 does not become durable"):
         fail_each_call(errno.EIO, for_ever=False, level="relaxed")

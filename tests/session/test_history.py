@@ -24,12 +24,6 @@ from hypothesis import strategies as st
 from mesh_motion_protocol.messages import Build, Close, Commit, Move, Rollback
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.monitor_page.followed import Followed
-from mesh_motion_server.observation.fold import StepFold
-from mesh_motion_server.observation.steps import digest_of_history
-from mesh_motion_server.prove import kill_nine
-from mesh_motion_server.prove.check import Budget
-from mesh_motion_server.prove.kill_nine import kill_again_and_again
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.history.boundary import BoundaryLog, pack_input, pack_outcome
 from mesh_motion_server.session.history.events import last_committed, line_of, lines_backwards, parse_line, read_events
@@ -37,6 +31,12 @@ from mesh_motion_server.session.history.segments import list_segments
 from mesh_motion_server.session.ledger import BoundaryInput
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
+from mesh_motion_server.watch.observation.fold import StepFold
+from mesh_motion_server.watch.observation.steps import digest_of_history
+from mesh_motion_server.watch.page.followed import Followed
+from proofs import kill_nine
+from proofs.check import Budget
+from proofs.kill_nine import kill_again_and_again
 
 LIMITS = ServerSettings(reserve_disk_bytes=0)
 

@@ -11,8 +11,6 @@ import pytest
 from mesh_motion_protocol.digests import state_digest
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.prove.journal_damage import read_back
-from mesh_motion_server.prove.model_files import ModelFiles
 from mesh_motion_server.session import journal as journal_module
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal import Journal, record_area
@@ -20,6 +18,8 @@ from mesh_motion_server.session.journal_files import KEPT_COMMITS, read_journal,
 from mesh_motion_server.session.ledger import Commit, Foundation
 from mesh_motion_server.session.records import PAGE
 from mesh_motion_server.session.replies import RequestId
+from proofs.journal_damage import read_back
+from proofs.model_files import ModelFiles
 
 NODES = 40
 FOUNDATION = Foundation("0" * 32, b"s" * 32, b"m" * 32, NODES, 2, 4096)

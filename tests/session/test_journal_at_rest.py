@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.prove.model_files import FailingFiles, ModelFiles
-from mesh_motion_server.prove.power_loss import FOLDER, boundary_of, entry_of, foundation_of, state_of
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.journal_files import read_journal
 from mesh_motion_server.session.ledger import Commit
 from mesh_motion_server.session.records import PAGE
+from proofs.model_files import FailingFiles, ModelFiles
+from proofs.power_loss import FOLDER, boundary_of, entry_of, foundation_of, state_of
 
 
 def lived(level: str, steps: int = 2, pages: int = 6) -> tuple[Journal, FailingFiles]:

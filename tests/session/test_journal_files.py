@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.prove.model_files import ModelFiles
-from mesh_motion_server.prove.power_loss import FOLDER, FOUNDATION, entry_of, state_of
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.journal_files import (
@@ -22,6 +20,8 @@ from mesh_motion_server.session.journal_files import (
     view_slot,
 )
 from mesh_motion_server.session.records import PAGE, pack_record
+from proofs.model_files import ModelFiles
+from proofs.power_loss import FOLDER, FOUNDATION, entry_of, state_of
 
 CAPACITY = 64 * PAGE
 

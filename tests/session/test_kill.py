@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from mesh_motion_server.prove import kill_nine
-from mesh_motion_server.prove.check import BrokenPromise, Budget
-from mesh_motion_server.prove.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
 from mesh_motion_server.session.store import SessionStore
+from proofs import kill_nine
+from proofs.check import BrokenPromise, Budget
+from proofs.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
 
 
 def test_a_few_kills() -> None:

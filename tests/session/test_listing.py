@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 from mesh_motion_protocol.messages import Commit, Move
 
-from mesh_motion_server.prove.driver import SESSION, make_driver, resume_driver
-from mesh_motion_server.prove.model_files import ModelFiles
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session import listing
 from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
 from mesh_motion_server.session.recovery import read_chain, sum_up
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.transport import registry
+from proofs.driver import SESSION, make_driver, resume_driver
+from proofs.model_files import ModelFiles
+from proofs.stand_in import grid_mesh
 
 
 class CountingFiles(ModelFiles):

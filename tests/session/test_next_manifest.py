@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from mesh_motion_protocol.messages import Commit, Move
 
-from mesh_motion_server.prove.driver import SESSION, make_driver, resume_driver
-from mesh_motion_server.prove.model_files import ModelFiles
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session import journal, next_manifest
 from mesh_motion_server.session.store import SessionStore
+from proofs.driver import SESSION, make_driver, resume_driver
+from proofs.model_files import ModelFiles
+from proofs.stand_in import grid_mesh
 
 FOLDER = Path("/state/sessions") / SESSION
 RESERVE = FOLDER / "manifest.new"

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.merging import merge
 from mesh_motion_server.session.numbering import in_senders_numbers, upload_view
 

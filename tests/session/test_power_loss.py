@@ -14,12 +14,12 @@ import pytest
 from believing_journal import believe_every_slot
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.prove.check import BrokenPromise
-from mesh_motion_server.prove.power_loss import explore, fail_each, random_script
 from mesh_motion_server.session import journal as journal_module
 from mesh_motion_server.session.journal import Journal
 from mesh_motion_server.session.ledger import Commit, Ledger
 from mesh_motion_server.session.relaxed import RelaxedKeeper
+from proofs.check import BrokenPromise
+from proofs.power_loss import explore, fail_each, random_script
 
 SCRIPT = "cceccccccoec"
 #: With what the other levels do beside: "f" catches up, stores what was logged.

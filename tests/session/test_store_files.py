@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
-from mesh_motion_server.prove.driver import SESSION, TOKEN, make_spec
-from mesh_motion_server.prove.model_files import FailingFiles, ModelFiles
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
+from proofs.driver import SESSION, TOKEN, make_spec
+from proofs.model_files import FailingFiles, ModelFiles
+from proofs.stand_in import grid_mesh
 
 OTHER = "f" * 32
 NODES = len(grid_mesh().points)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.roles import BoundaryRoles
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 
 _PARTS = ("solve", "predict", "correct", "displace", "total")
 

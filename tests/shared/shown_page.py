@@ -11,10 +11,10 @@ from typing import Any
 from chromium import Browser
 from histories import write_history
 
-from mesh_motion_server.prove.driver import make_driver
-from mesh_motion_server.prove.server_process import ServerProcess
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
+from proofs.driver import make_driver
+from proofs.server_process import ServerProcess
+from proofs.stand_in import grid_mesh
 
 #: How many pixels of the mesh have which colour, "red,green,blue".
 PAINTED = """

@@ -3,7 +3,7 @@
 import urllib.error
 import urllib.request
 
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.waiting import wait_until
 
 
 def address_of(server):

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from histories import write_history
 
-from mesh_motion_server.prove.driver import Driver, make_driver
-from mesh_motion_server.prove.stand_in import grid_mesh
 from mesh_motion_server.session.store import SessionStore
+from proofs.driver import Driver, make_driver
+from proofs.stand_in import grid_mesh
 
 MakeSession = Callable[..., Path]
 

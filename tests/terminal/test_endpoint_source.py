@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from mesh_motion_client import Keys, Mesh, Patch, connect
 
-from mesh_motion_server.prove.server_process import ServerProcess
-from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
-from mesh_motion_server.terminal.endpoint_source import EndpointSource
-from mesh_motion_server.terminal.sources import Unreadable
+from mesh_motion_server.watch.terminal.endpoint_source import EndpointSource
+from mesh_motion_server.watch.terminal.sources import Unreadable
+from proofs.server_process import ServerProcess
+from proofs.waiting import wait_until
 
 SQUARE = Mesh(
     np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]]),

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from histories import go_on
 
-from mesh_motion_server.terminal.folder_source import FolderSource
-from mesh_motion_server.terminal.sources import Unreadable
+from mesh_motion_server.watch.terminal.folder_source import FolderSource
+from mesh_motion_server.watch.terminal.sources import Unreadable
 
 MakeSession = Callable[..., Path]
 

@@ -17,10 +17,10 @@ pytest.importorskip("textual")
 from textual.pilot import Pilot
 from textual.widgets import Static
 
-from mesh_motion_server.terminal.app import MonitorApp
-from mesh_motion_server.terminal.folder_source import FolderSource
-from mesh_motion_server.terminal.snapshot import named
-from mesh_motion_server.terminal.watcher import Look
+from mesh_motion_server.watch.terminal.app import MonitorApp
+from mesh_motion_server.watch.terminal.folder_source import FolderSource
+from mesh_motion_server.watch.terminal.snapshot import named
+from mesh_motion_server.watch.terminal.watcher import Look
 
 MakeSession = Callable[..., Path]
 Steps = Callable[[Pilot[None], MonitorApp], Awaitable[None]]

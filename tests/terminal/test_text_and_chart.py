@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mesh_motion_server.terminal.chart import Curve, draw_chart, spark
-from mesh_motion_server.terminal.text import age, clip, number, plain
+from mesh_motion_server.watch.terminal.chart import Curve, draw_chart, spark
+from mesh_motion_server.watch.terminal.text import age, clip, number, plain
 
 
 @pytest.mark.parametrize(

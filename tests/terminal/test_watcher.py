@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import queue
 
-from mesh_motion_server.terminal.sources import Details, SessionLine
-from mesh_motion_server.terminal.watcher import Look, Watcher
+from mesh_motion_server.watch.terminal.sources import Details, SessionLine
+from mesh_motion_server.watch.terminal.watcher import Look, Watcher
 
 LINE = SessionLine("1" * 32, "wing", "READY", 3)
 

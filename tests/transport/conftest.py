@@ -11,8 +11,8 @@ from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.key_files import PublicKey, SecretKey
 from mesh_motion_protocol.messages import Join, Open
 
-from mesh_motion_server.prove.server_process import ServerProcess
 from mesh_motion_server.security.key_folder import make_client_keys
+from proofs.server_process import ServerProcess
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0

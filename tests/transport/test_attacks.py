@@ -13,7 +13,10 @@ import zmq
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import Commit, Hello, Join, List, Move, Open, Ping, Status
 
-from mesh_motion_server.prove.attacks import (
+from mesh_motion_server.security.key_folder import admit, make_server_keys
+from mesh_motion_server.transport.protection import Protection, user_of
+from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
+from proofs.attacks import (
     ended,
     endless_message,
     forged_user,
@@ -22,10 +25,7 @@ from mesh_motion_server.prove.attacks import (
     ready,
     storm,
 )
-from mesh_motion_server.prove.waiting import wait_until
-from mesh_motion_server.security.key_folder import admit, make_server_keys
-from mesh_motion_server.transport.protection import Protection, user_of
-from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
+from proofs.waiting import wait_until
 
 MIB = 1 << 20
 ONES = np.ones((2, 2))

@@ -13,11 +13,11 @@ from status_page import address_of, get
 
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.operation.disk_watch import DiskWatch
-from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import monitor
 from mesh_motion_server.transport.monitor import Pages
 from mesh_motion_server.transport.opening import check_room
+from proofs.waiting import wait_until
 
 
 def start_watched(start, **settings):

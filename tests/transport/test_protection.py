@@ -13,8 +13,8 @@ from mesh_motion_protocol.key_files import SecretKey
 from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import Hello, Join, List, Move, Open, Ping, Probe, Resume, Status
 
-from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.security.key_folder import admit, make_server_keys, revoke
+from proofs.waiting import wait_until
 
 REFUSALS = (zmq.EVENT_HANDSHAKE_FAILED_AUTH, zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_DISCONNECTED)
 

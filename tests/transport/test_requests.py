@@ -24,7 +24,7 @@ from mesh_motion_protocol.messages import (
 )
 from mesh_motion_protocol.vectors import load
 
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.waiting import wait_until
 
 ONES = np.ones((2, 2))
 INVALID = load("invalid")

@@ -23,8 +23,8 @@ from mesh_motion_protocol.messages import (
     Status,
 )
 
-from mesh_motion_server.prove.processes import alive
-from mesh_motion_server.prove.waiting import wait_until
+from proofs.processes import alive
+from proofs.waiting import wait_until
 
 ONES = np.ones((2, 2))
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 __all__ = ["MotionModelMover"]
 

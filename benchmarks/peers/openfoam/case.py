@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks.peers.openfoam.foam_files import write_dictionary, write_point_field, write_polymesh
 from benchmarks.peers.openfoam.polymesh import PolyMesh
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["TOLERANCES", "Settings", "write_case"]
 

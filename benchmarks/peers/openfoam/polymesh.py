@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.boundary_facets import LOCAL_FACETS
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["FRONT_AND_BACK", "PolyMesh", "PolyPatch"]
 

@@ -16,7 +16,7 @@ PROGRAM = "mesh-motion"
 
 def commands() -> str:
     """Every command with its text, its arguments and its options."""
-    from mesh_motion_server.commands import app  # noqa: PLC0415 it imports the whole command line
+    from mesh_motion_server.commands.app import app  # noqa: PLC0415 it imports the whole command line
 
     group = typer.main.get_command(app)
     parts = [_command(f"{PROGRAM} {name}", command) for name, command in sorted(_leaves(group))]

@@ -12,7 +12,7 @@ from pydantic_core import PydanticUndefined
 
 from docs.site.reference.tables import code, comments_behind, table
 from mesh_motion_server.cases import case
-from mesh_motion_server.numerics.kernels import BASES
+from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.method import CHOICES, Method
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 

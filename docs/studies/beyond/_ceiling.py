@@ -20,13 +20,13 @@ from docs.studies.beyond._motions import Body, stored
 from docs.studies.moved_bodies import Turn
 from docs.studies.study import Cell, Table
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction import CorrectionSettings, correct
-from mesh_motion_server.numerics.distortion import PNorm
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.free_region import FreeRegion
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.newton import Accuracy, newton
-from mesh_motion_server.numerics.trial_nodes import TrialMesh, region_quality, untangle
+from mesh_motion_server.numerics.correction.correction import CorrectionSettings, correct
+from mesh_motion_server.numerics.correction.distortion import PNorm
+from mesh_motion_server.numerics.correction.free_region import FreeRegion
+from mesh_motion_server.numerics.correction.newton import Accuracy, newton
+from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh, region_quality, untangle
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 
 __all__ = ["Ceiling", "ceiling", "ceilings", "draw_shares", "shares_table"]
 

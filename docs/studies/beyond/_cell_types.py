@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.beyond._motions import Body
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["KINDS", "graded"]
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.correction import CorrectionProblem
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Factorization, factorize
-from mesh_motion_server.numerics.metrics import reference_sizes
-from mesh_motion_server.numerics.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem
+from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 Floats = NDArray[np.float64]
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from mesh_motion_server.numerics.correction import CorrectionProblem
-from mesh_motion_server.numerics.distortion import PNorm, determinants, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.enrichment.imposed_jacobian import cell_gradients
-from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.trial_nodes import LEVELS, TrialMesh
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem
+from mesh_motion_server.numerics.correction.distortion import PNorm, determinants, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import cell_gradients
+from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.correction.trial_nodes import LEVELS, TrialMesh
 
 Floats = NDArray[np.float64]
 

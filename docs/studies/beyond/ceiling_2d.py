@@ -72,5 +72,8 @@ STUDY = Study(
     "Beyond the thesis, whose explicit iterations stop at a threshold",
     run,
     claims,
-    ("mesh_motion_server.numerics.trial_nodes.polish", "mesh_motion_server.numerics.newton.newton"),
+    (
+        "mesh_motion_server.numerics.correction.trial_nodes.polish",
+        "mesh_motion_server.numerics.correction.newton.newton",
+    ),
 )

@@ -34,5 +34,8 @@ STUDY = Study(
     "Beyond the thesis, which corrects in 2D",
     run,
     claims,
-    ("mesh_motion_server.numerics.trial_nodes.polish", "mesh_motion_server.numerics.cell_distortion.cell_blocks"),
+    (
+        "mesh_motion_server.numerics.correction.trial_nodes.polish",
+        "mesh_motion_server.numerics.correction.cell_distortion.cell_blocks",
+    ),
 )

@@ -258,8 +258,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.support_radius.suggest_support_radius",
-        "mesh_motion_server.numerics.support_radius.suggest_enrichment_radius",
-        "mesh_motion_server.numerics.radius_choice.best_predicted",
+        "mesh_motion_server.numerics.interpolation.support_radius.suggest_support_radius",
+        "mesh_motion_server.numerics.interpolation.support_radius.suggest_enrichment_radius",
+        "mesh_motion_server.numerics.motion.radius_choice.best_predicted",
     ),
 )

@@ -15,8 +15,8 @@ from docs.studies.refinement import refined
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction import CorrectionProblem, CorrectionSettings, correct
-from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem, CorrectionSettings, correct
+from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 Floats = NDArray[np.float64]
@@ -295,6 +295,6 @@ STUDY = Study(
     claims,
     (
         "mesh_motion_server.numerics.correction.correct",
-        "mesh_motion_server.numerics.standard_motion.StandardMotion",
+        "mesh_motion_server.numerics.motion.standard_motion.StandardMotion",
     ),
 )

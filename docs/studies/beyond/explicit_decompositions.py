@@ -8,8 +8,8 @@ import numpy as np
 
 from docs.studies.beyond._motions import RADIUS, Body, random_motions, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
-from mesh_motion_server.numerics.enrichment.stretch_correction import CELL_CORRECTIONS
+from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
 
 #: Mesh → motions of the full study, of the quick one.
 MESHES = {"thesis_block": (40, 6), "correction_slab": (40, 6), "correction_box": (20, 2)}
@@ -77,7 +77,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.enrichment.stretch_correction.polar_correction",
-        "mesh_motion_server.numerics.enrichment.explicit_iterations.explicit_iterations",
+        "mesh_motion_server.numerics.correction.enrichment.stretch_correction.polar_correction",
+        "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
     ),
 )

@@ -16,10 +16,14 @@ from docs.studies.moved_bodies import stored as patched
 from docs.studies.refinement import refined
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction import CorrectionProblem
-from mesh_motion_server.numerics.enrichment.coefficients import Enriched, optimised_enrichment, optimised_placement
-from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem
+from mesh_motion_server.numerics.correction.enrichment.coefficients import (
+    Enriched,
+    optimised_enrichment,
+    optimised_placement,
+)
+from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 
 SAME = 0.99  # of our minimum quality: "the same quality"
 _SHARES = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)  # of our minimum, at which the picture shows our time
@@ -224,7 +228,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.enrichment.coefficients.optimised_enrichment",
-        "mesh_motion_server.numerics.enrichment.space.EnrichmentSpace",
+        "mesh_motion_server.numerics.correction.enrichment.coefficients.optimised_enrichment",
+        "mesh_motion_server.numerics.correction.enrichment.space.EnrichmentSpace",
     ),
 )

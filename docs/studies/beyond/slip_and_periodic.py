@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 Floats = NDArray[np.float64]
 
@@ -220,9 +220,9 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.boundary_constraint.BoundaryConstraint",
-        "mesh_motion_server.numerics.sliding.SlidingSurfaces",
-        "mesh_motion_server.numerics.periodic_interpolant.PeriodicFactorization",
-        "mesh_motion_server.numerics.periodic_pairs.periodic_pairs",
+        "mesh_motion_server.numerics.correction.boundary_constraint.BoundaryConstraint",
+        "mesh_motion_server.numerics.mesh.sliding.SlidingSurfaces",
+        "mesh_motion_server.numerics.interpolation.periodic_interpolant.PeriodicFactorization",
+        "mesh_motion_server.numerics.mesh.periodic_pairs.periodic_pairs",
     ),
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from docs.studies.beyond.valid_wherever import Subject, subject, turned
 from docs.studies.moved_bodies import ROOT
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.session.factors import FactorCache
 
 Floats = NDArray[np.float64]
@@ -182,7 +182,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.smooth_in_time.SmoothInTime",
-        "mesh_motion_server.numerics.motion.MotionModel",
+        "mesh_motion_server.numerics.correction.smooth_in_time.SmoothInTime",
+        "mesh_motion_server.numerics.motion.motion.MotionModel",
     ),
 )

@@ -15,12 +15,12 @@ from docs.studies.beyond.slip_and_periodic import Duct
 from docs.studies.moved_bodies import ROOT, Turn
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.motion_found import Motion
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 Floats = NDArray[np.float64]
 Bodies = dict[str, NDArray[np.int64]]
@@ -292,8 +292,8 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.sub_steps.walk",
-        "mesh_motion_server.numerics.body_paths.ways",
-        "mesh_motion_server.numerics.trial_nodes.untangle",
+        "mesh_motion_server.numerics.motion.sub_steps.walk",
+        "mesh_motion_server.numerics.motion.body_paths.ways",
+        "mesh_motion_server.numerics.correction.trial_nodes.untangle",
     ),
 )

@@ -80,5 +80,5 @@ STUDY = Study(
     source="Support radius",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.motion.MotionModel",),
+    functions=("mesh_motion_server.numerics.motion.motion.MotionModel",),
 )

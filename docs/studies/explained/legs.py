@@ -62,5 +62,5 @@ STUDY = Study(
     source="Sub-steps",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.sub_steps.walk",),
+    functions=("mesh_motion_server.numerics.motion.sub_steps.walk",),
 )

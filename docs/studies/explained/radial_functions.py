@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.kernels import BASES, values
+from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
 SHOWN = ("wendland-c0", "wendland-c2", "wendland-c4", "ctps-c1", "tps", "gauss")
 SHARES = (0.25, 0.5, 0.75, 1.0)
@@ -50,5 +50,5 @@ STUDY = Study(
     source="Basis functions",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.kernels.BASES",),
+    functions=("mesh_motion_server.numerics.interpolation.kernels.BASES",),
 )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, moved, stored
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Floats = NDArray[np.float64]
 
@@ -71,5 +71,5 @@ STUDY = Study(
     source="Correction",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.motion.MotionModel",),
+    functions=("mesh_motion_server.numerics.motion.motion.MotionModel",),
 )

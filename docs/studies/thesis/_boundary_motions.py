@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import ROOT, StoredMesh, Turn, stored
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.reduction import Level, Reduced, ReductionProblem
 from mesh_motion_server.numerics.reduction.near_surface import BASIS, boundary_spacing, near_surface_radius
-from mesh_motion_server.numerics.roles import Patch
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.enrichment.imposed_gradient import (
+from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import (
     EnrichedInterpolant,
     ImposedGradient,
     solve_imposed_gradient,
 )
-from mesh_motion_server.numerics.enrichment.placement import local_minima
+from mesh_motion_server.numerics.correction.enrichment.placement import local_minima
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 Floats = NDArray[np.float64]
 

@@ -18,9 +18,9 @@ from docs.studies.thesis._prediction import (
     rigid,
     thesis_triangles,
 )
-from mesh_motion_server.numerics.many_steps import AccumulatedGradients, predict_many_steps
-from mesh_motion_server.numerics.metrics import reference_sizes
-from mesh_motion_server.numerics.prediction import InterpolantField, centre_positions
+from mesh_motion_server.numerics.motion.many_steps import AccumulatedGradients, predict_many_steps
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
+from mesh_motion_server.numerics.quality.prediction import InterpolantField, centre_positions
 
 STEPS = (1, 4, 16)
 METRIC = "size-skew-product"
@@ -159,7 +159,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.many_steps.AccumulatedGradients",
-        "mesh_motion_server.numerics.many_steps.predict_many_steps",
+        "mesh_motion_server.numerics.motion.many_steps.AccumulatedGradients",
+        "mesh_motion_server.numerics.motion.many_steps.predict_many_steps",
     ),
 )

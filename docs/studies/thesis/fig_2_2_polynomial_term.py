@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.assembly import sparse_matrix
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.kernels import BASES
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.roles import BoundaryRoles
+from mesh_motion_server.numerics.interpolation.assembly import sparse_matrix
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Floats = NDArray[np.float64]
 
@@ -132,8 +132,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.polynomial.LinearBasis",
-        "mesh_motion_server.numerics.interpolant.chosen_polynomial",
-        "mesh_motion_server.numerics.factorizations.bordered.BorderedSystem",
+        "mesh_motion_server.numerics.interpolation.polynomial.LinearBasis",
+        "mesh_motion_server.numerics.interpolation.interpolant.chosen_polynomial",
+        "mesh_motion_server.numerics.interpolation.factorizations.bordered.BorderedSystem",
     ),
 )

@@ -81,8 +81,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.prediction.predict",
-        "mesh_motion_server.numerics.prediction.transformed_quality",
-        "mesh_motion_server.numerics.metrics.cell_quality",
+        "mesh_motion_server.numerics.quality.prediction.predict",
+        "mesh_motion_server.numerics.quality.prediction.transformed_quality",
+        "mesh_motion_server.numerics.quality.metrics.cell_quality",
     ),
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._line import FINE, Line, best_slope, draw_displacement, draw_parts, np, smallest
-from mesh_motion_server.numerics.enrichment import functions
+from mesh_motion_server.numerics.correction.enrichment import functions
 
 RADII = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SHOWN = (0.2, 0.4, 0.6)
@@ -93,7 +93,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.enrichment.imposed_gradient.solve_imposed_gradient",
-        "mesh_motion_server.numerics.enrichment.placement.boundary_placement",
+        "mesh_motion_server.numerics.correction.enrichment.imposed_gradient.solve_imposed_gradient",
+        "mesh_motion_server.numerics.correction.enrichment.placement.boundary_placement",
     ),
 )

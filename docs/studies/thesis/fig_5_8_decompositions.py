@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
+from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
 from mesh_motion_server.numerics.decomposition import eigen, polar, qr, rotation_angle, svd
-from mesh_motion_server.numerics.enrichment.stretch_correction import CELL_CORRECTIONS
 
 Floats = NDArray[np.float64]
 
@@ -181,6 +181,6 @@ STUDY = Study(
         "mesh_motion_server.numerics.decomposition.polar",
         "mesh_motion_server.numerics.decomposition.svd",
         "mesh_motion_server.numerics.decomposition.qr",
-        "mesh_motion_server.numerics.enrichment.stretch_correction.CELL_CORRECTIONS",
+        "mesh_motion_server.numerics.correction.enrichment.stretch_correction.CELL_CORRECTIONS",
     ),
 )

@@ -19,11 +19,11 @@ from docs.studies.moved_bodies import Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, layered, mesh_motion, surface_problem, wing
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.correction import CorrectionProblem, CorrectionSettings, correct
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Factorization, Interpolant, factorize
-from mesh_motion_server.numerics.kernels import Basis, basis_named
-from mesh_motion_server.numerics.metrics import reference_sizes
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem, CorrectionSettings, correct
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Factorization, Interpolant, factorize
+from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 from mesh_motion_server.numerics.reduction import REDUCTIONS
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing, near_surface_radius
 
@@ -322,8 +322,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.reduced_motion.interpolate_reduced",
-        "mesh_motion_server.numerics.enrichment.space.EnrichmentSpace",
-        "mesh_motion_server.numerics.enrichment.explicit_iterations.explicit_iterations",
+        "mesh_motion_server.numerics.reduction.reduced_motion.interpolate_reduced",
+        "mesh_motion_server.numerics.correction.enrichment.space.EnrichmentSpace",
+        "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
     ),
 )

@@ -19,7 +19,7 @@ from docs.studies.thesis._prediction import (
     predicted_errors,
     rigid,
 )
-from mesh_motion_server.numerics.prediction import InterpolantField
+from mesh_motion_server.numerics.quality.prediction import InterpolantField
 
 KINDS = ("tetra", "hexahedron", "wedge", "pyramid")
 GRADIENTS = PREDICTORS[:2]
@@ -92,7 +92,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.prediction.predict",
-        "mesh_motion_server.numerics.cells.CellType",
+        "mesh_motion_server.numerics.quality.prediction.predict",
+        "mesh_motion_server.numerics.mesh.cells.CellType",
     ),
 )

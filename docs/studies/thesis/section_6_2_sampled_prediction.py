@@ -12,10 +12,10 @@ import numpy as np
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._prediction import Floats, Mesh, boxes, rigid, thesis_triangles
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.prediction import InterpolantField, predict
-from mesh_motion_server.numerics.sampling import BOUNDS, ExpandableField, predict_sampled
-from mesh_motion_server.numerics.sampling.groups import group_cells
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.motion.sampling import BOUNDS, ExpandableField, predict_sampled
+from mesh_motion_server.numerics.motion.sampling.groups import group_cells
+from mesh_motion_server.numerics.quality.prediction import InterpolantField, predict
 
 SIZES = (8, 32, 128, 256)
 THRESHOLD = 0.2
@@ -162,9 +162,9 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.sampling.predict_sampled",
-        "mesh_motion_server.numerics.sampling.expansion.expand",
-        "mesh_motion_server.numerics.sampling.remainder.remainders",
-        "mesh_motion_server.numerics.sampling.cell_bounds.bounded_quality",
+        "mesh_motion_server.numerics.motion.sampling.predict_sampled",
+        "mesh_motion_server.numerics.motion.sampling.expansion.expand",
+        "mesh_motion_server.numerics.motion.sampling.remainder.remainders",
+        "mesh_motion_server.numerics.motion.sampling.cell_bounds.bounded_quality",
     ),
 )

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, final_quality, stored
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.kernels import BASES, Basis, values
-from mesh_motion_server.numerics.roles import BoundaryRoles
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES, Basis, values
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 
 Floats = NDArray[np.float64]
 
@@ -167,9 +167,9 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.kernels.BASES",
-        "mesh_motion_server.numerics.kernels.values",
-        "mesh_motion_server.numerics.kernels.slopes",
-        "mesh_motion_server.numerics.interpolant.factorize",
+        "mesh_motion_server.numerics.interpolation.kernels.BASES",
+        "mesh_motion_server.numerics.interpolation.kernels.values",
+        "mesh_motion_server.numerics.interpolation.kernels.slopes",
+        "mesh_motion_server.numerics.interpolation.interpolant.factorize",
     ),
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._line import FINE, NODES, Line, draw_displacement, draw_parts, np, predicted, sizes, smallest
-from mesh_motion_server.numerics.enrichment import functions
+from mesh_motion_server.numerics.correction.enrichment import functions
 
 FUNCTIONS = ("H1", "H2", "H3")
 MIDDLE = np.array([0.5])
@@ -99,7 +99,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.enrichment.imposed_gradient.solve_imposed_gradient",
-        "mesh_motion_server.numerics.enrichment.functions.ENRICHMENT_FUNCTIONS",
+        "mesh_motion_server.numerics.correction.enrichment.imposed_gradient.solve_imposed_gradient",
+        "mesh_motion_server.numerics.correction.enrichment.functions.ENRICHMENT_FUNCTIONS",
     ),
 )

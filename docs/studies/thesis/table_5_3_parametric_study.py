@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._block import BlockCase, block_case, draw_mesh
-from mesh_motion_server.numerics.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
-from mesh_motion_server.numerics.enrichment.imposed_jacobian import (
+from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
     ImposedSettings,
     cell_gradients,
     impose,
     imposed_jacobians,
 )
-from mesh_motion_server.numerics.enrichment.placement import Placement
-from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.metrics import cell_quality
-from mesh_motion_server.numerics.prediction import predict
+from mesh_motion_server.numerics.correction.enrichment.placement import Placement
+from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.quality.prediction import predict
 
 Floats = NDArray[np.float64]
 
@@ -268,8 +268,8 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.enrichment.imposed_jacobian.impose",
-        "mesh_motion_server.numerics.enrichment.imposed_jacobian.imposed_jacobians",
-        "mesh_motion_server.numerics.enrichment.space.EnrichmentSpace",
+        "mesh_motion_server.numerics.correction.enrichment.imposed_jacobian.impose",
+        "mesh_motion_server.numerics.correction.enrichment.imposed_jacobian.imposed_jacobians",
+        "mesh_motion_server.numerics.correction.enrichment.space.EnrichmentSpace",
     ),
 )

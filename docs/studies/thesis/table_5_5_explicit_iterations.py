@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._block import BlockCase, block_case, draw_mesh, turned
-from mesh_motion_server.numerics.enrichment.explicit_iterations import (
+from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import (
     ExplicitResult,
     ExplicitSettings,
     explicit_iterations,
 )
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 
 Floats = NDArray[np.float64]
 
@@ -232,8 +232,8 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.enrichment.explicit_iterations.explicit_iterations",
-        "mesh_motion_server.numerics.enrichment.eigen_correction.eigen_correction",
-        "mesh_motion_server.numerics.enrichment.stretch_correction.CELL_CORRECTIONS",
+        "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
+        "mesh_motion_server.numerics.correction.enrichment.eigen_correction.eigen_correction",
+        "mesh_motion_server.numerics.correction.enrichment.stretch_correction.CELL_CORRECTIONS",
     ),
 )

@@ -1,4 +1,4 @@
-// Cells as numerics/metrics.py judges them.
+// Cells as numerics/quality/metrics.py judges them.
 #include <memory>
 
 #include "c_interface/call.h"

@@ -1,4 +1,4 @@
-// Interpolants and nested splines as numerics/evaluation.py evaluates them.
+// Interpolants and nested splines as numerics/interpolation/evaluation.py evaluates them.
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -14,7 +14,7 @@
 namespace mesh_motion {
 namespace {
 
-/// In the order of `Bases`; what numerics/kernels.py says of them.
+/// In the order of `Bases`; what numerics/interpolation/kernels.py says of them.
 constexpr struct Row {
     const char* name;
     bool compact, gradient_at_centre;

@@ -14,7 +14,7 @@ inline constexpr Index chunk = 128;
 /// Cells of one task; fixed, so that no result depends on the number of threads.
 inline constexpr Index judged_at_once = 64 * chunk;
 
-/// Quality metrics by their number in numerics/metrics.py.
+/// Quality metrics by their number in numerics/quality/metrics.py.
 enum class Metric : Index { size, skew, size_skew, size_skew_root, size_skew_product, relative_size_skew };
 
 /// One quality metric of one cell, of the relative one with its relative skew; −∞ stays −∞.

@@ -11,7 +11,7 @@
 // mean ratio by the inequality of the means, the angle form because the sines of a triangle's corners are largest
 // together at 60 degrees (wedge) and every sine is at most 1 (quad, hexahedron).
 //
-// The tables are those of numerics/cells.py.
+// The tables are those of numerics/mesh/cells.py.
 #pragma once
 
 #include "view.h"

@@ -1,6 +1,6 @@
 // Judging a whole mesh in one pass that stores nothing of its size: its worst cells, or the distributions too.
 //
-// Blocks of cells are numbered through; `metric` is a number of numerics/metrics.py, `rest` holds the skews at rest
+// Blocks of cells are numbered through; `metric` is a number of numerics/quality/metrics.py, `rest` holds the skews at rest
 // where it is the relative one.
 #pragma once
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
+from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.reduction.problem import ReductionProblem
 
 __all__ = ["full_operations", "full_weights"]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.reduction.full_solve import full_operations
 from mesh_motion_server.numerics.reduction.problem import Level, Reduced, ReductionProblem
 from mesh_motion_server.numerics.reduction.progress import Progress

@@ -34,7 +34,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.spacing import local_spacing
+from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["BASIS", "boundary_spacing", "near_surface_radius"]
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.assembly import dense_block
-from mesh_motion_server.numerics.centres import CentreLayout, padded
-from mesh_motion_server.numerics.control_points import checked_control_points
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
+from mesh_motion_server.numerics.interpolation.assembly import dense_block
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout, padded
+from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
+from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
 
 __all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
 
@@ -40,7 +40,7 @@ class ReductionProblem:
         Boundary nodes with a prescribed displacement, distinct.
     displacement : (nb, k) array, mesh length unit
     basis : str
-        A positive definite one of :data:`~mesh_motion_server.numerics.kernels.BASES`.
+        A positive definite one of :data:`~mesh_motion_server.numerics.interpolation.kernels.BASES`.
     support_radius : float, mesh length unit
         R of the (first) level.
     tolerance : float

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.kernels import values
+from mesh_motion_server.numerics.interpolation.kernels import values
 from mesh_motion_server.numerics.reduction.growing_columns import GrowingColumns
 from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem

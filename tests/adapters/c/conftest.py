@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import Mesh, Patch, connect
 
-from mesh_motion_server.prove.server_process import ServerProcess
+from proofs.server_process import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[3]
 SOURCE = ROOT / "adapters" / "c"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mesh_motion_conformance.client.scripted_server import Disturbance, ScriptedServer
 
-from mesh_motion_server.prove.server_process import ServerProcess
+from proofs.server_process import ServerProcess
 
 N, STEPS, ITERATIONS = 6, 3, 2
 DEADLINE_EXCEEDED, INTERNAL, UNAVAILABLE = 4, 13, 14

@@ -5,15 +5,15 @@ import pytest
 from correction_cases import CASES, RADIUS, case, stored
 from scipy.sparse import bsr_matrix
 
-from mesh_motion_server.numerics.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.enrichment import coefficients as module
-from mesh_motion_server.numerics.enrichment.coefficients import (
+from mesh_motion_server.numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.correction.enrichment import coefficients as module
+from mesh_motion_server.numerics.correction.enrichment.coefficients import (
     RADIUS_CYCLE,
     Enriched,
     optimised_enrichment,
     optimised_placement,
 )
-from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 
 
 def space_of(name: str, count: int = 20) -> EnrichmentSpace:

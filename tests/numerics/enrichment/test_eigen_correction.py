@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh_motion_server.numerics.enrichment.eigen_correction import eigen_correction
+from mesh_motion_server.numerics.correction.enrichment.eigen_correction import eigen_correction
 
 
 def corrected(B) -> np.ndarray:

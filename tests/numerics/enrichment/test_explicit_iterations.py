@@ -8,19 +8,19 @@ import pytest
 from correction_cases import case as body_case
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.correction import CorrectionProblem
-from mesh_motion_server.numerics.enrichment import functions
-from mesh_motion_server.numerics.enrichment.explicit_iterations import (
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem
+from mesh_motion_server.numerics.correction.enrichment import functions
+from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import (
     EnrichmentTerm,
     ExplicitSettings,
     explicit_iterations,
     mean_gradient,
 )
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.metrics import cell_quality, minimum_quality, reference_sizes
-from mesh_motion_server.numerics.prediction import InterpolantField
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import cell_quality, minimum_quality, reference_sizes
+from mesh_motion_server.numerics.quality.prediction import InterpolantField
 
 REFERENCES = Path(__file__).parents[2] / "references"
 # mesh, translation, degrees about (0.5, 0.5); Tables 5.2, 5.5, 5.6

@@ -4,9 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.enrichment.functions import ENRICHMENT_FUNCTIONS, gradients, slope_at_point, values
-from mesh_motion_server.numerics.kernels import BASES
-from mesh_motion_server.numerics.kernels import values as phi_values
+from mesh_motion_server.numerics.correction.enrichment.functions import (
+    ENRICHMENT_FUNCTIONS,
+    gradients,
+    slope_at_point,
+    values,
+)
+from mesh_motion_server.numerics.interpolation.kernels import BASES
+from mesh_motion_server.numerics.interpolation.kernels import values as phi_values
 
 KINDS = sorted(ENRICHMENT_FUNCTIONS)
 

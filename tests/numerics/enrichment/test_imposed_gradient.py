@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.enrichment.imposed_gradient import (
+from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import (
     ImposedGradient,
     bracketing_slopes,
     enriched_displacement,

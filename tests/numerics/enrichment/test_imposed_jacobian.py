@@ -7,20 +7,20 @@ import pytest
 from box_meshes import box_mesh
 from correction_cases import CASES, RADIUS, boundary_factor, case, moved, rigid, stored
 
-from mesh_motion_server.numerics.enrichment import functions
-from mesh_motion_server.numerics.enrichment.imposed_gradient import ImposedGradient, solve_imposed_gradient
-from mesh_motion_server.numerics.enrichment.imposed_jacobian import (
+from mesh_motion_server.numerics.correction.enrichment import functions
+from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import ImposedGradient, solve_imposed_gradient
+from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
     ImposedJacobians,
     ImposedSettings,
     cell_gradients,
     impose,
     imposed_jacobians,
 )
-from mesh_motion_server.numerics.enrichment.placement import Placement
-from mesh_motion_server.numerics.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.kernels import basis_named, slopes, values
+from mesh_motion_server.numerics.correction.enrichment.placement import Placement
+from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import basis_named, slopes, values
 
 
 def space_at(points: np.ndarray, factorization, kind: str = "H1", radius: float = RADIUS) -> EnrichmentSpace:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.enrichment.placement import (
+from mesh_motion_server.numerics.correction.enrichment.placement import (
     boundary_placement,
     gap_middle,
     local_minima,
@@ -12,6 +11,7 @@ from mesh_motion_server.numerics.enrichment.placement import (
     spread_placement,
     worst_cell,
 )
+from mesh_motion_server.numerics.mesh.cells import CellTable
 
 
 @pytest.fixture

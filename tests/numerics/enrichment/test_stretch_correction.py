@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
 from mesh_motion_server.numerics.decomposition import polar, qr, svd
-from mesh_motion_server.numerics.enrichment.stretch_correction import CELL_CORRECTIONS
 
 ALL = pytest.mark.parametrize("name", CELL_CORRECTIONS)
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.assembly import dense_block, mean_row_entries, sparse_matrix
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.factorizations import choice
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.kernels import BASES, values
+from mesh_motion_server.numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.factorizations import choice
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
 C2 = BASES["wendland-c2"]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.factorizations.dense import PanelCholesky
+from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 
 
 def random_definite(n, seed=0):

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.factorizations import iterative
-from mesh_motion_server.numerics.factorizations.iterative import ConjugateGradients
-from mesh_motion_server.numerics.factorizations.preconditioner import SparseInverse
-from mesh_motion_server.numerics.kernels import BASES, values
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.factorizations import iterative
+from mesh_motion_server.numerics.interpolation.factorizations.iterative import ConjugateGradients
+from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
+from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
 C2 = BASES["wendland-c2"]
 

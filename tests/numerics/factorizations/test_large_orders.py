@@ -8,22 +8,22 @@ from numpy.typing import NDArray
 from two_scale_boundaries import boundary, sphere, walls
 
 from mesh_motion_server.errors import ResourceError
-from mesh_motion_server.numerics.assembly import mean_row_entries
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.factorizations.memory_bound import (
+from mesh_motion_server.numerics.interpolation.assembly import mean_row_entries
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import (
     FACTOR_BYTES,
     check_dense,
     check_sparse,
     dense_bytes,
     sparse_bytes,
 )
-from mesh_motion_server.numerics.interpolant import factorize
-from mesh_motion_server.numerics.kernels import BASES
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES
+from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.method_check import check_method
-from mesh_motion_server.numerics.roles import BoundaryRoles
-from mesh_motion_server.numerics.two_scale.factorization import TwoScalePlan
+from mesh_motion_server.numerics.motion.method_check import check_method
 
 Floats = NDArray[np.float64]
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.factorizations.thinning import nearest_preceding, nested_levels
+from mesh_motion_server.numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

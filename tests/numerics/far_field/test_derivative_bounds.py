@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.far_field import derivative_bounds as module
-from mesh_motion_server.numerics.far_field.derivative_bounds import ORDERS, derivative_bounds, lebesgue_constant
-from mesh_motion_server.numerics.kernels import BASES, values
+from mesh_motion_server.numerics.interpolation.far_field import derivative_bounds as module
+from mesh_motion_server.numerics.interpolation.far_field.derivative_bounds import (
+    ORDERS,
+    derivative_bounds,
+    lebesgue_constant,
+)
+from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
 USABLE = sorted(name for name, basis in BASES.items() if not basis.unusable)
 

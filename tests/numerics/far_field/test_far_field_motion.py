@@ -5,13 +5,13 @@ import pytest
 from tiny_meshes import tiny_mesh
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.far_field import evaluator as module
-from mesh_motion_server.numerics.far_field.evaluator import FarFieldEvaluator
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.far_field import evaluator as module
+from mesh_motion_server.numerics.interpolation.far_field.evaluator import FarFieldEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import Patch
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 POINTS, CELLS = tiny_mesh("triangle", 60)
 

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh_motion_server.numerics.centres import CentreLayout
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.far_field import far_sum as module
-from mesh_motion_server.numerics.far_field import plan as planning
-from mesh_motion_server.numerics.far_field.box_tree import BoxTree
-from mesh_motion_server.numerics.far_field.far_sum import FarSum
-from mesh_motion_server.numerics.interpolant import Interpolant
-from mesh_motion_server.numerics.kernels import BASES
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.far_field import far_sum as module
+from mesh_motion_server.numerics.interpolation.far_field import plan as planning
+from mesh_motion_server.numerics.interpolation.far_field.box_tree import BoxTree
+from mesh_motion_server.numerics.interpolation.far_field.far_sum import FarSum
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
+from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.threads import checked_threads
 
 USABLE = sorted(name for name, basis in BASES.items() if not basis.unusable)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reduced_motions import BOUNDARIES, field_at_nodes, problem
 
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
 
 NAMES = ("greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reduced_motions import problem
 
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.reduction import ReductionProblem
 from mesh_motion_server.numerics.reduction.grid_clustering import Clusters, reduce
 from mesh_motion_server.numerics.reduction.level_sum import LevelSum

@@ -5,7 +5,7 @@ import pytest
 from reduced_motions import problem
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
 from mesh_motion_server.numerics.reduction.grouped_circular import default_groups, reduce
 from mesh_motion_server.numerics.reduction.growing_set import GrowingSet

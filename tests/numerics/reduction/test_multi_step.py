@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reduced_motions import problem
 
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.reduction.multi_step import SPACINGS, reduce
 
 OF = problem("wing", tolerance=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from reduced_motions import problem
 
-from mesh_motion_server.numerics.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
 from mesh_motion_server.numerics.reduction.multilevel_subspace import reduce
 

@@ -9,17 +9,17 @@ from box_meshes import box_mesh
 from frame_meshes import rotation, square_frame
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Interpolant, factorize
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.paths import fit_rigid_motion
-from mesh_motion_server.numerics.sampling import BOUNDS, ExpandableField, SampledQuality, predict_sampled
-from mesh_motion_server.numerics.sampling.expansion import EXPANDABLE, expand, monomials
-from mesh_motion_server.numerics.sampling.groups import group_cells
-from mesh_motion_server.numerics.sampling.remainder import remainders
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.sampling import BOUNDS, ExpandableField, SampledQuality, predict_sampled
+from mesh_motion_server.numerics.motion.sampling.expansion import EXPANDABLE, expand, monomials
+from mesh_motion_server.numerics.motion.sampling.groups import group_cells
+from mesh_motion_server.numerics.motion.sampling.remainder import remainders
+from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
 
 KINDS = ("quad", "quad + triangle", "tetra", "hexahedron", "wedge", "pyramid")
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from docs.studies.aerofoil_grids import TRAILING_EDGES, Grid, c_grid, o_grid, wing
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.radius_choice import with_radii
-from mesh_motion_server.numerics.roles import BoundaryRoles
-from mesh_motion_server.numerics.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_server.numerics.motion.radius_choice import with_radii
+from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 Floats = np.ndarray

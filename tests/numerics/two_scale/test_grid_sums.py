@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from two_scale_boundaries import sphere, walls
 
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolant import Interpolant, factorize
-from mesh_motion_server.numerics.kernels import BASES
-from mesh_motion_server.numerics.two_scale.boxes import nested_boxes
-from mesh_motion_server.numerics.two_scale.grid_sums import grid_sums, on_grid
-from mesh_motion_server.numerics.two_scale.nested_grid import NestedGrid
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES
+from mesh_motion_server.numerics.interpolation.two_scale.boxes import nested_boxes
+from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import grid_sums, on_grid
+from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 
 POINTS = np.vstack([sphere(120, 0.15), walls(5)])
 COUNTS, LOW, SPACING = (37, 30, 37), np.full(3, -2.0 / 32.0), 1.0 / 32.0

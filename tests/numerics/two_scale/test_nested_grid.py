@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.two_scale.boxes import MARGIN, nested_boxes
-from mesh_motion_server.numerics.two_scale.nested_grid import NestedGrid
+from mesh_motion_server.numerics.interpolation.two_scale.boxes import MARGIN, nested_boxes
+from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 
 Floats = NDArray[np.float64]
 

@@ -10,18 +10,18 @@ from scipy.spatial import cKDTree
 from two_scale_boundaries import boundary, graded_circle, graded_sphere, sphere, square, walls
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.cells import CellTable
-from mesh_motion_server.numerics.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.factor_source import two_scale_factorization_of
-from mesh_motion_server.numerics.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.factor_source import two_scale_factorization_of
+from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import coarse_points
+from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import compact_levels
+from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
+from mesh_motion_server.numerics.interpolation.two_scale.plans import AUTOMATIC_FROM, TwoScalePlans
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.mesh.spacing import local_spacing
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion import MotionModel
-from mesh_motion_server.numerics.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.spacing import local_spacing
-from mesh_motion_server.numerics.two_scale.coarse_points import coarse_points
-from mesh_motion_server.numerics.two_scale.compact_levels import compact_levels
-from mesh_motion_server.numerics.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
-from mesh_motion_server.numerics.two_scale.plans import AUTOMATIC_FROM, TwoScalePlans
+from mesh_motion_server.numerics.motion.motion import MotionModel
 
 Floats = NDArray[np.float64]
 EVALUATOR = LocalEvaluator()

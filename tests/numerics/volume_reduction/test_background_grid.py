@@ -9,7 +9,7 @@ import pytest
 from volume_problems import problem_of
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.volume_reduction.background_grid import CartesianGrid, GridField, reduce
+from mesh_motion_server.numerics.reduction.volume_reduction.background_grid import CartesianGrid, GridField, reduce
 
 
 def interpolated(grid: CartesianGrid, function, points: np.ndarray) -> np.ndarray:

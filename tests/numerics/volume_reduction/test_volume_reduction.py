@@ -8,11 +8,15 @@ from frame_meshes import rotation, square_frame
 from volume_problems import problem_of
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.factor_source import MakeEachTime
+from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import CHOICES, Method
-from mesh_motion_server.numerics.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.reduction.volume_reduction import (
+    VOLUME_REDUCTIONS,
+    VolumeProblem,
+    volume_reduction_named,
+)
 from mesh_motion_server.numerics.stopwatch import Stopwatch
-from mesh_motion_server.numerics.volume_reduction import VOLUME_REDUCTIONS, VolumeProblem, volume_reduction_named
 
 NAMES = sorted(VOLUME_REDUCTIONS)
 

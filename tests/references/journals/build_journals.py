@@ -27,8 +27,6 @@ import numpy as np
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Commit, Fetch, Join, Move
 
-from mesh_motion_server.prove.driver import SESSION, TOKEN, Driver
-from mesh_motion_server.prove.stand_in import StandIn, grid_mesh
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session import journal as journal_module
 from mesh_motion_server.session import replay
@@ -36,6 +34,8 @@ from mesh_motion_server.session.records import PAGE
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
+from proofs.driver import SESSION, TOKEN, Driver
+from proofs.stand_in import StandIn, grid_mesh
 
 HERE = Path(__file__).parent
 #: Level → the format that this version writes.

@@ -1,0 +1,91 @@
+"""The entry point ``mesh-motion``: what can go wrong becomes one line on standard error and an exit status.
+
+======  =============================================================================================
+status  meaning
+======  =============================================================================================
+0       done; warnings, if any, were printed
+1       not met: a demand of SPEC.md (`conform`), a promise (`prove`), the same states again (`play --from-journal`)
+2       usage, or an invalid case, mesh, table or setting
+3       refused: no acceptable mesh was found for a motion
+4       the session or the server's limits or storage do not allow it, or results cannot be written
+69      nobody answers: no server at the endpoint, the endpoint is taken, or a package is not installed
+70      a defect of this program
+78      the server's settings are wrong or unsafe
+130     interrupted
+======  =============================================================================================
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from enum import IntEnum
+from typing import NoReturn
+
+from mesh_motion_server.extras import not_installed
+
+__all__ = ["ExitStatus", "complain", "main", "status_of"]
+
+
+class ExitStatus(IntEnum):
+    """Exit statuses; those from 64 on are those of sysexits.h."""
+
+    DONE = 0
+    UNMET = 1
+    INVALID = 2
+    REFUSED = 3
+    FAILED = 4
+    UNAVAILABLE = 69
+    DEFECT = 70
+    CONFIGURATION = 78
+    INTERRUPTED = 130
+
+
+#: Exit status by error code, the longest matching beginning first; any other code is FAILED.
+_BY_CODE = (
+    ("INVALID_ARGUMENT", ExitStatus.INVALID),
+    ("FAILED_PRECONDITION.QUALITY", ExitStatus.REFUSED),
+    ("UNAVAILABLE", ExitStatus.UNAVAILABLE),
+    ("DEADLINE_EXCEEDED", ExitStatus.UNAVAILABLE),
+    ("INTERNAL", ExitStatus.DEFECT),
+    ("UNIMPLEMENTED.", ExitStatus.FAILED),
+    ("UNIMPLEMENTED", ExitStatus.UNAVAILABLE),
+)
+
+
+def status_of(code: str) -> ExitStatus:
+    """Exit status for an error code of the protocol."""
+    return next((status for beginning, status in _BY_CODE if code.startswith(beginning)), ExitStatus.FAILED)
+
+
+def complain(message: str) -> None:
+    """One line on standard error."""
+    sys.stderr.write(f"mesh-motion: {' '.join(message.split())}\n")
+
+
+def main() -> NoReturn:
+    """Run the command line and exit."""
+    try:
+        from mesh_motion_server.commands.app import app  # noqa: PLC0415  (its packages may be missing: the client's do)
+
+        app()
+    except ModuleNotFoundError as error:
+        line = not_installed(error)
+        if line is None:
+            _report_defect(error)
+        complain(line)
+        sys.exit(ExitStatus.UNAVAILABLE)
+    except BrokenPipeError:  # the reader of our output has gone, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(ExitStatus.DONE)
+    except Exception as error:
+        _report_defect(error)
+    sys.exit(ExitStatus.DONE)
+
+
+def _report_defect(error: Exception) -> NoReturn:
+    """What a report of it needs, and status 70."""
+    traceback.print_exception(error)
+    complain(f"a defect of this program: {type(error).__name__}; please report the lines above")
+    sys.exit(ExitStatus.DEFECT)

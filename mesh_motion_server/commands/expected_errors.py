@@ -1,0 +1,33 @@
+"""What can go wrong in a command and is no defect: one line on standard error and an exit status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from mesh_motion_server.commands.cli import ExitStatus, complain, status_of
+from mesh_motion_server.errors import MeshMotionError
+
+__all__ = ["expected_errors"]
+
+
+@contextmanager
+def expected_errors() -> Iterator[None]:
+    """Turn expected errors into one line and an exit status."""
+    try:
+        yield
+    except _kinds() as error:
+        complain(str(error))
+        raise typer.Exit(status_of(getattr(error, "code", ""))) from None
+    except KeyboardInterrupt:
+        complain("interrupted")
+        raise typer.Exit(ExitStatus.INTERRUPTED) from None
+
+
+def _kinds() -> tuple[type[Exception], ...]:
+    """The server's errors, and the client's if it has been imported: a command that needs none does not wait for it."""
+    client = sys.modules.get("mesh_motion_client.errors")
+    return (MeshMotionError, *([client.MeshMotionError] if client else []))

@@ -1,0 +1,122 @@
+"""``mesh-motion keys``: make keys, and say who may use a server."""
+
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from mesh_motion_server.commands.completions import roles
+from mesh_motion_server.commands.expected_errors import expected_errors
+
+__all__ = ["keys"]
+
+keys = typer.Typer(
+    help="Make keys, and say who may use a server; docs/security.md tells the whole.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+_out = Console(highlight=False, soft_wrap=True, markup=False)
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The server's key folder.", show_default=False)]
+
+
+@keys.command(short_help="Make a server's keys.")
+def server(folder: Folder) -> None:
+    """Make DIR/server.secret, DIR/server.public, and DIR/allow.toml, which admits nobody yet.
+
+    \b
+    mesh-motion keys server keys
+    mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
+    """
+    from mesh_motion_server.security.key_folder import make_server_keys
+
+    with expected_errors():
+        make_server_keys(folder)
+    _out.print(f"{folder}/server.secret stays here; clients need {folder}/server.public")
+
+
+@keys.command(short_help="Make a client's keys.")
+def client(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Whose they are.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where they are made.", show_default=False)],
+) -> None:
+    """Make DIR/NAME.secret, which stays with the client, and DIR/NAME.public, for the server's operator.
+
+    \b
+    mesh-motion keys client alice ~/.config/mesh-motion
+    """
+    from mesh_motion_server.security.key_folder import make_client_keys
+
+    with expected_errors():
+        make_client_keys(name, folder)
+    _out.print(f"{folder}/{name}.secret stays here; the server's operator needs {folder}/{name}.public")
+
+
+@keys.command(short_help="Admit a client's key.")
+def allow(
+    public: Annotated[
+        str, typer.Argument(metavar="PUBLIC", help="A .public file, or the key itself.", show_default=False)
+    ],
+    folder: Folder,
+    role: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ROLE",
+            help="owner (default), monitor or admin; may be given several times.",
+            autocompletion=roles,
+        ),
+    ] = None,
+    name: Annotated[str, typer.Option(metavar="NAME", help="Default: that in the file.")] = "",
+) -> None:
+    """Put a key on the allow-list; a running server sees it at the next connection.
+
+    An owner opens sessions and has all rights to them and none to others'. A monitor sees how every session does, but
+    none of its mesh. An admin may close sessions too.
+
+    \b
+    mesh-motion keys allow alice.public keys
+    mesh-motion keys allow dashboard.public keys --role monitor
+    """
+    from mesh_motion_server.security.key_folder import admit
+
+    with expected_errors():
+        entry = admit(public, folder, name=name, roles=role or ())
+    _out.print(f"{entry.name} is admitted as {', '.join(entry.roles)}")
+
+
+@keys.command(short_help="Take a key off the list.")
+def revoke(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Or the key itself.", show_default=False)], folder: Folder
+) -> None:
+    """Take a key off the allow-list; its open connections have lost their rights at their next request.
+
+    \b
+    mesh-motion keys revoke alice keys
+    """
+    from mesh_motion_server.security.key_folder import revoke as take_off
+
+    with expected_errors():
+        entry = take_off(name, folder)
+    _out.print(f"{entry.name} is not admitted any more; the sessions are kept")
+
+
+@keys.command("list", short_help="Show who is admitted.")
+def show(folder: Folder) -> None:
+    """Show the names, roles and keys of the allow-list.
+
+    \b
+    mesh-motion keys list keys
+    """
+    from mesh_motion_server.security.key_folder import ALLOW_LIST, read_list
+
+    with expected_errors():
+        entries = read_list(folder)
+    for key, entry in sorted(entries.items(), key=lambda item: item[1].name):
+        _out.print(f"{entry.name:24} {','.join(entry.roles):20} {key}")
+    if not entries:
+        _out.print(f"{folder / ALLOW_LIST} admits nobody")

@@ -1,0 +1,163 @@
+"""``mesh-motion play``: a case, or a stored session once more, through a session like any other."""
+
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from mesh_motion_server.commands.cli import complain
+from mesh_motion_server.commands.expected_errors import expected_errors
+from mesh_motion_server.commands.options import (
+    DistributedOption,
+    EndpointOption,
+    KeyOption,
+    SeriesFormat,
+    ServerKeyOption,
+    keys_of_options,
+)
+from mesh_motion_server.commands.replay import replay_session, tell_comparison
+
+if TYPE_CHECKING:
+    from mesh_motion_server.cases.records import StepRecord
+
+__all__ = ["play"]
+
+_out = Console(highlight=False, soft_wrap=True)
+_err = Console(stderr=True, highlight=False)
+
+CaseArgument = Annotated[Path | None, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
+OutOption = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives the results; made if missing.")]
+
+
+def play(
+    out: OutOption,
+    case: CaseArgument = None,
+    from_journal: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Replay the stored session in FOLDER instead of a case.")
+    ] = None,
+    assignments: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replay with this setting; repeatable.")
+    ] = None,
+    variants: Annotated[
+        list[str] | None,
+        typer.Option("--variant", metavar="K=V,K=V…", help="Replay once with these settings; repeatable."),
+    ] = None,
+    until: Annotated[int | None, typer.Option(min=1, metavar="N", help="Replay the steps up to N.")] = None,
+    endpoint: EndpointOption = None,
+    distributed: DistributedOption = None,
+    key: KeyOption = None,
+    server_key: ServerKeyOption = None,
+    every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series.")] = 1,
+    series: Annotated[
+        SeriesFormat, typer.Option("--format", help="Of the series for ParaView; vtkhdf is one file.")
+    ] = SeriesFormat.VTU,
+    write: Annotated[
+        Path | None,
+        typer.Option(metavar="MESH", help="Write the final mesh, too; of its file all else stays."),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
+) -> None:
+    """Drive a session through a case, as a coupling code would.
+
+    Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
+    mesh.pvd with its VTU files for ParaView (or mesh.vtkhdf), and quality.png; a case that is invalid or refused leaves
+    none of them.
+
+    \b
+    mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
+    mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
+    mesh-motion play case.toml -o out --write moved.su2
+
+    With --from-journal the boundary of a stored session, or of a copy of its folder, moves again as it was recorded,
+    with the session's own settings or others, and a table compares what came out; DIR receives comparison.json and .csv
+    too. Status 1 if nothing was changed and the states differ all the same.
+
+    \b
+    mesh-motion play --from-journal ~/.local/state/mesh-motion/sessions/0123… -o out/again
+    mesh-motion play --from-journal ~/.local/state/mesh-motion/sessions/0123… -o out/tuned --set support_radius=0.8
+    """
+    from mesh_motion_server.cases.faces import faces_line
+    from mesh_motion_server.cases.play import play as play_case
+    from mesh_motion_server.cases.records import drawn
+
+    if (case is None) == (from_journal is None):
+        raise typer.BadParameter("give either CASE.toml or --from-journal", param_hint="CASE.toml")
+    if from_journal is None and (assignments or variants or until):
+        raise typer.BadParameter("--set, --variant and --until need --from-journal; a case has its own settings")
+    if write is not None and from_journal is not None:
+        raise typer.BadParameter("a stored session has no mesh file; convert the mesh with --points DIR/points.npy")
+    if distributed is not None and (endpoint is not None or from_journal is not None):
+        raise typer.BadParameter("only a private server that plays a case computes with --distributed")
+    if case is None:
+        with expected_errors(), _progress(quiet) as advance:
+            comparison = replay_session(
+                Path(str(from_journal)),
+                out,
+                assignments=assignments or (),
+                variants=variants or (),
+                until=until,
+                endpoint=endpoint,
+                keys=keys_of_options(endpoint, key, server_key),
+                every=every,
+                series_format=series.value,
+                progress=advance,
+            )
+        tell_comparison(comparison, quiet=quiet)
+        return
+    with expected_errors(), _progress(quiet) as advance:
+        keys = keys_of_options(endpoint, key, server_key)
+        played = play_case(
+            case,
+            out,
+            endpoint=endpoint,
+            every=every,
+            progress=advance,
+            distributed=distributed,
+            keys=keys,
+            series_format=series.value,
+            final_mesh=write,
+        )
+    for warning in played.warnings:
+        complain(f"warning: {warning}")
+    if not quiet:
+        summary = played.summary
+        judged = drawn(summary["method"]["quality_metric"])
+        _out.print(
+            f"{len(played.steps)} step{'s' if len(played.steps) > 1 else ''} in {summary['seconds']:.1f} s, "
+            f"lowest {judged} {summary['min_' + judged.replace('-', '_')]:.3f} in step {summary['worst_step']}, "
+            f"{summary['inverted_cells']} inverted cells: {out}"
+        )
+        if line := faces_line([step.faces for step in played.steps]):
+            _out.print(line)
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Any]:
+    """A progress bar on standard error that vanishes at the end; a function to advance it."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    if quiet or not _err.is_terminal:
+        yield None
+        return
+    columns = (
+        TextColumn("step"),
+        MofNCompleteColumn(),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=_err, transient=True) as progress:
+        task = progress.add_task("opening the session", total=None)
+
+        def advance(done: int, total: int, record: StepRecord) -> None:
+            text = f"size-skew {record.min_size_skew:.3f}"
+            progress.update(task, completed=done, total=total, description=text)
+
+        yield advance

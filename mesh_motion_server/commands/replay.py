@@ -1,0 +1,96 @@
+"""``mesh-motion play --from-journal``: a stored session once more, and what comes out otherwise."""
+
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+
+from mesh_motion_server.commands.cli import ExitStatus, complain
+from mesh_motion_server.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from mesh_motion_server.cases.comparison import Comparison
+
+__all__ = ["changes_of", "replay_session", "tell_comparison"]
+
+
+def replay_session(
+    session_folder: Path, out: Path, *, assignments: Sequence[str], variants: Sequence[str], **options: Any
+) -> Comparison:
+    """Replay a stored session once, or once for each variant; the assignments hold for all.
+
+    Parameters
+    ----------
+    session_folder, out : Path
+    assignments, variants : sequence of str
+        ``key=value`` of ``[method]``; of a variant several with commas between them.
+    options
+        Of :func:`mesh_motion_server.cases.replay.replay`.
+
+    Raises
+    ------
+    InvalidInput
+        If one of them is no assignment; and as :func:`~mesh_motion_server.cases.replay.replay`.
+    """
+    from mesh_motion_server.cases.replay import replay, variant_of
+
+    common = changes_of(assignments)
+    each = [changes_of(text.split(",")) for text in variants] or [{}]
+    return replay(session_folder, out, [variant_of(common | changes) for changes in each], **options)
+
+
+def tell_comparison(comparison: Comparison, *, quiet: bool) -> None:
+    """Print the table and what has to be known of it.
+
+    Raises
+    ------
+    typer.Exit
+        With status 1 if nothing was changed and the states differ all the same.
+    """
+    from mesh_motion_server.cases.comparison import table_of
+
+    if not quiet:
+        out = Console(highlight=False, soft_wrap=True)
+        out.print(table_of(comparison))
+        for note in comparison.notes:
+            out.print(note, markup=False)
+    if broken := comparison.broken_promise():
+        complain(broken)
+        raise typer.Exit(ExitStatus.UNMET)
+
+
+def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
+    """Settings by key; values as TOML has them, and words without quotes.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no ``=``, or no key before it.
+    """
+    changes: dict[str, Any] = {}
+    for text in assignments:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not (key and equals and value):
+            raise InvalidInput(f"expected a setting as key=value, got {text!r}", hint="--set support_radius=0.5")
+        try:
+            changes[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            changes[key] = value
+        if isinstance(changes[key], int) and not isinstance(changes[key], bool) and _is_real(key):
+            changes[key] = float(changes[key])
+    return changes
+
+
+def _is_real(key: str) -> bool:
+    """Whether the setting is a number that need not be whole: 1 is then as good as 1.0."""
+    from mesh_motion_server.settings import MethodSettings
+
+    field = MethodSettings.model_fields.get(key)
+    return field is not None and "float" in str(field.annotation)

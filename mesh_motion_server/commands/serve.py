@@ -1,0 +1,86 @@
+"""``mesh-motion serve``: the server's settings from a file and from options."""
+
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mesh_motion_server.commands.cli import ExitStatus, complain
+from mesh_motion_server.commands.completions import log_levels
+from mesh_motion_server.commands.options import DistributedOption
+from mesh_motion_server.errors import MeshMotionError
+
+__all__ = ["serve"]
+
+
+def serve(
+    endpoint: Annotated[
+        str | None, typer.Option(metavar="ENDPOINT", help="tcp://HOST:PORT (0: any free port) or ipc:///PATH.")
+    ] = None,
+    state: Annotated[Path | None, typer.Option(metavar="DIR", help="Where sessions are stored.")] = None,
+    keys: Annotated[Path | None, typer.Option(metavar="DIR", help="Admit the keys on DIR/allow.toml only.")] = None,
+    insecure: Annotated[bool, typer.Option(help="Listen where other machines reach it, unprotected.")] = False,
+    metrics: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Answer Prometheus and probes over HTTP.")
+    ] = None,
+    monitor: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Show the sessions in a browser, read-only.")
+    ] = None,
+    ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
+    threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
+    distributed: DistributedOption = None,
+    settings_file: Annotated[
+        Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
+    ] = None,
+    log_level: Annotated[
+        str, typer.Option(metavar="LEVEL", help="debug, info, warning or error.", autocompletion=log_levels)
+    ] = "info",
+) -> None:
+    """Serve sessions until SIGTERM; then drain, and leave every session resumable.
+
+    It listens on this machine only, unless there are --keys (`mesh-motion keys` makes them) or --insecure. Logs go to
+    standard error as JSON, one line "ready ENDPOINT" to standard output.
+
+    \b
+    mesh-motion serve
+    mesh-motion serve --endpoint ipc:///run/user/1000/mesh-motion --state ~/sessions --metrics 127.0.0.1:9464
+    mesh-motion serve --monitor 127.0.0.1:7441
+    mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
+    """
+    from mesh_motion_server.transport.serve import serve as serve_sessions
+
+    levels = ("debug", "info", "warning", "error")
+    if log_level not in levels:
+        raise typer.BadParameter(f"one of {', '.join(levels)}", param_hint="--log-level")
+    given = {
+        "endpoint": endpoint,
+        "state_folder": str(state) if state else None,
+        "metrics": metrics,
+        "monitor": monitor,
+        "threads": threads,
+        "distributed": distributed,
+        "keys_folder": str(keys) if keys else None,
+    }
+    settings = _server_settings(settings_file, {key: value for key, value in given.items() if value is not None})
+    status = serve_sessions(settings, insecure=insecure, ready_file=ready_file, level=log_level)
+    raise typer.Exit(status)
+
+
+def _server_settings(file: Path | None, given: dict[str, Any]) -> Any:
+    """The settings of a file, overruled by the options; wrong ones end with status 78."""
+    import tomllib
+
+    from mesh_motion_server.settings import ServerSettings
+
+    try:
+        values = tomllib.loads(file.read_text(encoding="utf-8")) if file is not None else {}
+        return ServerSettings.from_mapping(values | given)
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        complain(f"{file}: not readable as TOML: {error}")
+    except MeshMotionError as error:
+        complain(f"{file}: {error}" if file is not None else str(error))
+    raise typer.Exit(ExitStatus.CONFIGURATION)

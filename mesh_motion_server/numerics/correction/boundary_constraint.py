@@ -1,0 +1,177 @@
+"""Boundary nodes that a correction may move: along their slip or symmetry surface, and periodic images alike.
+
+Each step of the Newton iterations is tangential, what is tried is projected back exactly, and no facet that faces
+outwards may turn over: so nodes stay on their surface and within its rim, rims on their curves, and corners in place.
+Periodic nodes are one unknown an orbit, so that the mesh is improved across a periodic side as anywhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.correction.free_region import FreeRegion
+from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns
+from mesh_motion_server.numerics.correction.node_constraint import StepSolver
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.outward_facets import OutwardFacets
+from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
+
+__all__ = ["BoundaryConstraint"]
+
+Floats = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryConstraint:
+    """The constraint of the boundary nodes of a mesh.
+
+    Attributes
+    ----------
+    released : (n,) bool array
+        Nodes that may move.
+    sliding : SlidingSurfaces or None
+        Of those that slide.
+    periodic : PeriodicNodes or None
+    facets : OutwardFacets
+        Of the sliding patches.
+    """
+
+    released: Marks
+    sliding: SlidingSurfaces | None
+    periodic: PeriodicNodes | None
+    facets: OutwardFacets
+
+    @classmethod
+    def build(
+        cls,
+        points: Floats,
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        sliding: SlidingSurfaces | None,
+        periodic: PeriodicNodes | None,
+    ) -> BoundaryConstraint | None:
+        """The constraint of a mesh with reference coordinates ``points`` (n, d); None if no boundary node may move.
+
+        Parameters
+        ----------
+        points : (n, d) array, mesh length unit
+        cells : CellTable
+        patches : mapping of name to Patch
+        sliding : SlidingSurfaces or None
+        periodic : PeriodicNodes or None
+        """
+        released = np.zeros(len(points), dtype=bool)
+        if periodic is not None:
+            released[periodic.members] = True
+        for patch in patches.values():
+            if patch.role in ("moving", "fixed", *SLIDING_ROLES):
+                released[patch.nodes] = False
+        if sliding is not None:
+            released[sliding.nodes] = sliding.freedom() > 0
+        released &= ~_on_other_facets(len(points), cells, patches)
+        if periodic is not None:
+            released &= ~_torn(released, periodic) & ~_sliding_on_axis(periodic, sliding)
+        if not released.any():
+            return None
+        chosen = None if sliding is None else sliding.of(released[sliding.nodes])
+        facets = OutwardFacets.of_pieces(points, () if sliding is None else sliding.pieces)
+        return cls(released, chosen, periodic, facets)
+
+    def closed(self, marked: Marks) -> Marks:
+        """The marked (n,) nodes and their periodic images."""
+        return marked if self.periodic is None else self.periodic.closed(marked)
+
+    def of(self, region: FreeRegion) -> _RegionConstraint | None:
+        """The constraint of a region's free nodes; None if they all are free."""
+        free = np.zeros(len(self.released), dtype=bool)
+        free[region.free] = True
+        free &= self.released
+        if not free.any():
+            return None
+        local = np.full(len(free), -1, dtype=np.int64)
+        local[region.nodes] = np.arange(len(region.nodes))
+        representatives, orbits = np.arange(region.n_free), None
+        if self.periodic is not None:
+            orbits = self.periodic.of(free[self.periodic.members])
+            representatives[local[orbits.members]] = local[orbits.roots]
+        sliding = None
+        if self.sliding is not None:
+            nodes = self.sliding.nodes
+            own = nodes if self.periodic is None else self.periodic.root_of(nodes)
+            sliding = self.sliding.of(free[nodes] & (own == nodes))
+        links = LinkedUnknowns.build(region.adjacency, representatives)
+        return _RegionConstraint(links, sliding, orbits, local, self.facets.among(free, local))
+
+
+@dataclass(frozen=True, eq=False)
+class _RegionConstraint:
+    """Of the free nodes of a region: those that slide are roots where they have periodic images.
+
+    ``local`` (n,) is the region's numbering.
+    """
+
+    links: LinkedUnknowns
+    sliding: SlidingSurfaces | None
+    orbits: PeriodicNodes | None
+    local: NDArray[np.int64]
+    facets: OutwardFacets
+
+    def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:
+        """A tangential step (f, d), images alike."""
+        d = points.shape[1]
+        matrices = np.broadcast_to(np.eye(d), (len(right), d, d)).copy()
+        if self.sliding is not None:
+            rows = self.local[self.sliding.nodes]
+            matrices[rows] = self.sliding.tangents(points[rows])
+        if self.orbits is not None:
+            own = self.orbits.rotations @ self.orbits.projectors
+            matrices[self.local[self.orbits.members]] = own @ matrices[self.local[self.orbits.roots]]
+        blocks, reduced = self.links.reduce(matrices, hessian, right)
+        return self.links.expand(matrices, solve(self.links.adjacency, blocks, reduced))
+
+    def retract(self, points: Floats, trial: Floats) -> Floats | None:
+        """The trial points (l, d) put back onto the surfaces, images alike; None where a facet turned over."""
+        if self.sliding is not None:
+            rows = self.local[self.sliding.nodes]
+            trial[rows] = self.sliding.project(trial[rows])
+        if self.orbits is not None:
+            trial[self.local[self.orbits.members]] = self.orbits.images(trial[self.local[self.orbits.roots]])
+        turned = self.facets.outward(points) & ~self.facets.outward(trial)
+        return None if turned.any() else trial
+
+
+def _torn(released: Marks, periodic: PeriodicNodes) -> Marks:
+    """(n,) periodic nodes with an image that is not released."""
+    members = np.zeros(len(released), dtype=bool)
+    members[periodic.members] = True
+    return periodic.closed(members & ~released)
+
+
+def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -> Marks:
+    """(n,) nodes on an axis of rotation that slide too: where both let them go is not worth finding out."""
+    found = np.zeros(len(periodic.reference), dtype=bool)
+    if sliding is not None:
+        found[np.intersect1d(periodic.members[periodic.on_axis], sliding.nodes)] = True
+    return found
+
+
+def _on_other_facets(n: int, cells: CellTable, patches: Mapping[str, Patch]) -> Marks:
+    """(n,) nodes with a boundary facet that belongs to no sliding and no periodic patch."""
+    sides = [patch.nodes for patch in patches.values() if patch.role in ("periodic", *SLIDING_ROLES)]
+    found = np.zeros(n, dtype=bool)
+    for facets in boundary_facets(cells).values():
+        other = np.ones(len(facets), dtype=bool)
+        for nodes in sides:
+            inside = np.zeros(n, dtype=bool)
+            inside[nodes] = True
+            other &= ~inside[facets].all(axis=1)
+        found[facets[other]] = True
+    return found

@@ -1,0 +1,342 @@
+"""The correction of a predicted motion, by name: nothing, the thesis' methods, optimised enrichment, freed trial nodes.
+
+It stands between "predict" and "displace": it gets where the standard motion would put the nodes, and answers where
+they shall go instead. Held nodes keep their standard positions bit by bit, and no node of the mesh has moved yet.
+
+==================  =====================================================================================
+none                the standard motion, whatever its quality
+imposed-gradient    thesis chapter 4, in 1D: :mod:`.enrichment.imposed_gradient`; thesis §5.1.2, in 2D and 3D:
+                    :mod:`.enrichment.imposed_jacobian`
+explicit            thesis Algorithm 1: one enrichment point after the other, :mod:`.enrichment.explicit_iterations`
+enrichment          all coefficients of all points at once: :mod:`.enrichment.coefficients`
+optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
+==================  =====================================================================================
+
+``in_time`` says how the corrections of successive motions hang together: each one on its own, as far as its threshold
+and target ask ("independent"), or as a smooth function of the boundary ("smooth", of ``optimised`` only:
+:mod:`.smooth_in_time`).
+
+``optimised`` frees nodes and opens with no enrichment: from plain RBF positions the freed nodes reach the threshold in
+less time than an enrichment takes to be set up, at every size that was measured, and end at a better quality.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.blas import one_blas_thread
+from mesh_motion_server.numerics.correction.correction_problem import (
+    IN_TIME,
+    PLACEMENTS,
+    SMALL_MESH,
+    TARGETS,
+    CorrectionProblem,
+    CorrectionSettings,
+    check_placement,
+    goal,
+    target_quality,
+)
+from mesh_motion_server.numerics.correction.enrichment.coefficients import optimised_enrichment, optimised_placement
+from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
+from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import ImposedSettings, imposed_jacobians
+from mesh_motion_server.numerics.correction.enrichment.placement import (
+    Placement,
+    boundary_placement,
+    gap_middle,
+    local_minima,
+    minima_placement,
+)
+from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
+from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime, travel
+from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+
+__all__ = [
+    "CORRECTIONS",
+    "IN_TIME",
+    "PLACEMENTS",
+    "TARGETS",
+    "Correction",
+    "CorrectionProblem",
+    "CorrectionSettings",
+    "check_placement",
+    "correct",
+]
+
+Floats = NDArray[np.float64]
+
+_WORST = 10  # cells that a refusal names
+#: Thresholds that a large mesh is raised to where that is cheap: what just meets one is spent by the next step.
+_AMPLE = 2.5
+_NOTICED = 1.01  # factor by which a quality may fall for nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What the correction did.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+        Corrected trial positions.
+    method : str
+        "none" where the standard motion was left alone, otherwise the correction.
+    minimum : float
+        Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
+    reached : bool
+        Whether the minimum is at or above the threshold.
+    enrichment_points : (K, d) array, mesh length unit
+    freed_nodes : int
+        Trial nodes that were moved one by one.
+    iterations : int
+    history : tuple of Stage
+        What was descended, where nodes were freed.
+    """
+
+    points: Floats
+    method: str
+    minimum: float
+    reached: bool
+    enrichment_points: Floats
+    freed_nodes: int = 0
+    iterations: int = 0
+    history: tuple[Stage, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a method found; the mesh is judged afterwards."""
+
+    points: Floats
+    enrichment_points: Floats | None = None
+    freed_nodes: int = 0
+    iterations: int = 0
+    history: tuple[Stage, ...] = ()
+
+
+def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correction:
+    """Correct a predicted motion where it is below the threshold.
+
+    Parameters
+    ----------
+    problem : CorrectionProblem
+    settings : CorrectionSettings
+
+    Raises
+    ------
+    NumericalError
+        If no valid mesh was found; carries the best minimum quality met and the worst cells.
+    """
+    p = problem
+    reference = p.start if p.reference is None else p.reference
+    mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
+    if settings.in_time == "smooth":
+        return _smooth_in_time(problem, settings, mesh)
+    if p.known is not None and p.valid is None and (settings.correction == "none" or p.known >= goal(settings)):
+        return _judged(problem, settings, _Found(p.begin), "none", p.known)
+    quality = mesh.quality(p.begin)
+    if settings.correction == "none" or (p.valid is None and quality.min() >= goal(settings)):
+        return _judged(problem, settings, _Found(p.begin), "none", float(quality.min()))
+    found = _Found(p.begin)
+    if p.valid is None or settings.correction == "optimised":
+        with one_blas_thread():
+            found = CORRECTIONS[settings.correction](problem, settings, mesh)
+    corrected = mesh.quality(found.points)
+    gain = float(corrected.min() / quality.min()) if quality.min() > 0.0 else math.inf
+    # a method may fail, or gain less than it spoils: the mesh never gets worse by it
+    if corrected.min() < quality.min() or _spoils(found.points, p.begin, mesh, gain):
+        found, corrected = _Found(p.begin), quality
+    if not corrected.min() > 0.0:
+        raise _refusal(corrected, settings)
+    return _judged(problem, settings, found, settings.correction, float(corrected.min()))
+
+
+def _spoils(corrected: Floats, begin: Floats, mesh: TrialMesh, gain: float) -> bool:
+    """Whether the smallest relative skew or size falls by more than the ``gain``, a factor, of the minimum quality."""
+    if mesh.metric != "relative-size-skew" or math.isinf(gain):
+        return False
+    before, after = (
+        cell_quality(points, mesh.cells, mesh.reference_sizes).relative_extremes() for points in (begin, corrected)
+    )
+    return any(own > max(gain, _NOTICED) * new for own, new in zip(before, after, strict=True))
+
+
+def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:
+    """The correction that is a smooth function of the boundary, judged but never switched by its quality."""
+    if mesh.held.all():
+        return _judged(problem, settings, _Found(problem.standard), "none", float(mesh.quality(problem.standard).min()))
+    with one_blas_thread():
+        smooth = problem.smooth or SmoothInTime.build(mesh)
+        travelled = travel(mesh.reference, problem.standard, mesh.held)
+        found = smooth.correct(problem.standard, travelled, problem.near, problem.valid)
+    corrected = mesh.quality(found.points)
+    if not corrected.min() > 0.0:
+        raise _refusal(corrected, settings)
+    return _judged(
+        problem,
+        settings,
+        _Found(found.points, None, found.freed, found.iterations, found.history),
+        settings.correction,
+        float(corrected.min()),
+    )
+
+
+def _judged(
+    problem: CorrectionProblem, settings: CorrectionSettings, found: _Found, method: str, minimum: float
+) -> Correction:
+    """The answer, with the smallest quality of its mesh."""
+    none = np.empty((0, problem.start.shape[1]))
+    return Correction(
+        points=found.points,
+        method=method,
+        minimum=minimum,
+        reached=minimum >= settings.quality_threshold,
+        enrichment_points=none if found.enrichment_points is None else found.enrichment_points,
+        freed_nodes=found.freed_nodes,
+        iterations=found.iterations,
+        history=found.history,
+    )
+
+
+def _refusal(quality: Floats, settings: CorrectionSettings) -> NumericalError:
+    """The error for a mesh that stays invalid, with its quality (m,)."""
+    worst = np.argsort(quality, kind="stable")[:_WORST]
+    inverted = int(np.count_nonzero(~(quality > 0.0)))
+    return NumericalError(
+        f"no valid mesh found: {inverted} inverted cells, best minimum {settings.quality_metric} "
+        f"{float(quality[worst[0]]):.4g}, correction {settings.correction!r}",
+        best=float(quality[worst[0]]),
+        cells=worst.tolist(),
+        hint="take a smaller step",
+    )
+
+
+def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """Free trial nodes: all for the maximum, a growing region for the threshold."""
+    if problem.start.shape[1] == 1:
+        return _Found(equal_stretch(problem.begin, mesh), freed_nodes=int(np.count_nonzero(~mesh.held)))
+    mesh = mesh.released(problem.constraint)
+    if mesh.held.all() or not _could_be_valid(problem.begin, mesh):
+        return _Found(problem.begin)
+    target = target_quality(problem, settings)
+    found: Polished
+    if np.isfinite(target):
+        found = reach(problem.begin, mesh, target)
+        if settings.target == "auto" and mesh.metric == "relative-size-skew" and found.minimum >= target:
+            found = _raised(found, mesh, _AMPLE * target)
+    else:
+        found = polish(problem.begin, mesh, mesh.free(~mesh.held))
+    return _Found(found.points, None, found.freed, found.iterations, found.history)
+
+
+def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
+    """What met the threshold raised to a higher target, as far as freeing few nodes does that."""
+    more = reach(found.points, mesh, target, most=SMALL_MESH[mesh.reference.shape[1]])
+    if not more.minimum > found.minimum:
+        return found
+    return replace(
+        more,
+        freed=max(found.freed, more.freed),
+        iterations=found.iterations + more.iterations,
+        history=found.history + more.history,
+    )
+
+
+def _could_be_valid(points: Floats, mesh: TrialMesh) -> bool:
+    """Whether every cell without a free node, which nothing can mend, is valid at the points (n, d)."""
+    fixed = np.concatenate([mesh.held[block.nodes].all(axis=1) for block in mesh.cells])
+    return bool((mesh.quality(points)[fixed] > 0.0).all())
+
+
+def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """Enrichment points, all coefficients optimised."""
+    if settings.max_enrichment_points == 0:
+        return _Found(problem.standard)
+    p = problem
+    space = EnrichmentSpace(_placement(problem, settings, mesh), p.factorization, p.evaluator, settings.functions)
+    found = optimised_enrichment(mesh, p.start, p.standard, space, target=target_quality(problem, settings))
+    return _Found(found.points, found.enrichment_points, 0, found.iterations)
+
+
+def _placement(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Placement:
+    """The enrichment points of an optimised enrichment."""
+    p, quality = problem, mesh.quality(problem.standard)
+    count, radius, least = settings.max_enrichment_points, settings.enrichment_radius, goal(settings)
+    if settings.enrichment_placement == "minima":
+        return minima_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=least)
+    if settings.enrichment_placement == "boundary":
+        return boundary_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=least, held=p.held)
+    return optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
+
+
+def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """The thesis' explicit iterations."""
+    found = explicit_iterations(
+        problem,
+        ExplicitSettings(
+            enrichment_radius=settings.enrichment_radius,
+            threshold=settings.quality_threshold,
+            max_points=settings.max_enrichment_points,
+            metric=mesh.metric,
+            function=settings.function,
+            decomposition=settings.explicit_decomposition,
+        ),
+    )
+    return _Found(found.points, found.enrichment_points, 0, len(found.history) - 1)
+
+
+def _imposed_gradient(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """The thesis' imposed gradient: of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
+    p = problem
+    if p.cells.dimension == 1:
+        return _imposed_slopes(problem, settings, mesh)
+    found = imposed_jacobians(
+        problem,
+        mesh,
+        ImposedSettings(
+            enrichment_radius=settings.enrichment_radius,
+            threshold=goal(settings),
+            max_points=settings.max_enrichment_points,
+            function=settings.function,
+            decomposition=settings.explicit_decomposition,
+        ),
+    )
+    return _Found(found.points, found.enrichment_points, 0, len(found.minima) - 1)
+
+
+def _imposed_slopes(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+    """Thesis chapter 4: points in the middle of the gap that holds the worst cell, or at the worst-quality minima."""
+    p, quality = problem, mesh.quality(problem.standard)
+    boundary = np.flatnonzero(p.held)
+    if settings.enrichment_placement == "minima":
+        worst = local_minima(p.cells, quality, goal(settings))[: settings.max_enrichment_points]
+        points = p.cells.centres(p.start, worst)
+    else:
+        points = gap_middle(p.start, p.cells, quality, p.held)
+    radii = ImposedGradient(
+        p.factorization.support_radius,
+        settings.enrichment_radius,
+        basis=p.factorization.basis.name,
+        function=settings.function,
+    )
+    told = p.standard[boundary] - p.start[boundary]
+    moved = p.start + enriched_displacement(p.start, p.start[boundary], told, points, radii)
+    moved[boundary] = p.standard[boundary]
+    return _Found(moved, points, 0, 1)
+
+
+CORRECTIONS: dict[str, Callable[[CorrectionProblem, CorrectionSettings, TrialMesh], _Found]] = {
+    "imposed-gradient": _imposed_gradient,
+    "explicit": _explicit,
+    "enrichment": _enrichment,
+    "optimised": _optimised,
+}
+"""Correction by name; each gives positions that are judged on all cells afterwards."""

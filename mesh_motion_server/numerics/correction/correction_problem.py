@@ -1,0 +1,187 @@
+"""What a correction is given: a predicted motion, and which correction shall raise its quality how far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.correction.enrichment.space import FUNCTIONS
+from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint
+from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
+from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Factorization
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import AtRest
+
+__all__ = [
+    "IN_TIME",
+    "PLACEMENTS",
+    "SMALL_MESH",
+    "TARGETS",
+    "CorrectionProblem",
+    "CorrectionSettings",
+    "check_placement",
+    "goal",
+    "target_quality",
+]
+
+Floats = NDArray[np.float64]
+
+
+TARGETS = ("auto", "threshold", "maximum")
+
+PLACEMENTS = {
+    "none": ("auto",),
+    "imposed-gradient": ("auto", "middle", "minima"),
+    "explicit": ("auto",),
+    "enrichment": ("auto", "spread", "minima", "boundary"),
+    "optimised": ("auto",),
+}
+"""Where each correction can put its enrichment points; see :mod:`.enrichment.placement`. "middle" of a gap is 1D's."""
+
+IN_TIME = ("independent", "smooth")
+
+SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
+"""Free nodes, by dimension, up to which "auto" goes for the maximum: about a second there, of hexahedra several."""
+
+_VALID = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionProblem:
+    """A predicted motion.
+
+    Attributes
+    ----------
+    start : (n, d) array, mesh length unit
+        Positions that the standard motion starts from.
+    standard : (n, d) array, mesh length unit
+        Where it would put the nodes.
+    held : (n,) bool array
+        Nodes that no correction may move.
+    cells : CellTable
+    reference_sizes : (m,) array, length^d, or CellsAtRest
+    factorization : Factorization
+        Of the boundary at ``start``.
+    evaluator : Evaluator
+    reference : (n, d) array, mesh length unit, optional
+        Nodes of the reference mesh, the ideal shape of cells that are no simplices; ``start`` by default.
+    constraint : NodeConstraint, optional
+        Held nodes that ``optimised`` may move: along their surface, or in pairs.
+    smooth : SmoothInTime, optional
+        The prepared correction of this mesh, for ``in_time`` "smooth"; made anew by default.
+    near : (n, d) array, mesh length unit, optional
+        Positions near the corrected ones, from which ``in_time`` "smooth" begins: only the time depends on them.
+    valid : (n, d) array, mesh length unit, optional
+        A valid mesh with the held nodes where ``standard`` has them, where one was found already: ``optimised`` begins
+        from it instead of untangling ``standard``, and the other corrections leave it as it is.
+    known : float, optional
+        Smallest quality of ``standard``, where it has been judged already and no cell is inverted.
+    """
+
+    start: Floats
+    standard: Floats
+    held: NDArray[np.bool_]
+    cells: CellTable
+    reference_sizes: AtRest
+    factorization: Factorization
+    evaluator: Evaluator
+    reference: Floats | None = None
+    constraint: NodeConstraint | None = None
+    smooth: SmoothInTime | None = None
+    near: Floats | None = None
+    valid: Floats | None = None
+    known: float | None = None
+
+    @property
+    def begin(self) -> Floats:
+        """Where a correction that is not smooth in time begins (n, d)."""
+        return self.standard if self.valid is None else self.valid
+
+
+@dataclass(frozen=True)
+class CorrectionSettings:
+    """Which correction, and how far.
+
+    Attributes
+    ----------
+    correction : str
+        One of :data:`PLACEMENTS`.
+    quality_metric : str
+    quality_threshold : float
+        A motion that is at least this good is left alone.
+    target : {"auto", "threshold", "maximum"}
+        Stop at the threshold, or go for the best minimum quality; "auto": the maximum where it costs little.
+    enrichment_radius : float, mesh length unit
+        R_l.
+    max_enrichment_points : int
+        Bounds the enrichment, not the freed nodes.
+    enrichment_function : {"auto", "H1", "H2", "H3"}
+        "auto": H1, and of the optimised enrichment H1 and H2 together.
+    enrichment_placement : str
+        One of the correction's :data:`PLACEMENTS`.
+    explicit_decomposition : {"eigen", "polar", "svd", "qr"}
+        What a correction of single cells goes by.
+    in_time : {"independent", "smooth"}
+        "smooth" knows no threshold and no target: it is always active.
+
+    Raises
+    ------
+    InvalidInput
+        On an unknown correction, target or in_time, or a placement or in_time that the correction has not.
+    """
+
+    correction: str = "optimised"
+    quality_metric: str = "size-skew"
+    quality_threshold: float = 0.2
+    target: str = "auto"
+    enrichment_radius: float = 0.0
+    max_enrichment_points: int = 20
+    enrichment_function: str = "auto"
+    enrichment_placement: str = "auto"
+    explicit_decomposition: str = "eigen"
+    in_time: str = "independent"
+
+    def __post_init__(self) -> None:
+        for name, known in (("correction", tuple(PLACEMENTS)), ("target", TARGETS), ("in_time", IN_TIME)):
+            if getattr(self, name) not in known:
+                raise InvalidInput(f"unknown {name} {getattr(self, name)!r}; known are {', '.join(known)}")
+        check_placement(self.correction, self.enrichment_placement)
+        if self.in_time == "smooth" and self.correction != "optimised":
+            raise InvalidInput(f"in_time 'smooth' expects correction 'optimised', got {self.correction!r}")
+
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """The enrichment functions at every point of an optimised enrichment."""
+        return FUNCTIONS if self.enrichment_function == "auto" else (self.enrichment_function,)
+
+    @property
+    def function(self) -> str:
+        """The enrichment function of the thesis' corrections."""
+        return "H1" if self.enrichment_function == "auto" else self.enrichment_function
+
+
+def check_placement(correction: str, placement: str, dimension: int = 1) -> None:
+    """Raise InvalidInput where a correction cannot put its enrichment points so."""
+    known = [name for name in PLACEMENTS[correction] if dimension == 1 or name != "middle"]
+    if placement not in known:
+        raise InvalidInput(
+            f"enrichment_placement = {placement!r} is not for correction = {correction!r} in {dimension}D; "
+            f"there it is one of {', '.join(known)}"
+        )
+
+
+def target_quality(problem: CorrectionProblem, settings: CorrectionSettings) -> float:
+    """The quality at which a correction stops; inf for the best it can."""
+    free = int(np.count_nonzero(~problem.held))
+    small = free <= SMALL_MESH[problem.start.shape[1]]
+    maximum = settings.target == "maximum" or (settings.target == "auto" and small)
+    return float("inf") if maximum else goal(settings)
+
+
+def goal(settings: CorrectionSettings) -> float:
+    """The threshold, or where that lets inverted cells pass, just a valid mesh."""
+    return max(settings.quality_threshold, _VALID)

@@ -1,0 +1,224 @@
+"""The distortion ℓ of corner simplices, its p-mean over a mesh, and the derivatives with respect to the nodes.
+
+A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` from its ideal, ``τ = det J`` and
+``q = |J|²_F``. Its distortion ::
+
+    ℓ   = log q − log d − (2/d) log τ + (a/m) log cosh(m log τ)                  τ > 0
+    ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                    untangling, any τ
+          χ = (τ + √(τ² + ε²))/2
+
+With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex but for the rounding of |log τ| (m → ∞ removes it);
+other weights stand for other metrics. In 1D there is no shape: the first three terms cancel and the size alone
+counts. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth maximum ::
+
+    E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
+
+The first term is the mean-ratio shape measure (Knupp 2001), χ the regularised determinant of Escobar et al. (2003),
+Garanzha et al. (2021).
+
+References
+----------
+P. M. Knupp, Algebraic mesh quality metrics, SIAM J. Sci. Comput. 23 (2001) 193-218.
+J. M. Escobar et al., Simultaneous untangling and smoothing of tetrahedral meshes, CMAME 192 (2003) 2775-2787.
+V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40 (2021).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
+from mesh_motion_server.numerics.quality.metrics import AtRest, sizes_of, skews_of
+
+__all__ = [
+    "FLOOR",
+    "CornerSimplices",
+    "PNorm",
+    "corner_blocks",
+    "corner_simplices",
+    "determinants",
+    "distortion_gradient",
+    "mean_distortion",
+]
+
+FLOOR = 0.1
+"""Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
+
+_FLAT_SKEW = 0.3  # simplices of a lower skew at rest are meant to be as they are
+_DEGENERATE = 1e-6  # reference corners flatter than this (det / product of edge lengths) take the cell type's ideal
+
+
+@dataclass(frozen=True)
+class PNorm:
+    """Which smooth maximum of which distortion.
+
+    Attributes
+    ----------
+    p : float
+        Exponent: 1 is the mean, large values approach the maximum.
+    m : float
+        Sharpness of the size term's |log τ|.
+    epsilon : float
+        Regularisation of the determinant; 0 is the barrier (every τ must be positive).
+    size_weight : float
+        a: what the size counts beside the shape.
+    of : {"corners", "cells"}
+        What is measured: every corner simplex against the reference mesh, or whole cells as the metric does
+        (:mod:`.cell_distortion`), which is the same for simplices and needs ε = 0.
+    """
+
+    p: float
+    m: float
+    epsilon: float = 0.0
+    size_weight: float = 0.5
+    of: str = "corners"
+
+
+@dataclass(frozen=True, eq=False)
+class CornerSimplices:
+    """Corner simplices with their map to the ideal.
+
+    Attributes
+    ----------
+    nodes : (c, d + 1) int32 array
+        Nodes (k, a, b[, c]) of each corner.
+    ideal : (c, d, d) array
+        P: the Jacobian from the ideal simplex is ``[x_a − x_k, …] P``, of determinant 1 where the size is unchanged.
+    offset : (c,) array or None
+        What is added to the distortions: the logarithm of the skew at rest, where it is measured relative to that.
+    """
+
+    nodes: NDArray[np.int32]
+    ideal: NDArray[np.float64]
+    offset: NDArray[np.float64] | None = None
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @property
+    def dimension(self) -> int:
+        """1, 2 or 3."""
+        return int(self.nodes.shape[1]) - 1
+
+
+def corner_simplices(reference: NDArray[np.float64], cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:
+    """All corner simplices of some cells.
+
+    Parameters
+    ----------
+    reference : (n, d) array, mesh length unit
+        Nodes of the reference mesh: the ideal shape of quad, hexahedron, wedge and pyramid corners.
+    cells : CellTable
+    reference_sizes : (m,) array, length^d, or CellsAtRest
+        Σ_k det A_k of each cell in the reference mesh: the ideal size.
+
+    Notes
+    -----
+    A triangle or tetrahedron is measured against the equilateral simplex of its reference size, because its skew is
+    absolute. Where the skews at rest are known, that is relative to its skew at rest, and one that is flat at rest is
+    measured against itself: to raise the skew of a boundary layer's cells would destroy the layer. The others are
+    always measured against their own corners, because a boundary layer's flat quads are meant.
+    """
+    nodes, ideals, offsets = [], [], []
+    all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
+    for block, first in zip(cells, cells.offsets, strict=False):
+        corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
+        rows, count = slice(first, first + len(block)), corners.shape[1]
+        nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))
+        itself, offset = np.full(len(block), not block.type.is_simplex), np.zeros(len(block))
+        if skews is not None and block.type.is_simplex:
+            itself = skews[rows] < _FLAT_SKEW
+            offset = np.where(itself, 0.0, np.log(skews[rows]))
+        sizes = np.repeat(all_sizes[rows] / count, count)
+        ideals.append(_ideal_maps(reference, nodes[-1], sizes, block.type, np.repeat(itself, count)))
+        offsets.append(np.repeat(offset, count))
+    return CornerSimplices(
+        np.concatenate(nodes), np.concatenate(ideals), None if skews is None else np.concatenate(offsets)
+    )
+
+
+def _ideal_maps(
+    reference: NDArray[np.float64],
+    corners: NDArray[np.int32],
+    dets: NDArray[np.float64],
+    cell_type: CellType,
+    itself: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """(c, d, d) maps P of the corners (c, d + 1) of one cell type.
+
+    Those of the type's ideal with determinants ``dets`` (c,), or where ``itself`` (c,) says so of the reference corner.
+    """
+    w, d = cell_type.ideal_array, cell_type.dimension
+    scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
+    ideal: NDArray[np.float64] = scale[:, None, None] * np.linalg.inv(w)
+    if not itself.any():
+        return ideal
+    edges = np.swapaxes(reference[corners[:, 1:]] - reference[corners[:, :1]], 1, 2)
+    lengths = np.linalg.norm(edges, axis=1).prod(axis=1)
+    least = 0.0 if cell_type.is_simplex else _DEGENERATE
+    itself = itself & (np.linalg.det(edges) > least * lengths)
+    ideal[itself] = np.linalg.inv(edges[itself])
+    return ideal
+
+
+def mean_distortion(
+    points: NDArray[np.float64], simplices: CornerSimplices, norm: PNorm
+) -> tuple[float, NDArray[np.float64]]:
+    """E and the weights w (c,) of the corners at the points (n, d).
+
+    E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
+    """
+    measure, offset = np.empty(len(simplices)), np.empty(0) if simplices.offset is None else simplices.offset
+    kernels.distortions(*_arrays(points, simplices), offset, *_law(norm), measure)
+    return kernels.p_mean(measure, norm.p), measure
+
+
+def distortion_gradient(
+    points: NDArray[np.float64], simplices: CornerSimplices, weights: NDArray[np.float64], norm: PNorm
+) -> NDArray[np.float64]:
+    """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
+    gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
+    kernels.distortion_gradients(*_arrays(points, simplices), weights, *_law(norm), gradient)
+    return gradient
+
+
+def corner_blocks(
+    points: NDArray[np.float64],
+    simplices: CornerSimplices,
+    weights: NDArray[np.float64],
+    norm: PNorm,
+    blocks: NDArray[np.float32],
+    *,
+    least_weight: float = 0.0,
+    floor: float = FLOOR,
+) -> None:
+    """Update the blocks (c, d², d²) of the corners heavier than ``least_weight`` in place.
+
+    They are positive semi-definite: the negative part of the Hessian, of ℓ and the p-mean's rank-one term, with respect
+    to J is dropped (kernels/src/correction/corner.h). Row ``j d + k`` and column ``a d + b`` couple the coordinate a of
+    the edge j, which ends at node j + 1, with b of the edge k; what belongs to node 0 is minus the sums. Single
+    precision is enough for a model of the curvature, and halves the memory.
+    """
+    least = floor / len(weights), least_weight
+    kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *_law(norm), blocks)
+
+
+def determinants(points: NDArray[np.float64], simplices: CornerSimplices) -> NDArray[np.float64]:
+    """τ (c,) of every corner at the points (n, d)."""
+    out = np.empty(len(simplices))
+    kernels.determinants(*_arrays(points, simplices), out)
+    return out
+
+
+def _arrays(
+    points: NDArray[np.float64], simplices: CornerSimplices
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    return np.ascontiguousarray(points), simplices.nodes, simplices.ideal
+
+
+def _law(norm: PNorm) -> tuple[float, float, float]:
+    return norm.m, norm.epsilon, norm.size_weight

@@ -1,0 +1,215 @@
+"""A part of the mesh whose trial nodes are free: its nodes, the cells that feel them, and their adjacency.
+
+Everything that the Newton iterations touch is numbered locally, free nodes first, so their cost follows the region and
+not the mesh. Scatters from corners to nodes are gathers over fixed lists: no atomics, the same sums in the same order
+whatever the number of threads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.correction.cell_distortion import CellGroup, cell_groups
+from mesh_motion_server.numerics.correction.distortion import CornerSimplices, corner_simplices
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import AtRest
+
+__all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
+
+_DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
+
+
+@dataclass(frozen=True, eq=False)
+class NodeAdjacency:
+    """Where the corners of each free node are, and the pattern of the Hessian: d × d blocks, diagonal first in a row.
+
+    Attributes
+    ----------
+    starts : (f + 1) int64 array
+        Free node i appears in the entries ``starts[i]:starts[i + 1]``.
+    entries : (e) int32 array
+        ``corner · (d + 1) + place``: in which corner, as which of its nodes.
+    slots : (e, d + 1) int32 array
+        Position, among the Hessian's blocks, of the coupling to each node of that corner; −1 for a held node.
+    row_starts, columns : (f + 1) int64, (b) int32 arrays
+        Block rows of the Hessian.
+    """
+
+    starts: NDArray[np.int64]
+    entries: NDArray[np.int32]
+    slots: NDArray[np.int32]
+    row_starts: NDArray[np.int64]
+    columns: NDArray[np.int32]
+
+    def gather(self, corner_values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum the corners' shares (c, d + 1, d) at the free nodes: (f, d)."""
+        return _gathered(self.starts, self.entries, corner_values)
+
+    def assemble(self, blocks: NDArray[np.float32], d: int) -> NDArray[np.float64]:
+        """Hessian blocks (b, d, d) from the corners' blocks (c, d², d²), see :mod:`.distortion`."""
+        hessian = np.empty((len(self.columns), d, d))
+        self.reassemble(blocks, np.ones(len(blocks)), 0.0, hessian)
+        return hessian
+
+    def reassemble(
+        self,
+        blocks: NDArray[np.float32],
+        weights: NDArray[np.float64],
+        least_weight: float,
+        hessian: NDArray[np.float64],
+    ) -> None:
+        """Bring the Hessian (b, d, d) up to date after the blocks of corners that weigh (c,) so much have changed."""
+        pattern = self.starts, self.entries, self.slots, self.row_starts
+        kernels.assemble_corners(*pattern, blocks, weights, least_weight, hessian)
+
+
+@dataclass(frozen=True, eq=False)
+class CellAdjacency:
+    """Where the cells of one type are, in the same pattern of the Hessian.
+
+    Attributes
+    ----------
+    starts : (f + 1) int64 array
+    entries : (e) int32 array
+        ``cell · k + place``.
+    slots : (e, k) int32 array
+    """
+
+    starts: NDArray[np.int64]
+    entries: NDArray[np.int32]
+    slots: NDArray[np.int32]
+
+    def gather(self, cell_values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum the cells' shares (m, k, d) at the free nodes: (f, d)."""
+        return _gathered(self.starts, self.entries, cell_values)
+
+    def add(self, blocks: NDArray[np.float32], hessian: NDArray[np.float64]) -> None:
+        """Add the cells' blocks (m, k², d²) to the Hessian (b, d, d)."""
+        kernels.add_cells(self.starts, self.entries, self.slots, blocks, hessian)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRegion:
+    """Free nodes and the cells that touch them.
+
+    Attributes
+    ----------
+    nodes : (l) int64 array
+        Global numbers of the local nodes: the free ones first, then the other nodes of their cells.
+    n_free : int
+    cell_numbers : (k) int64 array
+        Global numbers of the cells.
+    cells : CellTable
+        The same cells in local node numbers.
+    reference_sizes : (k) array, length^d, or CellsAtRest
+    simplices : CornerSimplices
+        Their corners, in local node numbers.
+    adjacency : NodeAdjacency
+    """
+
+    nodes: NDArray[np.int64]
+    n_free: int
+    cell_numbers: NDArray[np.int64]
+    cells: CellTable
+    reference_sizes: AtRest
+    simplices: CornerSimplices
+    adjacency: NodeAdjacency
+
+    @cached_property
+    def groups(self) -> tuple[CellGroup, ...]:
+        """The cells by type."""
+        return cell_groups(self.cells, self.reference_sizes, self.simplices)
+
+    @cached_property
+    def cell_adjacency(self) -> tuple[CellAdjacency, ...]:
+        """Of each group."""
+        pattern = self.adjacency.row_starts, self.adjacency.columns
+        return tuple(
+            CellAdjacency(*kernels.cell_adjacency(group.nodes, self.n_free, len(self.nodes), *pattern))
+            for group in self.groups
+        )
+
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """Global numbers of the free nodes."""
+        return self.nodes[: self.n_free]
+
+
+def nodes_of_cells(cells: CellTable, chosen: NDArray[np.bool_], n_nodes: int) -> NDArray[np.bool_]:
+    """Mark (n) the nodes of the chosen (m) cells."""
+    marked = np.zeros(n_nodes, dtype=bool)
+    for block, first in zip(cells, cells.offsets, strict=False):
+        marked[block.nodes[chosen[first : first + len(block)]]] = True
+    return marked
+
+
+def cells_of_nodes(cells: CellTable, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mark (m) the cells that have a marked (n) node."""
+    return np.concatenate([kernels.touched_cells(block.nodes, marked).view(np.bool_) for block in cells])
+
+
+def grow(cells: CellTable, marked: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
+    """Marked nodes (n) and their neighbours through ``rings`` layers of cells."""
+    for _ in range(rings):
+        marked = nodes_of_cells(cells, cells_of_nodes(cells, marked), len(marked))
+    return marked
+
+
+def free_region(
+    reference: NDArray[np.float64],
+    cells: CellTable,
+    reference_sizes: AtRest,
+    free: NDArray[np.bool_],
+    *,
+    chosen: NDArray[np.bool_] | None = None,
+) -> FreeRegion:
+    """Cut the region of the free nodes out of the mesh.
+
+    Parameters
+    ----------
+    reference : (n, d) array, mesh length unit
+        Nodes of the reference mesh.
+    cells : CellTable
+    reference_sizes : (m,) array, length^d, or CellsAtRest
+    free : (n,) bool array
+        At least one node is free, and each belongs to a cell.
+    chosen : (m,) bool array, optional
+        Cells of the region; by default all that touch a free node.
+    """
+    chosen = cells_of_nodes(cells, free) if chosen is None else chosen
+    marked = nodes_of_cells(cells, chosen, len(free))
+    free = free & marked
+    nodes = np.concatenate([np.flatnonzero(free), np.flatnonzero(marked & ~free)])
+    n_free = int(np.count_nonzero(free))
+    local = np.empty(len(free), dtype=np.int64)
+    local[nodes] = np.arange(len(nodes))
+    table = CellTable.from_arrays(
+        {
+            block.type.name: local[block.nodes[chosen[first : first + len(block)]]]
+            for block, first in zip(cells, cells.offsets, strict=False)
+        }
+    )
+    sizes = reference_sizes[chosen]
+    simplices = corner_simplices(reference[nodes], table, sizes)
+    adjacency = NodeAdjacency(*kernels.node_adjacency(simplices.nodes, n_free, len(nodes), _diagonals(table)))
+    return FreeRegion(nodes, n_free, np.flatnonzero(chosen), table, sizes, simplices, adjacency)
+
+
+def _diagonals(cells: CellTable) -> NDArray[np.int64]:
+    """(h, 2) pairs of nodes that share a cell but no corner simplex: the diagonals of hexahedra."""
+    pairs = [block.nodes[:, _DIAGONALS].reshape(-1, 2) for block in cells if block.type.name == "hexahedron"]
+    return np.concatenate([*pairs, np.empty((0, 2), dtype=np.int64)])
+
+
+def _gathered(
+    starts: NDArray[np.int64], entries: NDArray[np.int32], shares: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Sums (f, d) of shares (m, k, d)."""
+    sums = np.empty((len(starts) - 1, shares.shape[2]))
+    kernels.gather_shares(starts, entries, shares, sums)
+    return sums

@@ -1,0 +1,228 @@
+"""Projected Gauss–Newton iterations that lower the distortion of a free region.
+
+Each iteration solves ``H dx = −g`` with the positive semi-definite Hessian of :mod:`.distortion` and goes along dx as
+far as Armijo's rule allows; outside the barrier the distortion is infinite, so no cell can invert. Small systems are
+factorized, large ones are solved roughly by conjugate gradients preconditioned with the diagonal blocks: an inexact
+Newton method needs no more (Dembo, Eisenstat & Steihaug, SIAM J. Numer. Anal. 19, 1982).
+
+A :class:`QuadraticTerm` may be added to the distortion, and :class:`Accuracy` says where to stop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_matrix
+from scipy.sparse.linalg import splu
+
+from mesh_motion_server.numerics.correction.distortion import FLOOR, PNorm
+from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
+from mesh_motion_server.numerics.correction.node_constraint import RegionConstraint, StepSolver
+from mesh_motion_server.numerics.correction.region_measure import RegionMeasure, region_measure
+
+__all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
+
+_ARMIJO, _HALVINGS = 1e-4, 25
+_UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
+_UNTANGLING_DIRECT = 1500  # nor always a half turn, which a larger factorization still does
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Where the iterations stop, and how accurate each of them is; the defaults serve a correction in one step.
+
+    Attributes
+    ----------
+    full_step_gain : float
+        A full Newton step that gains less: converged. On short steps, near det = 0, it says nothing.
+    least_decrement, least_gain : float
+        Stop where the model promises less than the first, or a step of any length gained less than the second.
+    refresh : float
+        Of the mean weight: lighter corners keep the curvature of an earlier iteration.
+    floor : float
+        Least weight of a corner in the Hessian, of the mean weight; without it a light node has no stiffness.
+    direct_unknowns : int
+        Largest system that is factorized; above it conjugate gradients are faster, in 2D by twice at 1300 unknowns.
+    cg_reduction, cg_iterations : float, int
+        Of the conjugate gradients: reduction of the residual, most iterations.
+    """
+
+    full_step_gain: float = 1e-3
+    least_decrement: float = 1e-3
+    least_gain: float = 1e-7
+    refresh: float = 0.003
+    floor: float = FLOOR
+    direct_unknowns: int = 900
+    cg_reduction: float = 0.2
+    cg_iterations: int = 60
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticTerm:
+    """½ vᵀ K v with v = x − rest, of the free nodes; added to the distortion.
+
+    Attributes
+    ----------
+    rest : (f, d) array, mesh length unit
+    stiffness : (b, d, d) array, 1 / length²
+        K, symmetric and positive semi-definite, in the pattern of the region's :class:`NodeAdjacency`.
+    """
+
+    rest: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+
+    def gradient(self, points: NDArray[np.float64], adjacency: NodeAdjacency) -> tuple[float, NDArray[np.float64]]:
+        """The term and its gradient K v (f, d) at the free nodes' points (f, d)."""
+        pull = np.empty_like(self.rest)
+        pattern = adjacency.row_starts, adjacency.columns
+        return 0.5 * kernels.block_product(*pattern, self.stiffness, points - self.rest, pull), pull
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Result of :func:`newton`: points (l, d), distortion E and quadratic term together, iterations made, measure."""
+
+    points: NDArray[np.float64]
+    distortion: float
+    iterations: int
+    measure: RegionMeasure
+
+
+def newton(
+    points: NDArray[np.float64],
+    region: FreeRegion,
+    norm: PNorm,
+    *,
+    iterations: int = 12,
+    good_enough: Callable[[NDArray[np.float64]], bool] | None = None,
+    solve: StepSolver | None = None,
+    quadratic: QuadraticTerm | None = None,
+    accuracy: Accuracy | None = None,
+    constraint: RegionConstraint | None = None,
+    earlier: RegionMeasure | None = None,
+) -> Descent:
+    """Lower E from the points (l, d) of the region; the nodes that are not free stay, bit by bit.
+
+    Parameters
+    ----------
+    points : (l, d) array, mesh length unit
+    region : FreeRegion
+    norm : PNorm
+    iterations : int
+        At most so many.
+    good_enough : callable, optional
+        Asked with the points after every second iteration; true stops.
+    solve : StepSolver, optional
+        Gives the step; by default every free node moves on its own.
+    quadratic : QuadraticTerm, optional
+        Added to E.
+    accuracy : Accuracy, optional
+    constraint : RegionConstraint, optional
+        Of free nodes that slide, or move alike; the points have to be admissible.
+    earlier : RegionMeasure, optional
+        Of the same region's last descent, which goes on from its curvature where that matters little.
+    """
+    accuracy = accuracy or Accuracy()
+    objective = _Objective(region, region_measure(region, norm, earlier), quadratic)
+    energy, weights = objective(points)
+    done = 0
+    while done < iterations and math.isfinite(energy):
+        gradient = objective.gradient(points, weights)
+        hessian = objective.measure.hessian(points, weights, refresh=accuracy.refresh, floor=accuracy.floor)
+        if quadratic is not None:
+            hessian = hessian + quadratic.stiffness
+        solver = solve or partial(_solve, accuracy=accuracy, untangling=norm.epsilon > 0.0)
+        if constraint is None:
+            step = solver(region.adjacency, hessian, -gradient)
+        else:
+            step = constraint.step(points, hessian, -gradient, solver)
+        slope = float(np.vdot(gradient, step))
+        found = _line_search(points, objective, step, energy, slope, constraint)
+        if found is None:
+            break
+        length, points, lower, weights = found
+        gain, energy, done = energy - lower, lower, done + 1
+        converged = length == 1.0 and gain < accuracy.full_step_gain
+        if converged or -slope < accuracy.least_decrement or gain < accuracy.least_gain:
+            break
+        if good_enough is not None and done % 2 == 0 and good_enough(points):
+            break
+    return Descent(points, energy, done, objective.measure)
+
+
+@dataclass(frozen=True, eq=False)
+class _Objective:
+    """What is lowered: the distortion of a region, and the quadratic term."""
+
+    region: FreeRegion
+    measure: RegionMeasure
+    quadratic: QuadraticTerm | None
+
+    def __call__(self, points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """The objective at the points (l, d), and the weights of what is measured."""
+        energy, weights = self.measure.mean(points)
+        if self.quadratic is not None and math.isfinite(energy):
+            energy += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[0]
+        return energy, weights
+
+    def gradient(self, points: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Its gradient (f, d)."""
+        gradient = self.measure.gradient(points, weights)
+        if self.quadratic is not None:
+            gradient += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[1]
+        return gradient
+
+
+def _line_search(
+    points: NDArray[np.float64],
+    objective: _Objective,
+    step: NDArray[np.float64],
+    energy: float,
+    slope: float,
+    constraint: RegionConstraint | None,
+) -> tuple[float, NDArray[np.float64], float, NDArray[np.float64]] | None:
+    """Halve the step (f, d) until Armijo's rule holds: (length, points, E, w), or None if no step is left."""
+    if not slope < 0.0:
+        return None
+    length = 1.0
+    for _ in range(_HALVINGS + 1):
+        trial = points.copy()
+        trial[: len(step)] += length * step
+        admitted = trial if constraint is None else constraint.retract(points, trial)
+        if admitted is not None:
+            lower, weights = objective(admitted)
+            if lower <= energy + _ARMIJO * length * slope:
+                return length, admitted, lower, weights
+        length *= 0.5
+    return None
+
+
+def _solve(
+    adjacency: NodeAdjacency,
+    hessian: NDArray[np.float64],
+    right: NDArray[np.float64],
+    accuracy: Accuracy,
+    *,
+    untangling: bool,
+) -> NDArray[np.float64]:
+    """The step (f, d) of H (b, d, d) dx = right (f, d)."""
+    if right.size <= (_UNTANGLING_DIRECT if untangling else accuracy.direct_unknowns):
+        matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
+        try:
+            factor = splu(
+                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            )
+            return np.asarray(factor.solve(right.ravel())).reshape(right.shape)
+        except RuntimeError:  # exactly singular: conjugate gradients stay in the range of H
+            pass
+    step = np.empty_like(right)
+    reduction, most = _UNTANGLING_CG if untangling else (accuracy.cg_reduction, accuracy.cg_iterations)
+    pattern = adjacency.row_starts, adjacency.columns
+    kernels.block_conjugate_gradients(*pattern, hessian, right, reduction, most, step)
+    return step

@@ -1,0 +1,66 @@
+"""What a constraint on free nodes has to answer, so that a correction can move nodes which are not quite free.
+
+A node on a slip wall may go along it, the two nodes of a periodic pair must go alike. A correction asks a
+:class:`NodeConstraint` which held nodes it may release with it, and which nodes have to be free together; the Newton
+iterations ask its :class:`RegionConstraint` for a step that is admissible to first order, and to put what they try
+back onto the walls exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
+
+__all__ = ["NodeConstraint", "RegionConstraint", "StepSolver"]
+
+Floats = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+
+StepSolver = Callable[[NodeAdjacency, Floats, Floats], Floats]
+"""(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
+
+
+class RegionConstraint(Protocol):
+    """The constraint of a region's free nodes."""
+
+    def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:
+        """An admissible step (f, d), to first order.
+
+        Parameters
+        ----------
+        points : (l, d) array, mesh length unit
+            Admissible positions of the region's nodes.
+        hessian : (b, d, d) array
+            In the pattern of the region's :class:`NodeAdjacency`.
+        right : (f, d) array
+            −g.
+        solve : StepSolver
+            Solves the reduced system.
+        """
+        ...
+
+    def retract(self, points: Floats, trial: Floats) -> Floats | None:
+        """The trial points (l, d) put back onto the walls; None where the way there from ``points`` is too far."""
+        ...
+
+
+class NodeConstraint(Protocol):
+    """The constraint of all nodes of a mesh."""
+
+    @property
+    def released(self) -> Marks:
+        """(n,) bool: nodes of the boundary that may move where this constraint is kept."""
+        ...
+
+    def closed(self, marked: Marks) -> Marks:
+        """The marked (n,) nodes and all that must be free with them."""
+        ...
+
+    def of(self, region: FreeRegion) -> RegionConstraint | None:
+        """The constraint of a region's free nodes; None if they all are free."""
+        ...

@@ -1,0 +1,134 @@
+"""What a descent lowers in a region: the p-mean over corner simplices, or over whole cells.
+
+===========  ====================================================================================================
+corners      :mod:`.distortion`: each corner against the reference mesh; untangles
+cells        :mod:`.cell_distortion`: the metric itself; the same as ``corners`` where all cells are simplices, but
+             for skews relative to those at rest
+===========  ====================================================================================================
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.correction.cell_distortion import cell_blocks, cell_gradient, mean_cell_distortion
+from mesh_motion_server.numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
+from mesh_motion_server.numerics.correction.free_region import FreeRegion
+
+__all__ = ["MEASURES", "RegionMeasure", "region_measure"]
+
+Floats = NDArray[np.float64]
+
+
+class RegionMeasure(Protocol):
+    """A p-mean over a region and its derivatives with respect to the free nodes."""
+
+    def mean(self, points: Floats) -> tuple[float, Floats]:
+        """E at the points (l, d), and the weight of every corner or cell."""
+        ...
+
+    def gradient(self, points: Floats, weights: Floats) -> Floats:
+        """dE/dx (f, d)."""
+        ...
+
+    def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
+        """Positive semi-definite (b, d, d) in the region's pattern; overwritten by the next call.
+
+        From the second call on, what weighs less than ``refresh`` mean weights keeps its curvature; ``floor`` mean
+        weights are added to every weight.
+        """
+        ...
+
+    def sharpened(self, norm: PNorm) -> RegionMeasure:
+        """The same with another norm; where both are barriers, what is light keeps its curvature all the same."""
+        ...
+
+
+class _Corners:
+    """:class:`RegionMeasure` over the corner simplices."""
+
+    def __init__(self, region: FreeRegion, norm: PNorm) -> None:
+        d = region.simplices.dimension
+        self._region, self._norm, self._filled = region, norm, False
+        self._blocks = np.empty((len(region.simplices), d * d, d * d), dtype=np.float32)
+        self._hessian = np.empty((len(region.adjacency.columns), d, d))
+
+    def mean(self, points: Floats) -> tuple[float, Floats]:
+        return mean_distortion(points, self._region.simplices, self._norm)
+
+    def gradient(self, points: Floats, weights: Floats) -> Floats:
+        shares = distortion_gradient(points, self._region.simplices, weights, self._norm)
+        return self._region.adjacency.gather(shares)
+
+    def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
+        least = refresh / len(weights) if self._filled else 0.0
+        simplices, adjacency = self._region.simplices, self._region.adjacency
+        corner_blocks(points, simplices, weights, self._norm, self._blocks, least_weight=least, floor=floor)
+        adjacency.reassemble(self._blocks, weights, least, self._hessian)
+        self._filled = True
+        return self._hessian
+
+    def sharpened(self, norm: PNorm) -> RegionMeasure:
+        if norm.epsilon or self._norm.epsilon:
+            return _Corners(self._region, norm)
+        self._norm = norm
+        return self
+
+
+class _Cells:
+    """:class:`RegionMeasure` over whole cells."""
+
+    def __init__(self, region: FreeRegion, norm: PNorm) -> None:
+        d = region.simplices.dimension
+        self._region, self._norm, self._filled = region, norm, False
+        sizes = [(len(group), group.nodes.shape[1] ** 2, d * d) for group in region.groups]
+        self._blocks = [np.empty(size, dtype=np.float32) for size in sizes]
+        self._hessian = np.empty((len(region.adjacency.columns), d, d))
+
+    def mean(self, points: Floats) -> tuple[float, Floats]:
+        return mean_cell_distortion(points, self._region.groups, self._norm)
+
+    def gradient(self, points: Floats, weights: Floats) -> Floats:
+        shares = cell_gradient(points, self._region.groups, weights, self._norm)
+        gathered = [a.gather(share) for a, share in zip(self._region.cell_adjacency, shares, strict=True)]
+        return sum(gathered[1:], start=gathered[0])
+
+    def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
+        least = refresh / len(weights) if self._filled else 0.0
+        region = self._region
+        cell_blocks(points, region.groups, weights, self._norm, self._blocks, least_weight=least, floor=floor)
+        self._hessian[:] = 0.0
+        for adjacency, blocks in zip(region.cell_adjacency, self._blocks, strict=True):
+            adjacency.add(blocks, self._hessian)
+        self._filled = True
+        return self._hessian
+
+    def sharpened(self, norm: PNorm) -> RegionMeasure:
+        if norm.epsilon:
+            return _Corners(self._region, norm)
+        self._norm = norm
+        return self
+
+
+MEASURES: dict[str, type[_Corners] | type[_Cells]] = {"corners": _Corners, "cells": _Cells}
+"""By name, see :class:`~mesh_motion_server.numerics.correction.distortion.PNorm`."""
+
+
+def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | None = None) -> RegionMeasure:
+    """The measure that a norm names; an earlier one of the same region goes on with the curvature it has."""
+    kind = MEASURES[norm.of if _of_cells(region) else "corners"]
+    return earlier.sharpened(norm) if type(earlier) is kind else kind(region, norm)
+
+
+def _of_cells(region: FreeRegion) -> bool:
+    """Whether whole cells may be measured.
+
+    Relative to the cells at rest, those of 3D are measured by their corners: a hexahedron's or wedge's skew sees angles
+    alone, and descents with it end at cells of which an edge has all but gone.
+    """
+    if region.simplices.offset is not None:
+        return region.simplices.dimension == 2
+    return not all(block.type.is_simplex for block in region.cells)

@@ -1,0 +1,339 @@
+"""The strongest correction: trial positions of nodes are freed and moved to raise the mesh's worst quality.
+
+The boundary is held where the motion puts it; no node of the mesh has moved yet. :func:`polish` frees a region and
+follows a continuation from a mild p-mean of the distortion to a sharp one with projected Gauss–Newton iterations
+(:mod:`.newton`). Where cells are inverted it untangles first, and measures the corners of cells against the reference
+mesh; in a valid mesh it measures whole cells as the metric does, which for quads and hexahedra ends at up to twice the
+quality. :func:`reach` frees the nodes of the bad cells only and grows the region until a threshold holds, so that the
+cost follows the bad region and not the mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.correction.distortion import PNorm, determinants
+from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region, grow, nodes_of_cells
+from mesh_motion_server.numerics.correction.newton import Accuracy, newton
+from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint, RegionConstraint, StepSolver
+from mesh_motion_server.numerics.correction.region_measure import RegionMeasure
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import AtRest, cell_quality
+
+__all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach", "untangle"]
+
+LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
+"""Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
+
+SIZE_WEIGHTS = {
+    "size-skew": 0.5,
+    "size-skew-root": 1.0,
+    "size-skew-product": 1.0,
+    "size": 1.0,
+    "skew": 0.01,
+    "relative-size-skew": 0.5,
+}
+"""Weight of the size in the distortion, by the metric that judges; above 1, less is reached."""
+
+LAST_LEVEL = PNorm(1000, 100, of="cells")
+"""One more where the maximum is wanted of a region that is small enough for :data:`EXACTING`."""
+
+EXACTING = Accuracy(full_step_gain=1e-4, least_decrement=1e-4, least_gain=1e-6)
+"""1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % where cells are no simplices."""
+
+_LEVEL_ITERATIONS, _EXACTING_ITERATIONS = 12, 24
+_EXACTING_UNKNOWNS = 10_000  # twice the time: tetrahedra 1 s, hexahedra 7 s
+_UNTANGLED = 1e-2  # least determinant from which the barrier is used; nearer to 0 its steps stay short
+_VALID = 1e-3  # what untangling must reach before it may stop because it gains little
+_SLOW = 1.5
+_STAGES, _STAGE_ITERATIONS = 25, 4
+_STALL = 0.85  # an untangling that keeps more than this of the least determinant over two stages will not succeed
+_EARLY_RISE, _TAIL = 1.5, 0.65  # what the remaining levels add at most: after the second level, after a later one
+_MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
+_LEAST_GROWTH, _MOST_GROWTH = 1.4, 3.0
+_ALL = 0.6  # past this share of the free nodes a region does not pay: free all
+_TINY = 1e-300
+
+
+class Stage(NamedTuple):
+    """One p-mean that was descended: the norm, free nodes, iterations, and the smallest quality so far."""
+
+    norm: PNorm
+    free: int
+    iterations: int
+    minimum: float
+
+
+@dataclass(frozen=True, eq=False)
+class TrialMesh:
+    """What a correction works on: the mesh, which nodes are held, and how quality is judged.
+
+    Attributes
+    ----------
+    reference : (n, d) array, mesh length unit
+        Nodes of the reference mesh, the ideal shape of cells that are no simplices.
+    cells : CellTable
+    reference_sizes : (m,) array, length^d, or CellsAtRest
+    held : (n,) bool array
+        Nodes that must not move.
+    metric : str
+        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`.
+    constraint : NodeConstraint or None
+        Of nodes that are not held but not quite free either.
+    """
+
+    reference: NDArray[np.float64]
+    cells: CellTable
+    reference_sizes: AtRest
+    held: NDArray[np.bool_]
+    metric: str = "size-skew"
+    constraint: NodeConstraint | None = None
+
+    def released(self, constraint: NodeConstraint | None) -> TrialMesh:
+        """The mesh with the nodes that a constraint releases no longer held."""
+        if constraint is None:
+            return self
+        return replace(self, held=self.held & ~constraint.released, constraint=constraint)
+
+    def quality(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The metric (m,) of every cell; negative where a cell is inverted."""
+        return signed_quality(points, self.cells, self.reference_sizes, self.metric)
+
+    def free(self, marked: NDArray[np.bool_]) -> FreeRegion:
+        """The region in which the marked (n) nodes are free, but for the held ones, and those tied to them."""
+        marked = marked if self.constraint is None else self.constraint.closed(marked)
+        return free_region(self.reference, self.cells, self.reference_sizes, marked & ~self.held)
+
+
+def signed_quality(
+    points: NDArray[np.float64], cells: CellTable, reference_sizes: AtRest, metric: str
+) -> NDArray[np.float64]:
+    """The metric (m,) of every cell; negative where any corner is inverted, whatever the metric says."""
+    quality = cell_quality(points, cells, reference_sizes)
+    values = quality.metric(metric)
+    return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
+
+
+def region_quality(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
+    """The metric (k,) of the cells of a region at its local points (l, d)."""
+    return signed_quality(points, region.cells, region.reference_sizes, metric)
+
+
+@dataclass(frozen=True, eq=False)
+class Polished:
+    """Corrected trial positions.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+    minimum : float
+        Smallest quality over the mesh (of :func:`polish`: over the region); negative where it stays tangled.
+    freed : int
+        Number of nodes that were free at the end.
+    iterations : int
+    history : tuple of Stage
+    forecast : float
+        What all levels would have reached about, where they were not worth finishing.
+    """
+
+    points: NDArray[np.float64]
+    minimum: float
+    freed: int = 0
+    iterations: int = 0
+    history: tuple[Stage, ...] = ()
+    forecast: float = math.inf
+
+
+@dataclass(eq=False)
+class _Search:
+    """The best positions (l, d) seen in a region, judged by the true quality."""
+
+    region: FreeRegion
+    metric: str
+    target: float
+    points: NDArray[np.float64]
+    solve: StepSolver | None = None
+    constraint: RegionConstraint | None = None
+    measure: RegionMeasure | None = None
+    minimum: float = -math.inf
+    history: list[Stage] = field(default_factory=list)
+
+    def judge(self, points: NDArray[np.float64]) -> bool:
+        """Remember the points if they are better; whether the target is met."""
+        quality = region_quality(points, self.region, self.metric)
+        if quality.min() > self.minimum:
+            self.points, self.minimum = points, float(quality.min())
+        return self.met
+
+    @property
+    def met(self) -> bool:
+        return self.minimum >= self.target
+
+    @property
+    def exacting(self) -> bool:
+        """Whether the very maximum of freely moving nodes is wanted, and not dear."""
+        unknowns = self.region.n_free * self.points.shape[1]
+        return self.solve is None and math.isinf(self.target) and unknowns <= _EXACTING_UNKNOWNS
+
+    def descend(self, points: NDArray[np.float64], norm: PNorm, iterations: int) -> NDArray[np.float64]:
+        """Newton iterations with one p-mean; judged on the way and at the end."""
+        norm = replace(norm, size_weight=SIZE_WEIGHTS[self.metric])
+        result = newton(
+            points,
+            self.region,
+            norm,
+            iterations=iterations,
+            good_enough=self.judge,
+            solve=self.solve,
+            constraint=self.constraint,
+            accuracy=EXACTING if self.exacting and not norm.epsilon else None,
+            earlier=self.measure,
+        )
+        self.measure = result.measure
+        self.judge(result.points)
+        self.history.append(Stage(norm, self.region.n_free, result.iterations, self.minimum))
+        return result.points
+
+    def forecast(self) -> float:
+        """What the sharper p-means will reach, as far as the levels so far tell; inf before the second."""
+        reached = [stage.minimum for stage in self.history if stage.norm.epsilon == 0.0]
+        if len(reached) < 2:
+            return math.inf
+        if len(reached) == 2:
+            return _EARLY_RISE * reached[-1]
+        return reached[-1] + _TAIL * (reached[-1] - reached[-2])
+
+
+def polish(
+    points: NDArray[np.float64],
+    mesh: TrialMesh,
+    region: FreeRegion,
+    *,
+    target: float = math.inf,
+    thorough: bool = True,
+    solve: StepSolver | None = None,
+) -> Polished:
+    """Raise the worst quality of a region.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+        Trial positions of all nodes.
+    mesh : TrialMesh
+    region : FreeRegion
+        From ``mesh.free``.
+    target : float
+        Stop as soon as every cell of the region is at least this good.
+    thorough : bool
+        Go through all levels even where they will not reach the target.
+    solve : StepSolver, optional
+        Restricts the steps to a space of displacements; by default every free node moves on its own.
+
+    Returns
+    -------
+    Polished
+        The best of all positions met, the given ones included; nodes that are not free are bitwise the given ones.
+    """
+    constraint = None if mesh.constraint is None else mesh.constraint.of(region)
+    search = _Search(region, mesh.metric, target, points[region.nodes], solve, constraint)
+    barrier = search.judge(search.points) or _descend_all(search, thorough)
+    moved = points.copy()
+    moved[region.free] = search.points[: region.n_free]
+    iterations = sum(stage.iterations for stage in search.history)
+    forecast = search.forecast() if barrier else search.minimum
+    return Polished(moved, search.minimum, region.n_free, iterations, tuple(search.history), forecast)
+
+
+def _descend_all(search: _Search, thorough: bool) -> bool:
+    """Untangle, then all levels, as far as they are worth it; whether the barrier could be used."""
+    local, barrier = _untangle(search, search.points)
+    levels = (*LEVELS, LAST_LEVEL) if search.exacting else LEVELS
+    iterations = _EXACTING_ITERATIONS if search.exacting else _LEVEL_ITERATIONS
+    for norm in levels if barrier else ():
+        if search.met or (not thorough and search.forecast() < search.target):
+            break
+        local = search.descend(local, norm, iterations)
+    return barrier
+
+
+def untangle(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
+    """Positions (l, d) of a region with positive determinants, or the last ones met where that fails."""
+    return _untangle(_Search(region, metric, math.inf, points), points)[0]
+
+
+def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
+    """Positions (l, d) with positive determinants, and whether they are."""
+    least = [float(determinants(points, search.region.simplices).min())]
+    while least[-1] <= _UNTANGLED and len(least) <= _STAGES and not search.met:
+        if len(least) > 3 and least[-1] < _STALL * least[-3] < 0.0:
+            break
+        if len(least) > 1 and _VALID < least[-1] < _SLOW * least[-2]:
+            break
+        epsilon = max(1e-3, 0.5 * abs(least[-1])) if least[-1] < 0.0 else 1e-2
+        points = search.descend(points, PNorm(2, 1, epsilon), _STAGE_ITERATIONS)
+        least.append(float(determinants(points, search.region.simplices).min()))
+    return points, least[-1] > 0.0
+
+
+def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float, *, most: float = math.inf) -> Polished:
+    """Free the nodes of the cells below a threshold, and more of them only while it is not met.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    mesh : TrialMesh
+    target : float
+        Quality that every cell shall reach.
+    most : float
+        Nodes that are freed at most; with more the best so far has to do.
+
+    Notes
+    -----
+    The first region has neither rings of neighbours nor a margin: both are dear, and often not needed. The next one
+    is as much larger as the first one stayed below the target.
+    """
+    may_move = ~mesh.held
+    quality = mesh.quality(points)
+    best = Polished(points, float(quality.min()))
+    bad = nodes_of_cells(mesh.cells, quality < target, len(points))
+    free = bad & may_move
+    while best.minimum < target and free.any():
+        count = int(np.count_nonzero(free))
+        if count > most:
+            break
+        everything = count > _ALL * int(np.count_nonzero(may_move)) or count <= best.freed  # too large, or cannot grow
+        region = mesh.free(may_move if everything else free)
+        found = polish(best.points, mesh, region, target=target, thorough=everything)
+        now = quality.copy()
+        now[region.cell_numbers] = region_quality(found.points[region.nodes], region, mesh.metric)
+        bad |= nodes_of_cells(mesh.cells, np.minimum(quality, now) < _MARGIN * target, len(points))
+        quality = now if now.min() > best.minimum else quality
+        best = _better(best, found, float(now.min()))
+        if everything:
+            break
+        growth = _MOST_GROWTH if found.forecast <= 0.0 else target / found.forecast
+        free = _grown(mesh, free | (bad & may_move), min(max(growth, _LEAST_GROWTH), _MOST_GROWTH) * region.n_free)
+    return best
+
+
+def _better(best: Polished, found: Polished, minimum: float) -> Polished:
+    """The better positions of the two, with all that was done."""
+    if minimum > best.minimum:
+        best = replace(best, points=found.points, minimum=minimum)
+    return replace(
+        best, freed=found.freed, iterations=best.iterations + found.iterations, history=best.history + found.history
+    )
+
+
+def _grown(mesh: TrialMesh, marked: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
+    """Add rings of neighbours, one at least, until so many nodes (n) are free."""
+    while True:
+        larger = grow(mesh.cells, marked, 1) & ~mesh.held
+        if np.count_nonzero(larger) >= least or np.array_equal(larger, marked):
+            return larger
+        marked = larger

@@ -1,0 +1,111 @@
+"""Entries of the interpolation matrix: dense blocks, and sparse rows found through the cells of centres."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.kernels import Basis
+
+__all__ = ["dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Shorts = NDArray[np.int32]
+
+#: Radii that a grid's cells, or all centres, may be wide before a grid that stores few of its cells is made.
+_WIDER = 1.5
+#: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
+_SLACK = 1.0 + 1e-6
+
+
+def dense_block(basis: Basis, support_radius: float, rows: Array, columns: Array) -> Array:
+    """(m, n) block of φ between (m, 3) and (n, 3) points."""
+    out = np.empty((len(rows), len(columns)))
+    columns = np.ascontiguousarray(columns.T)
+    kernels.fill_block(basis.code, np.ascontiguousarray(rows), columns, 1.0 / support_radius, out)
+    return out
+
+
+class _Search(NamedTuple):
+    """What finds the centres near a place.
+
+    Attributes
+    ----------
+    order : (nc,) int64 array
+        Row ``j`` of the sorted centres is centre ``order[j]`` of the layout.
+    coordinates : (3, nc) array
+    grid : tuple
+        Origin, inverse side, shape, starts, and the three of the table of stored cells; without keys all are stored.
+    """
+
+    order: Integers
+    coordinates: Array
+    grid: tuple[Array, float, Integers, Integers, Integers, Shorts, Shorts]
+
+
+def _search(layout: CentreLayout, support_radius: float) -> _Search:
+    """The layout's own grid, or one of small cells where its cells had to be far wider than R."""
+    wider = layout.inverse_side * support_radius * _WIDER < 1.0
+    none = np.empty(0, dtype=np.int64)
+    if not wider or float(np.ptp(layout.coordinates, axis=1).max()) < _WIDER * support_radius:
+        order, empty = np.arange(layout.n_centres), np.empty((0, 2), dtype=np.int32)
+        grid = (*layout.grid(), none, empty, empty)
+        return _Search(order, layout.coordinates, grid)
+    fine = layout.small_cells(support_radius * _SLACK)
+    grid = (fine.origin, fine.inverse_side, none, none, fine.keys, fine.spans, fine.runs)
+    return _Search(fine.order, fine.coordinates, grid)
+
+
+def rows_near(
+    layout: CentreLayout, support_radius: float, points: Array, *, unasked: Integers | None = None
+) -> tuple[Integers, Array]:
+    """Rows (r,) of (n, d) points that may be closer than R to a centre, and these points (r, 3), by their places.
+
+    Rows that are ``unasked`` for (u,) are left out.
+    """
+    search = _search(layout, support_radius)
+    left_out = np.empty(0, dtype=np.int64) if unasked is None else unasked
+    found: tuple[Integers, Array] = kernels.rows_near(
+        np.ascontiguousarray(points), left_out, search.coordinates, *search.grid
+    )
+    return found
+
+
+def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
+    """Mean number of centres closer than R to a centre: nonzero entries a row of the matrix of a compact basis."""
+    points = np.ascontiguousarray(layout.coordinates.T)
+    return float(np.mean(_row_counts(_search(layout, support_radius), support_radius, points)))
+
+
+def _row_counts(search: _Search, support_radius: float, points: Array) -> Integers:
+    counts: Integers = kernels.count_near(points, search.coordinates, support_radius, *search.grid)
+    return counts
+
+
+def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> csr_array:
+    """(nc, nc) interpolation matrix of a compact basis, rows and columns in the layout's order."""
+    points, search = np.ascontiguousarray(layout.coordinates.T), _search(layout, support_radius)
+    return _sparse(search, basis, support_radius, points, search.order)
+
+
+def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, points: Array) -> csr_array:
+    """(n, nc) values of a compact basis at (n, 3) points, columns in the control points' own order."""
+    search = _search(layout, support_radius)
+    return _sparse(search, basis, support_radius, points, layout.order[search.order])
+
+
+def _sparse(search: _Search, basis: Basis, support_radius: float, points: Array, numbers: Integers) -> csr_array:
+    """φ between points (n, 3) and the sorted centres, which are called by their ``numbers`` (nc,)."""
+    pointers = np.zeros(len(points) + 1, dtype=np.int32)
+    np.cumsum(_row_counts(search, support_radius, points), out=pointers[1:])
+    columns, entries = np.empty(pointers[-1], dtype=np.int32), np.empty(pointers[-1])
+    kernels.fill_rows(
+        basis.code, points, search.coordinates, numbers, support_radius, *search.grid, pointers, columns, entries
+    )
+    return csr_array((entries, columns, pointers), shape=(len(points), len(numbers)))

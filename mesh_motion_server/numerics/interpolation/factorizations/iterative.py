@@ -1,0 +1,124 @@
+"""Preconditioned conjugate gradients for many control points, in memory proportional to their number.
+
+The matrix is applied by the same compiled sums that evaluate the interpolant (stored rows are faster only where a
+sparse factorization is faster still); the preconditioner is a factorized sparse approximate inverse
+(``preconditioner.py``). All right-hand sides advance together, so the matrix is visited once an iteration.
+
+Rounding lets the recurrences' residual drift from the true one: the true residual is formed at the end, and solved for
+again while that helps.
+"""
+
+from __future__ import annotations
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import conjugate_gradients
+from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
+from mesh_motion_server.numerics.interpolation.kernels import Basis
+
+__all__ = ["ConjugateGradients"]
+
+Array = NDArray[np.float64]
+
+#: Residual of the recurrences, relative to the right-hand side, at which the iterations end: boundary values to 1e-12
+#: in the maximum norm unless rounding forbids it.
+_TOLERANCE = 1e-13
+#: A true residual above this is worth another round; below it, what is left is rounding of the sums themselves.
+_REFINED = 1e-10
+#: A residual that refinement cannot push below this is an error: snapping the boundary would then show.
+_ACCEPTED = 1e-8
+_MAX_ITERATIONS = 1000
+#: Iterations without halving the best residual: rounding has taken over.
+_PATIENCE = 25
+_REFINEMENTS = 3
+#: Preceding points a row of the preconditioner: many where a row of the matrix has more than this many terms to sum, so
+#: that fewer iterations soon pay for the dearer set-up.
+_LONG_ROW, _NEIGHBOURS_LONG, _NEIGHBOURS_SHORT = 2000.0, 64, 24
+
+
+class ConjugateGradients:
+    """Solver by conjugate gradients.
+
+    Parameters
+    ----------
+    layout : CentreLayout
+    basis : Basis
+        Positive definite.
+    support_radius : float
+    """
+
+    name = "iterative"
+
+    def __init__(self, layout: CentreLayout, basis: Basis, support_radius: float) -> None:
+        self._layout, self._basis, self._radius = layout, basis, support_radius
+        self._points = np.ascontiguousarray(layout.coordinates.T)
+        long = layout.fraction * layout.n_centres > _LONG_ROW
+        neighbours = _NEIGHBOURS_LONG if long else _NEIGHBOURS_SHORT
+        self._precondition = SparseInverse(self._points, basis, support_radius, neighbours)
+        self.iterations = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the preconditioner and the coordinates."""
+        return self._precondition.nbytes + self._points.nbytes
+
+    def solve(self, values: Array) -> Array:
+        """(n, k) solution, rows in the caller's order.
+
+        Raises
+        ------
+        NumericalError
+            If the residual stays above 1e-8 of the right-hand side.
+        """
+        rhs = np.ascontiguousarray(values[self._layout.order])
+        scale = np.sqrt(np.sum(rhs * rhs, axis=0))
+        scale[scale == 0.0] = 1.0
+        x = np.zeros_like(rhs)
+        residual, error = rhs, 1.0
+        self.iterations = 0
+        for _ in range(_REFINEMENTS):
+            trial = x + self._conjugate_gradients(residual, scale)
+            trial_residual = rhs - self._apply(trial)
+            trial_error = _largest(trial_residual, scale)
+            if not trial_error < error:
+                break
+            x, residual, error = trial, trial_residual, trial_error
+            if error <= _REFINED:
+                break
+        if error > _ACCEPTED:
+            raise NumericalError(
+                f"the iterative solution of the interpolation stopped at a relative residual of {error:.1e}",
+                hint="take a smaller support radius, or solver = 'dense'",
+            )
+        out = np.empty_like(x)
+        out[self._layout.order] = x
+        return out
+
+    def _apply(self, vectors: Array) -> Array:
+        """(n, k) product with the matrix, rows in the layout's order."""
+        weights, out = np.ascontiguousarray(vectors.T), np.empty(vectors.shape)
+        return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, weights, out)
+
+    def _conjugate_gradients(self, rhs: Array, scale: Array) -> Array:
+        """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""
+        best, since = np.inf, 0
+
+        def done(residual: Array) -> bool:
+            nonlocal best, since
+            error = _largest(residual, scale)
+            best, since = (error, 0) if error < best / 2.0 else (best, since + 1)
+            return error <= _TOLERANCE or since >= _PATIENCE
+
+        found = conjugate_gradients(
+            rhs, apply=self._apply, precondition=self._precondition, done=done, most=_MAX_ITERATIONS
+        )
+        self.iterations += found.iterations
+        return found.solution
+
+
+def _largest(residual: Array, scale: Array) -> float:
+    return float(np.max(np.sqrt(np.sum(residual * residual, axis=0)) / scale))

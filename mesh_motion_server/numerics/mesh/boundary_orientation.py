@@ -1,0 +1,93 @@
+"""Is a closed part of the boundary turned inside out? Its mirror image crosses nothing, and yet bounds no valid mesh.
+
+Cells with positive corners may still fill it, going twice round some node: the mesh then overlaps itself. The volume
+inside a closed surface is V = 1/d ∮ x · n dA (the divergence theorem); with normals that point out of the mesh it is
+positive for an outer boundary and negative for a hole, and keeps its sign as long as the mesh is valid. The two sides
+of a baffle are a hole that encloses nothing; when they part, V becomes negative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
+
+__all__ = ["overturned_place"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Of a part's contributions, what their sum has lost to rounding.
+_ROUNDING = 1e-12
+
+
+def overturned_place(
+    facets: Mapping[str, Ints], told: NDArray[np.bool_], reference: Floats, points: Floats
+) -> Floats | None:
+    """Centre (d,) of the first part of the boundary that is turned inside out, None if there is none.
+
+    Parameters
+    ----------
+    facets : dict of (f, k) int64 arrays
+        The whole boundary, pointing outwards, by type.
+    told : (n,) bool array
+        Nodes that are told where to be; a part with another node is not looked at.
+    reference, points : (n, d) arrays, mesh length unit
+        Before and after the motion.
+    """
+    if reference.shape[1] == 1 or not facets:
+        return None
+    rows = _of_one_width(facets)
+    parts = _parts(rows, len(points))
+    whole = np.ones(parts.max() + 1, dtype=bool)
+    whole[parts[~_all_of(told, rows)]] = False
+    before, after = (_signs(parts, _contributions(places, rows)) for places in (reference, points))
+    lost = np.flatnonzero(whole & np.where(before == 0.0, after > 0.0, before * after <= 0.0))
+    if not len(lost):
+        return None
+    nodes = np.unique(rows[parts == lost[0]])
+    centre: Floats = points[nodes[nodes >= 0]].mean(axis=0)
+    return centre
+
+
+def _of_one_width(facets: Mapping[str, Ints]) -> Ints:
+    """(f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
+    widest = max(nodes.shape[1] for nodes in facets.values())
+    width = 4 if widest > 2 else 2
+    return np.concatenate(
+        [np.pad(nodes, ((0, 0), (0, width - nodes.shape[1])), constant_values=-1) for nodes in facets.values()]
+    )
+
+
+def _parts(rows: Ints, count: int) -> Ints:
+    """(f,) number of the connected part of the boundary that each facet belongs to."""
+    ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
+    starts = np.broadcast_to(rows[:, :1], ends.shape)
+    links = coo_array((np.ones(ends.size), (starts.ravel(), ends.ravel())), (count, count))
+    labels = connected_components(links, directed=False)[1][rows[:, 0]]
+    return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
+
+
+def _all_of(chosen: NDArray[np.bool_], rows: Ints) -> NDArray[np.bool_]:
+    """(f,) whether all nodes of a facet are chosen."""
+    return np.asarray(np.all(chosen[rows] | (rows < 0), axis=1))
+
+
+def _signs(parts: Ints, contributions: Floats) -> Floats:
+    """(p,) sign of the volume of each part, 0 where only rounding is left of its contributions (f,)."""
+    volume, largest = np.bincount(parts, contributions), np.bincount(parts, np.abs(contributions))
+    return np.where(np.abs(volume) <= _ROUNDING * largest, 0.0, np.sign(volume))
+
+
+def _contributions(places: Floats, rows: Ints) -> Floats:
+    """(f,) x · n dA / d of each facet, x from the middle of the domain for the sake of rounding."""
+    centred = places - 0.5 * (places.min(axis=0) + places.max(axis=0))
+    real = (rows >= 0)[:, :, None]
+    middles = np.where(real, centred[rows], 0.0).sum(axis=1) / real.sum(axis=1)
+    products: Floats = np.sum(middles * area_vectors(centred, rows), axis=1) / places.shape[1]
+    return products

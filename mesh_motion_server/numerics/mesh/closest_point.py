@@ -1,0 +1,107 @@
+"""The closest point of a set of segments or triangles.
+
+A k-d tree of the facets' centroids bounds the search: the closest facet's centroid lies no farther away than the
+nearest centroid plus the largest facet's radius. Among those candidates the closest point is exact; ties go to the
+lowest facet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.interpolation.centres import padded
+
+__all__ = ["FacetSet", "nearest_within"]
+
+Array = NDArray[np.float64]
+
+
+class FacetSet:
+    """Segments (2D, or curves in 3D) or triangles.
+
+    Parameters
+    ----------
+    corners : (f, 2 or 3, d) array, mesh length unit
+        f > 0.
+    """
+
+    def __init__(self, corners: Array) -> None:
+        facets, width, self._dimension = corners.shape
+        self._corners = padded(corners.reshape(-1, self._dimension)).reshape(facets, width, 3)
+        centroids = self._corners.mean(axis=1)
+        away = self._corners - centroids[:, None]
+        self._reach = float(np.sqrt(np.max(np.sum(away * away, axis=2))))
+        self._tree = cKDTree(centroids)
+
+    def closest(self, points: Array) -> Array:
+        """(n, d) points of the facets nearest to (n, d) points."""
+        return self.nearest(points)[0]
+
+    def nearest(self, points: Array) -> tuple[Array, NDArray[np.int64]]:
+        """(n, d) points of the facets nearest to (n, d) points, and the row (n,) of the facet each lies on."""
+        facets = np.zeros(len(points), dtype=np.int64)
+        if not len(points):
+            return points.copy(), facets
+        places = padded(points)
+        nearest = self._tree.query(places)[0]
+        lists = self._tree.query_ball_point(places, (nearest + self._reach) * (1.0 + 1e-12), return_sorted=True)
+        starts = np.zeros(len(points) + 1, dtype=np.int64)
+        np.cumsum([len(candidates) for candidates in lists], out=starts[1:])
+        out = np.empty_like(places)
+        kernels.closest_points(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out, facets)
+        return np.ascontiguousarray(out[:, : self._dimension]), facets
+
+
+def nearest_within(corners: Array, points: Array, distance: float) -> tuple[Array, NDArray[np.int64]]:
+    """The nearest facets of widely different sizes, no farther than a distance.
+
+    A search is as wide as the largest facet: those of a far field would have it look everywhere. So facets are searched
+    by octaves of their radius.
+
+    Parameters
+    ----------
+    corners : (f, 2 or 3, d) array, mesh length unit
+        f may be 0.
+    points : (n, d) array, mesh length unit
+    distance : float, mesh length unit
+
+    Returns
+    -------
+    (n, d) array, (n,) int64 array
+        The nearest points of facets, and the facets' rows; NaN and −1 where none is near.
+    """
+    places, facets = np.full(points.shape, np.nan), np.full(len(points), -1, dtype=np.int64)
+    best = np.full(len(points), np.inf)
+    for octave, radius in _by_size(corners):
+        centres = corners[octave].mean(axis=1)
+        rows = _near(points, centres, distance + radius)
+        if not len(rows):
+            continue
+        own = octave[_near(centres, points[rows], distance + radius)]
+        found, numbers = FacetSet(corners[own]).nearest(points[rows])
+        away = np.linalg.norm(found - points[rows], axis=1)
+        nearer = (away <= distance) & (away < best[rows])
+        rows = rows[nearer]
+        places[rows], facets[rows], best[rows] = found[nearer], own[numbers[nearer]], away[nearer]
+    return places, facets
+
+
+def _near(points: Array, others: Array, distance: float) -> NDArray[np.int64]:
+    """Rows of the points (n, d) so near to one of the others (k, d)."""
+    return np.flatnonzero(np.isfinite(cKDTree(others).query(points, distance_upper_bound=distance)[0]))
+
+
+def _by_size(corners: Array) -> Iterator[tuple[NDArray[np.int64], float]]:
+    """Rows of the facets (f, w, d) by octaves of their radius, and the largest radius of each octave."""
+    if not len(corners):
+        return
+    radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    octave = np.floor(np.log2(np.maximum(radius, np.finfo(np.float64).tiny)))
+    for number in np.unique(octave):
+        rows = np.flatnonzero(octave == number)
+        yield rows, float(radius[rows].max())

@@ -1,0 +1,60 @@
+"""The facets of cells: which of them belong to one cell, and which two are the same.
+
+A facet is a node in 1D, an edge in 2D, a triangle or quad in 3D. Facet ``f`` of cell ``c`` has the number ``8 c + f``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
+
+__all__ = ["facet_nodes", "matched_facets", "padded"]
+
+Ints = NDArray[np.int64]
+#: As short as the numbers allow: meshes of millions of cells are kept so.
+Short = NDArray[np.integer[Any]]
+
+
+def matched_facets(cells: CellTable, *, pairs: bool = False) -> tuple[Ints, Ints, int]:
+    """Numbers (b,) of the facets of one cell, ascending, and the pairs (m, 2), if asked, of those that two cells have.
+
+    The pairs are ordered by their cells; of more than two cells they name the first ones. The third is the least number
+    of a facet that more cells have, or two on the same side of it, which then overlap, or -1.
+    """
+    tables = [_table(block.type.name) for block in cells]
+    most = max(map(len, tables))
+    local = np.stack([np.pad(table, ((0, most - len(table)), (0, 0)), constant_values=-1) for table in tables])
+    blocks = np.array([block.nodes.shape for block in cells])
+    nodes = [block.nodes.reshape(-1) for block in cells]
+    found: tuple[Ints, Ints, int] = kernels.match_facets(
+        nodes[0] if len(nodes) == 1 else np.concatenate(nodes), blocks, local, pairs
+    )
+    return found
+
+
+def facet_nodes(cells: CellTable, numbers: Ints) -> Short:
+    """(m, 4) nodes of the facets with these numbers (m,), anticlockwise from outside, filled up with -1."""
+    largest = max(int(block.nodes.max()) for block in cells)
+    found = np.full((len(numbers), 4), -1, dtype=np.int32 if largest < 2**31 else np.int64)
+    for block, first, last in zip(cells, cells.offsets, cells.offsets[1:], strict=False):
+        here = np.flatnonzero((numbers >= 8 * first) & (numbers < 8 * last))
+        rows, places = numbers[here] // 8 - first, numbers[here] % 8
+        for column, local in enumerate(_table(block.type.name).T):
+            found[here, column] = np.where(local[places] < 0, -1, block.nodes[rows, local[places]])
+    return found
+
+
+def padded(nodes: Ints) -> Ints:
+    """(m, 4) facets (m, k) filled up with -1."""
+    return np.pad(nodes, ((0, 0), (0, 4 - nodes.shape[1])), constant_values=-1)
+
+
+def _table(name: str) -> Ints:
+    """(f, 4) local nodes of the facets of a type of cell, filled up with -1."""
+    return np.array([facet + (-1,) * (4 - len(facet)) for facet in LOCAL_FACETS[name]], dtype=np.int64)

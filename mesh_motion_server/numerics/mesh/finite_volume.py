@@ -1,0 +1,262 @@
+"""A mesh as a finite-volume code looks at it: non-orthogonality, skewness and volume ratios of its faces.
+
+The definitions are those of OpenFOAM, digit by digit, so that a number here is the one that its ``checkMesh`` prints:
+
+==================  ==================================================================================================
+non-orthogonality   angle between a face's area vector S and the vector d between the centres of its two cells
+skewness            distance of the face's centre from where d meets the face, as a share of how far the face reaches
+                    in that direction (and at least 0.2 \\|d\\|); faces of the boundary: with d normal to the face, 0.4
+volume ratio        min(V_o, V_n) / max(V_o, V_n) of a face's two cells; negative beside an inverted one
+==================  ==================================================================================================
+
+A face's centre and area are those of its triangles around the mean of its nodes, a cell's centre and volume those of
+its pyramids around the mean of its faces' centres. A plane mesh is taken one cell thick, its edges being faces.
+
+References
+----------
+OpenFOAM v1912, src/OpenFOAM/meshes: ``primitiveMeshFaceCentresAndAreas``, ``primitiveMeshCellCentresAndVols``,
+``primitiveMeshTools::faceOrthogonality``, ``::faceSkewness``, ``::boundaryFaceSkewness``, ``polyMeshTools::volRatio``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.extrusion import extruded_cells, extruded_points
+from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
+
+__all__ = ["FaceMeasures", "WorstFace", "face_measures"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.integer[Any]]
+
+#: Cells or faces at a time: some ten megabytes of coordinates.
+_BLOCK = 1 << 16
+#: OpenFOAM's VSMALL and its root, which keep quotients finite.
+_TINY, _ROOT_TINY = 1e-300, 1e-150
+#: How many of the worst faces are named.
+_WORST = 10
+
+
+@dataclass(frozen=True)
+class WorstFace:
+    """One of the least orthogonal faces.
+
+    Attributes
+    ----------
+    cells : tuple of two ints
+        Numbers of the cells on either side, through the blocks of the cell table.
+    centre : tuple of d floats
+        Mesh length unit.
+    non_orthogonality : float
+        Degrees.
+    """
+
+    cells: tuple[int, int]
+    centre: tuple[float, ...]
+    non_orthogonality: float
+
+
+@dataclass(frozen=True)
+class FaceMeasures:
+    """What a finite-volume code says of a mesh.
+
+    Attributes
+    ----------
+    faces : int
+        Faces between two cells.
+    max_non_orthogonality : float
+        Degrees; 0 in a mesh of a single cell.
+    faces_above_65, faces_above_75 : int
+        Faces with a non-orthogonality above that many degrees.
+    max_skewness : float
+        Faces of the boundary included.
+    min_volume_ratio : float
+        Of two cells with a face in common; 1: equally large, negative: one of them is inverted.
+    worst : tuple of WorstFace
+        The least orthogonal first; at most ten.
+    """
+
+    faces: int
+    max_non_orthogonality: float
+    faces_above_65: int
+    faces_above_75: int
+    max_skewness: float
+    min_volume_ratio: float
+    worst: tuple[WorstFace, ...]
+
+    def numbers(self) -> dict[str, Any]:
+        """All but the worst faces, by name."""
+        return {name: value for name, value in asdict(self).items() if name != "worst"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Solid:
+    """Cells in space and their facets; of a plane mesh the layer of cells."""
+
+    cells: CellTable
+    facets: CellFacets
+
+
+_KEPT: WeakKeyDictionary[CellTable, _Solid] = WeakKeyDictionary()
+
+
+def face_measures(points: NDArray[np.floating], cells: CellTable) -> FaceMeasures | None:
+    """Non-orthogonality, skewness and volume ratios of a mesh; None in one dimension, where faces are points.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+
+    Notes
+    -----
+    Which cells a face has is found once for a cell table and kept as long as that lives.
+    """
+    if cells.dimension == 1:
+        return None
+    plane = cells.dimension == 2
+    solid = _KEPT.get(cells)
+    if solid is None:
+        table = extruded_cells(cells, len(points)) if plane else cells
+        solid = _KEPT[cells] = _Solid(table, CellFacets.of(table))
+    positions = extruded_points(points) if plane else np.asarray(points, dtype=np.float64)
+    centres, volumes = _cell_geometry(positions, solid.cells)
+    angles, skewness, ratio = _measured(positions, solid.facets, centres, volumes)
+    return FaceMeasures(
+        faces=len(angles),
+        max_non_orthogonality=float(angles.max(initial=0.0)),
+        faces_above_65=int(np.count_nonzero(angles > 65.0)),
+        faces_above_75=int(np.count_nonzero(angles > 75.0)),
+        max_skewness=skewness,
+        min_volume_ratio=ratio,
+        worst=_worst(positions, solid.facets, angles, cells.dimension),
+    )
+
+
+def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floats) -> tuple[Floats, float, float]:
+    """Angle (i,), degrees, of each face between two cells; the largest skewness; the least volume ratio."""
+    inner = len(facets.neighbour)
+    angles, skewness, ratio = np.empty(inner), 0.0, 1.0
+    for rows in _blocks(inner):
+        owner, neighbour = facets.owner[rows], facets.neighbour[rows]
+        between = centres[neighbour] - centres[owner]
+        for chosen, corners in _by_size(points, facets.nodes[rows]):
+            middle, area = _face_geometry(corners)
+            d = between[chosen]
+            cosine = _dot(d, area) / (_length(d) * _length(area) + _ROOT_TINY)
+            angles[rows.start + chosen] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+            reach = middle - centres[owner[chosen]]
+            skewness = max(skewness, _largest_skewness(reach, d, area, corners - middle[:, None], least=0.2))
+        sizes = np.stack([volumes[owner], volumes[neighbour]])
+        with np.errstate(over="ignore"):  # beside a cell of no volume
+            ratio = min(ratio, float((sizes.min(axis=0) / (sizes.max(axis=0) + _TINY)).min()))
+    for rows in _blocks(len(facets.owner), inner):
+        owner = facets.owner[rows]
+        for chosen, corners in _by_size(points, facets.nodes[rows]):
+            middle, area = _face_geometry(corners)
+            reach = middle - centres[owner[chosen]]
+            normal = area / (_length(area) + _ROOT_TINY)[:, None]
+            d = normal * _dot(normal, reach)[:, None]
+            skewness = max(skewness, _largest_skewness(reach, d, area, corners - middle[:, None], least=0.4))
+    return angles, skewness, ratio
+
+
+def _largest_skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: float) -> float:
+    """The largest of faces whose centre is at ``reach`` (f, 3) from the owner's and whose nodes are at ``spokes``
+    (f, k, 3) from there; ``least``: the share of |d| that a face reaches at least.
+    """
+    skew = reach - (_dot(area, reach) / (_dot(area, d) + _ROOT_TINY))[:, None] * d
+    length = _length(skew)
+    towards = skew / (length + _ROOT_TINY)[:, None]
+    extent = np.abs(np.einsum("fki,fi->fk", spokes, towards)).max(axis=1)
+    return float((length / np.maximum(extent, least * _length(d) + _ROOT_TINY)).max(initial=0.0))
+
+
+def _cell_geometry(points: Floats, cells: CellTable) -> tuple[Floats, Floats]:
+    """Centres (m, 3) and volumes (m,) of all cells."""
+    centres, volumes = np.empty((len(cells), 3)), np.empty(len(cells))
+    for block, first in zip(cells, cells.offsets, strict=False):
+        for rows in _blocks(len(block)):
+            faces = [_face_geometry(points[block.nodes[rows][:, local]]) for local in LOCAL_FACETS[block.type.name]]
+            middles, areas = (np.stack(parts, axis=1) for parts in zip(*faces, strict=True))
+            estimate = middles.mean(axis=1)
+            pyramids = np.einsum("mfi,mfi->mf", areas, middles - estimate[:, None])
+            total = pyramids.sum(axis=1)
+            moment = 0.75 * np.einsum("mf,mfi->mi", pyramids, middles) + 0.25 * total[:, None] * estimate
+            solid = np.abs(total) > _TINY
+            estimate[solid] = moment[solid] / total[solid, None]
+            at = slice(first + rows.start, first + rows.stop)
+            centres[at], volumes[at] = estimate, total / 3.0
+    return centres, volumes
+
+
+def _face_geometry(corners: Floats) -> tuple[Floats, Floats]:
+    """Centres and area vectors (f, 3) of faces with their nodes at (f, k, 3)."""
+    middle = corners.mean(axis=1)
+    if corners.shape[1] == 3:
+        return middle, 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    following = np.roll(corners, -1, axis=1)
+    normals = np.cross(following - corners, middle[:, None] - corners)
+    weights = _length(normals)
+    total = weights.sum(axis=1)
+    moment = np.einsum("fk,fki->fi", weights, corners + following) + total[:, None] * middle
+    real = total > _ROOT_TINY
+    middle[real] = moment[real] / (3.0 * total[real, None])
+    return middle, 0.5 * normals.sum(axis=1)
+
+
+def _worst(points: Floats, facets: CellFacets, angles: Floats, dimension: int) -> tuple[WorstFace, ...]:
+    """The least orthogonal faces; of equal ones the first."""
+    found = []
+    for face in _largest(angles, _WORST):
+        nodes = facets.nodes[face]
+        centre = _face_geometry(points[None, nodes[nodes >= 0]])[0][0]
+        cells = (int(facets.owner[face]), int(facets.neighbour[face]))
+        found.append(WorstFace(cells, tuple(centre[:dimension].tolist()), float(angles[face])))
+    return tuple(found)
+
+
+def _largest(values: Floats, count: int) -> list[int]:
+    """Places of the largest values, largest first; of equal ones the first."""
+    count = min(count, len(values))
+    if not count:
+        return []
+    limit = np.partition(values, len(values) - count)[len(values) - count]
+    candidates = np.concatenate([np.flatnonzero(values > limit), np.flatnonzero(values == limit)[:count]])
+    order: list[int] = candidates[np.argsort(-values[candidates], kind="stable")].tolist()
+    return order[:count]
+
+
+def _by_size(points: Floats, nodes: Ints) -> Iterator[tuple[Ints, Floats]]:
+    """Triangles and quads among faces (f, 4): their places, and their nodes' positions (., k, 3)."""
+    triangles = nodes[:, 3] < 0
+    for size, mask in ((3, triangles), (4, ~triangles)):
+        if mask.any():
+            chosen = np.flatnonzero(mask)
+            yield chosen, points[nodes[chosen, :size]]
+
+
+def _blocks(stop: int, start: int = 0) -> Iterator[slice]:
+    """Slices of so many cells or faces as are taken at a time."""
+    for begin in range(start, stop, _BLOCK):
+        yield slice(begin, min(begin + _BLOCK, stop))
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    """(f,) of (f, 3) each."""
+    product: Floats = np.einsum("...i,...i->...", a, b)
+    return product
+
+
+def _length(vectors: Floats) -> Floats:
+    """Lengths of vectors (…, 3)."""
+    return np.sqrt(_dot(vectors, vectors))

@@ -1,0 +1,131 @@
+"""Are the patches of a mesh usable, and do they cover its boundary?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
+
+__all__ = ["check_patches", "patch_warnings"]
+
+Ints = NDArray[np.int64]
+
+
+def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
+    """Refuse patches with an unknown role or unusable node ids, and a mesh on which nothing moves.
+
+    Parameters
+    ----------
+    n : int
+        Number of nodes of the mesh.
+    patches : mapping of name to Patch
+
+    Raises
+    ------
+    InvalidInput
+        Names the patch and the first offending node.
+    """
+    for name, patch in patches.items():
+        if patch.role not in ROLES:
+            raise InvalidInput(
+                f"patch {name!r}: unknown role {patch.role!r}; known are {', '.join(ROLES)}",
+                code="INVALID_ARGUMENT.MESH",
+                details={"patch": name, "role": str(patch.role)},
+            )
+        _check_nodes(n, name, np.asarray(patch.nodes))
+    if not any(patch.role == "moving" for patch in patches.values()):
+        raise InvalidInput(
+            f"no patch has the role 'moving' (patches: {', '.join(map(repr, patches)) or 'none'})",
+            code="INVALID_ARGUMENT.MESH",
+            hint="give it to the patch that is displaced",
+        )
+
+
+def _check_nodes(n: int, name: str, nodes: NDArray[np.integer]) -> None:
+    """A vector of distinct node indices in range, at least one."""
+    if nodes.ndim != 1 or not np.issubdtype(nodes.dtype, np.integer):
+        raise InvalidInput(
+            f"patch {name!r}: expected node ids as a vector of integers, got shape {nodes.shape} of {nodes.dtype}",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"patch": name},
+        )
+    if not len(nodes):
+        raise InvalidInput(
+            f"patch {name!r} has no nodes", code="INVALID_ARGUMENT.MESH", hint="leave it out", details={"patch": name}
+        )
+    outside = np.flatnonzero((nodes < 0) | (nodes >= n))
+    if len(outside):
+        raise InvalidInput(
+            f"patch {name!r}: node id {nodes[outside[0]]} is out of range, expected 0 to {n - 1}",
+            code="INVALID_ARGUMENT.MESH",
+            details={"patch": name, "node": int(nodes[outside[0]]), "nodes": n},
+        )
+    found, first, counts = np.unique(nodes, return_index=True, return_counts=True)
+    if (counts > 1).any():
+        repeated = int(found[counts > 1][np.argmin(first[counts > 1])])
+        raise InvalidInput(
+            f"patch {name!r} names node {repeated} twice",
+            code="INVALID_ARGUMENT.MESH",
+            details={"patch": name, "node": repeated},
+        )
+
+
+def patch_warnings(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
+    """What is odd about usable patches.
+
+    Parameters
+    ----------
+    boundary : (b,) array
+        Nodes on the boundary of the mesh.
+    patches : mapping of name to Patch
+        Checked by :func:`check_patches`.
+    """
+    return [*_inside(boundary, patches), *_uncovered(boundary, patches), *_shared(patches)]
+
+
+def _inside(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
+    """Patch nodes that are not on the boundary."""
+    found = []
+    for name, patch in patches.items():
+        inside = np.setdiff1d(patch.nodes, boundary)
+        if len(inside):
+            found.append(
+                f"patch {name!r}: {_nodes(len(inside))} not on the boundary of the mesh, the first is node {inside[0]}"
+            )
+    return found
+
+
+def _uncovered(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
+    """Boundary nodes in no patch."""
+    covered = np.concatenate([patch.nodes for patch in patches.values()])
+    floating = np.setdiff1d(boundary, covered)
+    if not len(floating):
+        return []
+    return [
+        f"{len(floating)} boundary node{'s are' if len(floating) > 1 else ' is'} in no patch, the first is node "
+        f"{floating[0]}; nothing holds them: they follow the interpolation like interior nodes"
+    ]
+
+
+def _shared(patches: Mapping[str, Patch]) -> list[str]:
+    """Nodes of a moving patch that a fixed patch has too."""
+    moving = [(name, patch) for name, patch in patches.items() if patch.role == "moving"]
+    fixed = [(name, patch) for name, patch in patches.items() if patch.role == "fixed"]
+    found = []
+    for name, patch in moving:
+        for other, held in fixed:
+            common = np.intersect1d(patch.nodes, held.nodes)
+            if len(common):
+                found.append(
+                    f"patches {name!r} (moving) and {other!r} (fixed) share {len(common)} "
+                    f"node{'s' if len(common) > 1 else ''}, the first is node {common[0]}; moving wins"
+                )
+    return found
+
+
+def _nodes(count: int) -> str:
+    return f"{count} nodes are" if count > 1 else "1 node is"

@@ -1,0 +1,213 @@
+"""Slip and symmetry patches: nodes that may move along their surface, and must not leave it.
+
+Where a sliding node may go follows from the smooth pieces of the sliding patches that it started on:
+
+- planar pieces: its own plane through its reference place; on two, their line of intersection; on three, its place;
+- one curved piece: the piece's facets in the reference mesh, which represent the surface exactly as the mesh does;
+- a curved and another piece, or two pieces in one plane: the curve where they meet; more of them: its place.
+
+So a corner stays a corner, an edge an edge, and a box whose six sides are one patch keeps its shape. Everything refers
+to the reference mesh: nothing drifts however often positions are projected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
+from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
+from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
+
+__all__ = ["SlidingSurfaces"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingSurfaces:
+    """The constraints of all sliding nodes.
+
+    Attributes
+    ----------
+    nodes : (s,) int64 array
+        The sliding nodes, in the order of the rows that :meth:`project` takes.
+    reference : (s, d) array, mesh length unit
+        Their reference places.
+    groups : tuple of (rows, constraint)
+        Each row of ``nodes`` in exactly one group.
+    pieces : tuple of Piece
+        The smooth pieces of the patches.
+    """
+
+    nodes: Integers
+    reference: Array
+    groups: tuple[tuple[Integers, SurfaceConstraint], ...]
+    pieces: tuple[Piece, ...] = ()
+
+    @classmethod
+    def build(
+        cls,
+        points: Array,
+        cells: CellTable,
+        patches: Mapping[str, Integers],
+        nodes: Integers,
+        *,
+        images: Sequence[Transform] = (),
+        mirrors: Collection[str] = (),
+    ) -> SlidingSurfaces:
+        """Find the surfaces of the sliding nodes.
+
+        Parameters
+        ----------
+        points : (n, d) array, mesh length unit
+            Reference coordinates.
+        cells : CellTable
+        patches : dict of (p,) int64 arrays
+            Node indices of each slip or symmetry patch, with those that another role takes precedence on.
+        nodes : (s,) int64 array
+            The nodes that slide.
+        images : sequence of Transform
+            Of a periodic domain: a curved surface goes on behind its periodic sides.
+        mirrors : collection of str
+            Symmetry patches: each of their smooth pieces has to be planar.
+
+        Raises
+        ------
+        InvalidInput
+            If a sliding node lies on no boundary facet of its patches, or a symmetry patch is curved.
+        """
+        facets = boundary_facets(cells)
+        for name in sorted(mirrors):
+            _refuse_curved(points, name, smooth_pieces(points, facets, patches[name]))
+        pieces = _pieces(points, facets, patches)
+        keys = _pieces_of(pieces, len(points), nodes)
+        _refuse_stray(keys, patches, nodes)
+        rows: dict[tuple[int, ...], list[int]] = {}
+        for row, key in enumerate(keys):
+            rows.setdefault(key, []).append(row)
+        groups = tuple(
+            (np.array(members, dtype=np.int64), _constraint(points, [pieces[i] for i in key], images))
+            for key, members in rows.items()
+        )
+        return cls(nodes, points[nodes], groups, tuple(pieces))
+
+    def project(self, positions: Array) -> Array:
+        """Put positions back onto the surfaces.
+
+        Parameters
+        ----------
+        positions : (s, d) array, mesh length unit
+            Where the sliding nodes would go; a row for each of ``nodes``.
+
+        Returns
+        -------
+        (s, d) array
+            The nearest admissible positions.
+        """
+        if positions.shape != self.reference.shape:
+            raise InvalidInput(
+                f"expected positions of shape {self.reference.shape}, a row a sliding node, got {positions.shape}",
+                code="INVALID_ARGUMENT.SHAPE",
+            )
+        out = np.empty_like(self.reference)
+        for rows, constraint in self.groups:
+            out[rows] = constraint.project(positions[rows], self.reference[rows])
+        return out
+
+    def tangents(self, positions: Array) -> Array:
+        """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may go."""
+        out = np.empty((*positions.shape, positions.shape[1]))
+        for rows, constraint in self.groups:
+            out[rows] = constraint.tangents(positions[rows])
+        return out
+
+    def freedom(self) -> Integers:
+        """(s,) dimension of the space of those directions; 0 for a node that stays."""
+        out = np.zeros(len(self.nodes), dtype=np.int64)
+        for rows, constraint in self.groups:
+            out[rows] = constraint.freedom
+        return out
+
+    def of(self, chosen: NDArray[np.bool_]) -> SlidingSurfaces:
+        """The constraints of some of the nodes: where ``chosen`` (s,) is true."""
+        number = np.cumsum(chosen) - 1
+        groups = tuple((number[rows[chosen[rows]]], c) for rows, c in self.groups if chosen[rows].any())
+        return SlidingSurfaces(self.nodes[chosen], self.reference[chosen], groups, self.pieces)
+
+
+def _pieces(points: Array, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
+    """The smooth pieces of the patches; what is on two patches counts once."""
+    found: dict[bytes, Piece] = {}
+    for name in sorted(patches):
+        for piece in smooth_pieces(points, facets, patches[name]):
+            found.setdefault(piece.nodes.tobytes(), piece)
+    return list(found.values())
+
+
+def _pieces_of(pieces: list[Piece], n_points: int, nodes: Integers) -> list[tuple[int, ...]]:
+    """Numbers of the pieces that hold each node."""
+    place = np.full(n_points, -1, dtype=np.int64)
+    place[nodes] = np.arange(len(nodes))
+    keys: list[tuple[int, ...]] = [()] * len(nodes)
+    for number, piece in enumerate(pieces):
+        for row in place[piece.nodes]:
+            if row >= 0:
+                keys[row] = (*keys[row], number)
+    return keys
+
+
+def _refuse_stray(keys: list[tuple[int, ...]], patches: Mapping[str, Integers], nodes: Integers) -> None:
+    """Raise if a sliding node has no surface."""
+    stray = next((int(node) for node, key in zip(nodes, keys, strict=True) if not key), None)
+    if stray is not None:
+        owner = next((name for name, members in sorted(patches.items()) if stray in members), "")
+        raise InvalidInput(
+            f"node {stray} of the sliding patch {owner!r} lies on no boundary facet of that patch",
+            code="INVALID_ARGUMENT.MESH",
+            hint="list all nodes of the patch's facets, those on its rim included",
+            details={"patch": owner, "node": stray},
+        )
+
+
+def _refuse_curved(points: Array, name: str, pieces: list[Piece]) -> None:
+    """Raise if a piece of a symmetry patch has no plane; names its node farthest from the best one."""
+    curved = next((piece for piece in pieces if piece.normal is None), None)
+    if curved is None:
+        return
+    places = points[curved.nodes] - points[curved.nodes].mean(axis=0)
+    away = np.abs(places @ np.linalg.svd(places, full_matrices=False)[2][-1])
+    node = int(curved.nodes[np.argmax(away)])
+    raise InvalidInput(
+        f"the symmetry patch {name!r} is not planar: node {node} is {away.max():.3g} off its plane",
+        code="INVALID_ARGUMENT.MESH",
+        hint="give a curved surface the role slip",
+        details={"patch": name, "node": node, "distance": float(away.max())},
+    )
+
+
+def _constraint(points: Array, pieces: list[Piece], images: Sequence[Transform]) -> SurfaceConstraint:
+    """Where a node on these pieces may go."""
+    planes = OnPlanes.from_normals([piece.normal for piece in pieces if piece.normal is not None])
+    if len(planes.normals) == len(pieces):
+        return planes
+    if len(pieces) == 1:
+        return OnFacets.from_simplices(points, pieces[0].simplices, images=images)
+    curve = _common_sides(pieces) if len(pieces) == 2 else np.empty((0, 2), dtype=np.int64)
+    along = len(curve) and curve.shape[1] == 2
+    return OnFacets.from_simplices(points, curve, images=images) if along else Held()
+
+
+def _common_sides(pieces: list[Piece]) -> Integers:
+    """Sides (e, 1 or 2) that two pieces share: the curve where they meet."""
+    first, second = (np.unique(sides(piece.facets)[0], axis=0) for piece in pieces)
+    both = np.concatenate([first, second])
+    found, counts = np.unique(both, axis=0, return_counts=True)
+    return np.asarray(found[counts == 2], dtype=np.int64)

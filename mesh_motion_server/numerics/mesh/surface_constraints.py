@@ -1,0 +1,158 @@
+"""Where a sliding node may go: planes through its reference place, facets of the reference mesh, or nowhere.
+
+Each constraint answers two questions. *Where is the nearest admissible position* (projection), exactly on the planes or
+facets. *Which directions are tangential there*, for steps that are projected afterwards: on facets the normal (on a
+curve the tangent) is interpolated between the corners, so that it turns smoothly where the facets have kinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.mesh.closest_point import FacetSet
+from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
+
+__all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Planes whose normals differ by less (as a sine) are one plane: they have no line of intersection to stay on.
+_PARALLEL = 1e-6
+
+
+class SurfaceConstraint(Protocol):
+    """Where some nodes may go."""
+
+    @property
+    def freedom(self) -> int:
+        """Dimension of the space of directions a node may go: 0 if it stays."""
+        ...
+
+    def project(self, positions: Array, reference: Array) -> Array:
+        """The admissible positions (m, d) nearest to the given ones, of nodes that started at ``reference`` (m, d)."""
+        ...
+
+    def tangents(self, positions: Array) -> Array:
+        """(m, d, d) orthogonal projectors onto the directions that nodes at admissible positions (m, d) may go."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class OnPlanes:
+    """Orthonormal normals (r, d) of the planes through each node's reference place."""
+
+    normals: Array
+
+    @classmethod
+    def from_normals(cls, normals: Sequence[Array]) -> OnPlanes:
+        """From unit normals (d,), in their order; nearly parallel ones count once."""
+        basis: list[Array] = []
+        for normal in normals:
+            rest = normal.copy()
+            for known in basis:
+                rest -= (rest @ known) * known
+            length = float(np.linalg.norm(rest))
+            if length > _PARALLEL:
+                basis.append(rest / length)
+        return cls(np.array(basis))
+
+    @property
+    def freedom(self) -> int:
+        return int(self.normals.shape[1] - len(self.normals))
+
+    def project(self, positions: Array, reference: Array) -> Array:
+        out = positions.copy()
+        for normal in self.normals:
+            axis = int(np.argmax(np.abs(normal)))
+            if np.count_nonzero(normal) == 1:  # along a coordinate: that coordinate stays bitwise
+                out[:, axis] = reference[:, axis]
+            else:
+                out -= np.sum((out - reference) * normal, axis=1)[:, None] * normal
+        return out
+
+    def tangents(self, positions: Array) -> Array:
+        d = self.normals.shape[1]
+        projector = np.eye(d) - self.normals.T @ self.normals
+        return np.broadcast_to(projector, (len(positions), d, d))
+
+
+@dataclass(frozen=True, eq=False)
+class OnFacets:
+    """Segments (a curve) or triangles (a surface) of the reference mesh.
+
+    Attributes
+    ----------
+    facets : FacetSet
+    corners : (f, 2 or 3, d) array, mesh length unit
+    tensors : (f, 2 or 3, d, d) array
+        At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighed by
+        their size: its first eigenvector is the tangent of the curve, or the normal of the surface.
+    """
+
+    facets: FacetSet
+    corners: Array
+    tensors: Array
+
+    @classmethod
+    def from_simplices(cls, points: Array, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
+        """From points (n, d) and the nodes (f, 2 or 3) of segments or triangles, and their nearest periodic images."""
+        for image in images:
+            count, forth = len(points), image(points)
+            points = np.concatenate([points, forth, image.inverse()(points)])
+            simplices = np.concatenate([simplices, simplices + count, simplices + 2 * count])
+        corners = points[simplices]
+        edges = corners[:, 1:] - corners[:, :1]
+        direction = edges[:, 0] if simplices.shape[1] == 2 else np.cross(edges[:, 0], edges[:, 1])
+        size = np.linalg.norm(direction, axis=1)[:, None, None]
+        own = direction[:, :, None] * direction[:, None, :] / size
+        used, numbers = np.unique(simplices, return_inverse=True)
+        numbers = numbers.reshape(simplices.shape)
+        tensors = np.zeros((len(used), *own.shape[1:]))
+        for column in numbers.T:
+            np.add.at(tensors, column, own)
+        return cls(FacetSet(corners), corners, tensors[numbers])
+
+    @property
+    def freedom(self) -> int:
+        return int(self.corners.shape[1] - 1)
+
+    def project(self, positions: Array, reference: Array) -> Array:
+        del reference
+        return self.facets.closest(positions)
+
+    def tangents(self, positions: Array) -> Array:
+        places, rows = self.facets.nearest(positions)
+        weights = _barycentric(places, self.corners[rows])
+        tensor = np.einsum("mk,mkij->mij", weights, self.tensors[rows])
+        first = np.linalg.eigh(tensor)[1][:, :, -1]
+        outer = first[:, :, None] * first[:, None, :]
+        return outer if self.freedom == 1 else np.asarray(np.eye(outer.shape[1]) - outer)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Nowhere but at the reference place."""
+
+    freedom: int = 0
+
+    def project(self, positions: Array, reference: Array) -> Array:
+        del positions
+        return reference.copy()
+
+    def tangents(self, positions: Array) -> Array:
+        return np.zeros((*positions.shape, positions.shape[1]))
+
+
+def _barycentric(places: Array, corners: Array) -> Array:
+    """(m, 2 or 3) weights of the corners (m, 2 or 3, d) that give places (m, d) on their facets."""
+    edges, away = corners[:, 1:] - corners[:, :1], places - corners[:, 0]
+    gram = np.einsum("mid,mjd->mij", edges, edges)
+    right = np.einsum("mid,md->mi", edges, away)
+    rest = np.einsum("mij,mj->mi", np.linalg.pinv(gram, hermitian=True), right)
+    return np.asarray(np.clip(np.column_stack([1.0 - rest.sum(axis=1), rest]), 0.0, 1.0))

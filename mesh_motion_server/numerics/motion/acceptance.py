@@ -1,0 +1,117 @@
+"""What a method accepts: how far it corrects, what it refuses or warns of, and which part of a refusal would do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.correction.correction_problem import CorrectionSettings
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.quality.quality_summary import Judgement
+
+__all__ = [
+    "correction_settings",
+    "largest_accepted",
+    "quality_warnings",
+    "reduction_warnings",
+    "refuse_unacceptable",
+]
+
+#: Halvings of the search for the largest fraction that is valid without a correction: known to 1/2⁵ ≈ 3 %.
+_HALVINGS = 5
+#: Of what is left of the displacement beyond it, which parts are tried.
+_SHARES = (0.7, 0.3)
+_LEAST = 0.004
+
+
+def correction_settings(method: Method, enrichment_radius: float) -> CorrectionSettings:
+    """What a method asks of its correction; ``enrichment_radius`` in mesh length units."""
+    return CorrectionSettings(
+        correction=method.correction,
+        quality_metric=method.quality_metric,
+        quality_threshold=method.quality_threshold,
+        target=method.correction_target,
+        enrichment_radius=enrichment_radius,
+        max_enrichment_points=method.max_enrichment_points,
+        enrichment_function=method.enrichment_function,
+        enrichment_placement=method.enrichment_placement,
+        explicit_decomposition=method.explicit_decomposition,
+        in_time=method.correction_in_time,
+    )
+
+
+def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:
+    """Refuse an inverted mesh, or one that has not ``reached`` the threshold where that is not wanted.
+
+    Raises
+    ------
+    NumericalError
+        With the best minimum quality and the worst cells.
+    """
+    worst = [cell.number for cell in quality.worst]
+    name, best = method.quality_metric, quality.metric.min
+    if quality.inverted and not method.allow_invalid:
+        raise NumericalError(
+            f"no valid mesh found: {quality.inverted} inverted cells, best minimum {name} {best:.4g}, "
+            f"correction {method.correction!r}",
+            best=best,
+            cells=worst,
+        )
+    if not reached and method.refuse_below_threshold:
+        raise NumericalError(
+            f"minimum {name} {best:.4g} stays below the threshold {method.quality_threshold:.4g}",
+            best=best,
+            cells=worst,
+        )
+
+
+def quality_warnings(method: Method, quality: Judgement, reached: bool) -> list[str]:
+    """What is kept although it is not as it should be."""
+    name, threshold = method.quality_metric, method.quality_threshold
+    found = []
+    if quality.inverted:
+        found.append(f"{quality.inverted} inverted cells kept, as allow_invalid asks")
+    if not reached:
+        found.append(f"minimum {name} {quality.metric.min:.4g} stays below the threshold {threshold:.4g}")
+    return found
+
+
+def reduction_warnings(method: Method, error: float, control_points: int) -> list[str]:
+    """Of an ``error`` (a share of the largest displacement) that a reduction left above its tolerance."""
+    if error <= method.reduction_tolerance:
+        return []
+    return [
+        f"reduction {method.reduction!r} left an error of {error:.2g} of the largest displacement with "
+        f"{control_points} control points; it was corrected near the surface"
+    ]
+
+
+def largest_accepted(accepts: Callable[[float], bool], valid: Callable[[float], bool]) -> float:
+    """A fraction of a refused displacement that is accepted, the largest of few that are tried; 0 if none is.
+
+    Corrections are dear, so only as many are tried as an accepted motion takes twice: between the largest fraction at
+    which the motion is ``valid`` without one and the whole, and then from the former down.
+
+    Returns
+    -------
+    float
+        A multiple of a thousandth, which is itself what was tried: it can be told with three digits and asked for.
+    """
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if valid(middle):
+            low = middle
+        else:
+            high = middle
+    tried = (low + share * (1.0 - low) for share in (*_SHARES, 0.0))
+    for fraction in (math.floor(1000.0 * fraction) / 1000.0 for fraction in tried):
+        if fraction > 0.0 and accepts(fraction):
+            return fraction
+    while low > _LEAST:
+        low *= 0.5
+        fraction = math.floor(1000.0 * low) / 1000.0
+        if accepts(fraction):
+            return fraction
+    return 0.0

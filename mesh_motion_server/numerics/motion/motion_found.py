@@ -1,0 +1,55 @@
+"""What one motion of a mesh found: positions, qualities, what the correction did, and what it cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.correction.correction import Correction
+from mesh_motion_server.numerics.quality.quality_summary import Judgement
+
+__all__ = ["Motion"]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """An accepted motion; still a trial.
+
+    Attributes
+    ----------
+    points : (n, d) array
+        New positions, mesh length unit; the moving nodes are bitwise where they were told to be.
+    standard, corrected : QualitySummary, or LowestQuality of a model that was told so
+        Predicted before any node moved: by the standard motion, and after the correction.
+    correction : Correction
+        What the correction did.
+    reached : bool
+        Whether ``corrected`` is at or above the threshold.
+    seconds : dict
+        Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
+    caches : dict
+        ``"reused"`` or ``"made"`` for each kind of what depends on the state alone (``factorization``, ``operators``),
+        ``bytes``: what the cache holds of each; and what a model adds to it.
+    control_points : (nc,) int64 array
+        Nodes that the standard motion was interpolated from.
+    support_radius : float
+        R of the standard motion, mesh length unit.
+    warnings : list of str
+    sub_steps : int
+        Legs in which the mesh was led there; 1 for a direct motion.
+    """
+
+    points: NDArray[np.float64]
+    standard: Judgement
+    corrected: Judgement
+    correction: Correction
+    reached: bool
+    seconds: dict[str, float]
+    caches: dict[str, Any]
+    control_points: NDArray[np.int64]
+    support_radius: float
+    warnings: list[str]
+    sub_steps: int = 1

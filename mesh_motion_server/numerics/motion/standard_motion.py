@@ -1,0 +1,351 @@
+"""Standard RBF motion: the displacement of every node from that of the boundary (thesis (2.6)), nothing corrected.
+
+Where it starts and how it gets there is the *displacement* of the method:
+
+relative
+    from the committed mesh, with the displacement since then. Drifts on periodic motion.
+absolute
+    from the reference mesh, with the total displacement. Depends on the boundary alone: no drift.
+reanchored
+    from the reference mesh, through sub-steps along a path that rotates with the body; each sub-step interpolates from
+    the mesh of the one before. Depends on the boundary alone too, and takes larger rotations than ``absolute``.
+
+Nodes of a boundary layer (:mod:`.boundary_layer`) are carried by their wall, and those outside follow the layer.
+
+With a point reduction the interpolation starts from few of the boundary nodes and is corrected near the surface
+(:mod:`.reduced_motion`); everything else stays the same.
+
+When every prescribed node moves (no node is fixed or slides), the best rigid motion is taken out first and applied to
+all nodes exactly: a mesh that is only carried along is not deformed at all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.interpolation.centres import bounding_box
+from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
+from mesh_motion_server.numerics.interpolation.factor_source import (
+    DeferredFactorization,
+    FactorSource,
+    factorization_of,
+    prepared_for,
+    two_scale_factorization_of,
+)
+from mesh_motion_server.numerics.interpolation.interpolant import Factorization
+from mesh_motion_server.numerics.interpolation.kernels import basis_named
+from mesh_motion_server.numerics.interpolation.periodic_interpolant import periodic_factorization_of
+from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion, substeps
+from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
+from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_server.numerics.motion.motion_field import MotionField, Stage
+from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
+from mesh_motion_server.numerics.reduction.reduced_motion import interpolate_reduced
+from mesh_motion_server.numerics.reduction.volume_reduction import (
+    Field,
+    VolumeField,
+    VolumeProblem,
+    volume_reduction_named,
+)
+from mesh_motion_server.numerics.stopwatch import Stopwatch
+
+__all__ = ["StandardMotion", "StandardTrial"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: A re-anchored motion takes a sub-step for each such share of the domain's extent that a boundary node moves …
+_SUBSTEP_FRACTION = 0.025
+#: … and at most this many.
+_MAX_SUBSTEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class StandardTrial:
+    """Where the standard motion would put every node.
+
+    Attributes
+    ----------
+    start : (n, d) array
+        Positions the interpolation started from, mesh length unit.
+    points : (n, d) array
+        Trial positions.
+    field : MotionField
+        The displacement from ``start``, anywhere.
+    factorization : Factorization
+        Of all nodes with a role at ``start`` (of a boundary layer's outermost nodes instead of the wall behind them),
+        with a reduction made only when it is first used; of periodic nodes only if an enrichment follows.
+    reused : bool
+        Whether every factorization came from the cache.
+    control_points : (nc,) int64 array
+        Nodes that the last interpolation started from: all with a role, or those that a reduction chose.
+    reduction_error : float
+        Largest error that a reduction left at a boundary node before it was corrected, as a share of the largest
+        displacement of that interpolation; 0 without a reduction.
+    """
+
+    start: Floats
+    points: Floats
+    field: MotionField
+    factorization: Factorization
+    reused: bool
+    control_points: Indices
+    reduction_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class StandardMotion:
+    """The standard motion of one mesh.
+
+    Attributes
+    ----------
+    reference : (n, d) array
+        Reference coordinates, mesh length unit.
+    roles : BoundaryRoles
+    method : Method
+        With the support radius filled in.
+    sliding : SlidingSurfaces or None
+        Surfaces on which ``roles.sliding`` stay; None without such nodes.
+    periodic : PeriodicNodes or None
+        Nodes that move alike; None without periodic patches.
+    spacing : float, mesh length unit
+        Of the moving nodes in the reference mesh; 0 where no reduction asks for it.
+    plans : TwoScalePlans
+        For the solver "two-scale".
+    evaluator : Evaluator
+    layer : BoundaryLayer or None
+        Nodes that the moving walls carry with them.
+    """
+
+    reference: Floats
+    roles: BoundaryRoles
+    method: Method
+    sliding: SlidingSurfaces | None
+    periodic: PeriodicNodes | None
+    spacing: float
+    plans: TwoScalePlans
+    evaluator: Evaluator
+    layer: BoundaryLayer | None = None
+
+    @classmethod
+    def build(
+        cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method, evaluator: Evaluator
+    ) -> StandardMotion:
+        """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
+        roles = BoundaryRoles.from_patches(patches)
+        periodic = PeriodicNodes.build(points, cells, patches, roles)
+        sliding = None
+        if len(roles.sliding):
+            surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
+            images = () if periodic is None else periodic.generators
+            mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
+            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
+        spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
+        layer = None
+        if method.boundary_layer_thickness is not None:
+            thickness = method.boundary_layer_thickness
+            layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
+        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()), evaluator)
+        return plain.with_layer(layer)
+
+    def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
+        """The same with another boundary layer, or none: with other control points."""
+        other = replace(self, layer=layer)
+        offered = self.periodic is None
+        plans = TwoScalePlans.build(self.reference, self.roles, self.method, offered=offered, controls=other._controls)
+        return replace(other, plans=plans)
+
+    def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
+        """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
+
+        Parameters
+        ----------
+        committed : (n, d) array
+            Committed positions, mesh length unit.
+        targets : (k, d) array
+        factors : FactorSource
+        watch : Stopwatch
+            Gains the seconds of ``solve`` and ``displace``.
+        """
+        if self.periodic is not None:
+            self.periodic.check_targets(self.roles.moving, targets)
+        start = committed if self.method.displacement == "relative" else self.reference
+        points = start
+        solved: list[_Solved] = []
+        for waypoint in self._waypoints(start, targets):
+            points, stage = self._interpolate(points, waypoint, factors, watch)
+            solved.append(stage)
+        return StandardTrial(
+            start,
+            points,
+            MotionField(tuple(s.stage for s in solved), self.evaluator),
+            self._boundary_factorization(start, solved[0].factorization, factors),
+            all(s.reused for s in solved),
+            solved[-1].control_points,
+            max(s.reduction_error for s in solved),
+        )
+
+    def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
+        """Positions of the moving nodes after each sub-step; the last are the targets."""
+        if self.method.displacement != "reanchored":
+            return [targets]
+        origin = start[self.roles.moving]
+        furthest = float(np.sqrt(np.max(np.sum((targets - origin) ** 2, axis=1))))
+        stride = _SUBSTEP_FRACTION * float(np.ptp(bounding_box(self.reference), axis=0).max())
+        count = min(max(math.ceil(furthest / stride), 1), _MAX_SUBSTEPS)
+        path = substeps(origin, targets - origin, count)
+        return [*(origin + displacement for displacement in path[:-1]), targets]
+
+    def _interpolate(
+        self, points: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> tuple[Floats, _Solved]:
+        """One interpolation from the mesh ``points`` (n, d): the new positions, and what gave them."""
+        roles = self.roles
+        # of a plain motion only the nodes with a role are looked at: pages never touched cost nothing
+        told = points.copy() if self.layer is not None or self.periodic is not None else np.zeros(points.shape)
+        told[roles.moving] = targets
+        told[roles.fixed] = self.reference[roles.fixed]
+        if self.layer is not None:
+            with watch.phase("displace"):
+                told[self.layer.nodes] = self.layer.carried(told)
+        reused = True
+        if self.sliding is not None:
+            following = self._solve(points, self._controls(roles.prescribed), told, factors, watch)
+            with watch.phase("displace"):
+                free = following.stage.positions(points[roles.sliding], self.evaluator)
+                free = self.sliding.project(free)
+                own = np.ones(len(free), dtype=bool) if self.layer is None else ~self.layer.known[roles.sliding]
+                told[roles.sliding[own]] = free[own]
+                told = self._tied(told)
+            reused = following.reused
+        solved = self._solve(points, self._controls(roles.all), told, factors, watch)
+        with watch.phase("displace"):
+            moved = self._displaced(points, told, solved.stage, factors)
+        return moved, replace(solved, reused=solved.reused and reused)
+
+    def _controls(self, nodes: Indices) -> Indices:
+        """The control nodes for nodes (c,) with a role: a layer's outermost ones for those behind them."""
+        return nodes if self.layer is None else self.layer.shield.instead(nodes)
+
+    def _displaced(self, points: Floats, told: Floats, stage: Stage, factors: FactorSource) -> Floats:
+        """The mesh ``points`` (n, d) displaced by a stage, nodes with a role and a layer where they are ``told``."""
+        if self.layer is None:
+            known = self.roles.all
+            prepared = prepared_for(self.evaluator, stage.interpolant, points, factors, unasked=known)
+            moved = stage.positions(points, self.evaluator, prepared)
+            moved[known] = told[known]
+            return self._tied(moved)
+        free = ~self.layer.known
+        free[self.roles.all] = False
+        moved = told.copy()
+        moved[free] = stage.positions(points[free], self.evaluator)
+        return self._tied(moved)
+
+    def _solve(
+        self, points: Floats, controls: Indices, told: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> _Solved:
+        """The stage that takes the control nodes from ``points`` (n, d) to ``told`` (n, d)."""
+        with watch.phase("solve"):
+            if self.periodic is not None:  # one of each orbit: it stands for its images
+                controls = np.unique(self.periodic.root_of(controls))
+            origin, goal = points[controls], told[controls]
+            rigid = None
+            if self.sliding is None and not len(self.roles.fixed):
+                rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
+            carried = origin if rigid is None else rigid.apply(origin)
+            solved = self._levels(points, goal - carried, controls, factors)
+            largest = float(np.sqrt(np.max(np.sum((goal - carried) ** 2, axis=1), initial=0.0)))
+            stage = replace(solved.stage.with_largest(largest), rigid=rigid)
+            volume = self._reduced_volume(points, controls, goal - carried, stage, factors)
+            return replace(solved, stage=replace(stage, volume=volume))
+
+    def _levels(self, points: Floats, displacement: Floats, controls: Indices, factors: FactorSource) -> _Solved:
+        """The interpolation of the ``displacement`` (c, d) of control nodes (c,) of the mesh ``points`` (n, d)."""
+        origin = points[controls]
+        if self.periodic is not None:
+            box = bounding_box(points)
+            generators = self.periodic.generators
+            factorization, reused = periodic_factorization_of(origin, generators, box, self.method, factors)
+            return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
+        if self.method.reduction == "none":
+            factorization, reused = self._all_factorized(points, controls, factors)
+            return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
+        reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
+        return _Solved(
+            Stage(None, reduced.levels[0], reduced.levels[1:]),
+            DeferredFactorization(origin, self.method, factors),
+            reduced.reused,
+            controls[reduced.selected],
+            reduced.error,
+        )
+
+    def _all_factorized(self, points: Floats, controls: Indices, factors: FactorSource) -> tuple[Factorization, bool]:
+        """The factorization of all control nodes (c,) of the mesh ``points`` (n, d).
+
+        Where the boundary has changed so much that the reference mesh's plan does no longer, with a new one.
+        """
+        plan = self.plans.plan_for(controls)
+        try:
+            if plan is None:
+                return factorization_of(points[controls], self.method, factors)
+            return two_scale_factorization_of(points[controls], bounding_box(points), plan, factors)
+        except NumericalError:
+            if self.method.solver != "auto" or not basis_named(self.method.basis).compact:
+                raise
+        anew = plan_for(points, controls, self.roles, self.method)
+        return two_scale_factorization_of(points[controls], bounding_box(points), anew, factors)
+
+    def _reduced_volume(
+        self, points: Floats, controls: Indices, displacement: Floats, stage: Stage, factors: FactorSource
+    ) -> VolumeField | None:
+        """The field that the method's volume reduction makes of a stage's interpolation."""
+        if self.method.volume_reduction == "none":
+            return None
+
+        def interpolate(control_points: Floats, values: Floats) -> Field:
+            other = factorization_of(control_points, self.method, factors)[0].solve(values)
+            return lambda places: self.evaluator.displacement(other, places)
+
+        problem = VolumeProblem(
+            boundary=points[controls],
+            displacement=displacement,
+            moving=np.isin(controls, self.roles.moving if self.layer is None else self.layer.carrying),
+            nodes=points,
+            standard=lambda places: stage.interpolated(places, self.evaluator),
+            interpolate=interpolate,
+            length=self.method.volume_reduction_length,
+        )
+        return volume_reduction_named(self.method.volume_reduction)(problem)
+
+    def _tied(self, positions: Floats) -> Floats:
+        """Positions (n, d) with periodic images where their roots put them, except those that are told where to be."""
+        return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
+
+    def _boundary_factorization(self, start: Floats, own: Factorization, factors: FactorSource) -> Factorization:
+        """The motion's own factorization, or where an enrichment has to vanish on periodic sides too, one with them."""
+        if self.periodic is None or self.method.correction in ("none", "optimised"):
+            return own
+        nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
+        return factorization_of(start[nodes], self.method, factors)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A stage, the boundary's factorization, whether what was needed came from the cache, the nodes (nc,) in use."""
+
+    stage: Stage
+    factorization: Factorization
+    reused: bool
+    control_points: Indices
+    reduction_error: float = 0.0

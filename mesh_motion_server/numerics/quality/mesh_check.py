@@ -1,0 +1,226 @@
+"""Is this mesh usable? Every error names the first offender and the way out; what is only odd becomes a warning.
+
+A mesh is checked once, when a session is built; everything behind this trusts the result. The checks go from cheap and
+basic to dependent ones, so the first error is the one to mend first: shapes and numbers, node indices, the cells'
+geometry, the patches, the boundary.
+
+Boundary nodes in no patch are allowed: they follow the interpolation like interior nodes, and no correction moves
+them. That is rarely wanted at a wall, hence the warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple, NoReturn
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.interpolation.centres import bounding_box
+from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.coincidence import first_at_place
+from mesh_motion_server.numerics.mesh.patch_check import check_patches, patch_warnings
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.quality.metrics import cell_quality, quality_extremes, reference_sizes
+from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
+
+__all__ = ["CheckedMesh", "check_mesh", "checked_mesh", "suggest_support_radius"]
+
+# A skew that only rounding keeps from 0; cells of a boundary layer with aspect ratio 10⁶ are at 10⁻⁶ and pass.
+_FLAT_SKEW = 1e-10
+# Squares of sizes in 3D (sixth powers) of cells 10⁻⁶ as long stay normal numbers, and so do those of motions 10¹² as
+# long.
+_SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-30, 1e30
+
+
+class CheckedMesh(NamedTuple):
+    """What is found out about a usable mesh.
+
+    Attributes
+    ----------
+    cells : CellTable
+        In one orientation (:mod:`.orientation`); everything behind the check computes with these.
+    reference_sizes : (m,) array
+        Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`, all positive.
+    warnings : list of str
+    """
+
+    cells: CellTable
+    reference_sizes: NDArray[np.float64]
+    warnings: list[str]
+
+
+def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
+    """Refuse an unusable mesh, and list what looks odd about a usable one: parameters and errors as below."""
+    return checked_mesh(points, cells, patches).warnings
+
+
+def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
+    """Refuse an unusable mesh, and say of a usable one what looks odd.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+    patches : mapping of name to Patch
+
+    Returns
+    -------
+    CheckedMesh
+        Warnings: cells listed the other way round, boundary nodes at the same place, orphan nodes, patch nodes inside
+        the mesh, boundary nodes without a patch, patches that share nodes.
+
+    Raises
+    ------
+    InvalidInput
+        ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is no number; ``.MESH_DEGENERATE`` for node
+        indices out of range, repeated nodes in a cell, inverted or flat cells, and facets of more than two cells;
+        ``.MESH`` for an extent that leaves the floating-point range and for patches (unknown role, no or repeated
+        nodes, nothing moving).
+    """
+    _check_points(points, cells.dimension)
+    _check_extent(points)
+    _check_indices(len(points), cells)
+    listed, read = cells, oriented(points, cells)
+    cells, sizes = read.cells, read.sizes
+    _check_geometry(points, cells, sizes)
+    check_patches(len(points), patches)
+    boundary = _boundary_of(points, listed, read)
+    told = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
+    odd = [*read.warnings, *_coincident(points, told), *_orphans(len(points), cells)]
+    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches)])
+
+
+def _check_points(points: NDArray[np.float64], dimension: int) -> None:
+    """Shape (n, d), n > 0, every coordinate finite."""
+    if points.ndim != 2 or points.shape[1] != dimension or not len(points):
+        raise InvalidInput(
+            f"points: expected an array of shape (n, {dimension}) with n > 0 for {dimension}D cells, "
+            f"got {points.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"shape": list(points.shape), "dimension": dimension},
+        )
+    finite = np.isfinite(points)
+    if not finite.all():
+        node, axis = (int(i) for i in np.argwhere(~finite)[0])
+        count = int(len(points) - np.count_nonzero(finite.all(axis=1)))
+        raise InvalidInput(
+            f"node {node}: coordinate {'xyz'[axis]} is {points[node, axis]}, expected a finite number"
+            f" ({count} such node{'s' if count > 1 else ''})",
+            code="INVALID_ARGUMENT.NONFINITE",
+            details={"node": node, "axis": "xyz"[axis], "value": str(points[node, axis]), "count": count},
+        )
+
+
+def _check_extent(points: NDArray[np.float64]) -> None:
+    """Lengths whose powers (a size is a product of d of them) stay within the floating-point range."""
+    low, high = bounding_box(points)
+    extent = float((high / 2 - low / 2).max()) * 2  # halves: no overflow
+    if 0.0 < extent < _SMALLEST_EXTENT or extent > _LARGEST_EXTENT:
+        raise InvalidInput(
+            f"the mesh is {extent:.3g} long, expected {_SMALLEST_EXTENT:.0e} to {_LARGEST_EXTENT:.0e}",
+            code="INVALID_ARGUMENT.MESH",
+            hint="take another unit of length",
+            details={"value": extent},
+        )
+
+
+def _check_indices(n: int, cells: CellTable) -> None:
+    """Every node index in range, no node twice in a cell."""
+    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+        if block.nodes.min() < 0 or block.nodes.max() >= n:
+            row, place = (int(i) for i in np.argwhere((block.nodes < 0) | (block.nodes >= n))[0])
+            raise InvalidInput(
+                f"cell {first + row} ({block.type.name}): node index {block.nodes[row, place]} is out of range, "
+                f"expected 0 to {n - 1}",
+                code="INVALID_ARGUMENT.MESH_DEGENERATE",
+                hint="node indices start at 0" if block.nodes.max() == n else "",
+                details={"cell": first + row, "index": int(block.nodes[row, place]), "nodes": n},
+            )
+        row = kernels.first_row_with_repetition(np.ascontiguousarray(block.nodes))
+        if row >= 0:
+            raise InvalidInput(
+                f"cell {first + row} ({block.type.name}) names a node twice: {block.nodes[row].tolist()}",
+                code="INVALID_ARGUMENT.MESH_DEGENERATE",
+                hint="split collapsed cells into types of their own, for example wedge or pyramid",
+                details={"cell": first + row, "nodes": block.nodes[row].tolist()},
+            )
+
+
+def _check_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> None:
+    """Every corner determinant positive and no cell flat; sizes (m,)."""
+    extremes = quality_extremes(points, cells, sizes, "skew")  # in one pass that stores nothing
+    if extremes.inverted or not extremes.minimum > _FLAT_SKEW:
+        _refuse_geometry(points, cells, sizes)
+
+
+def _boundary_of(points: NDArray[np.float64], listed: CellTable, read: OrientedCells) -> NDArray[np.int64]:
+    """(b,) nodes of the boundary. Mirrored cells that then overlap their neighbours were inverted: a folded mesh."""
+    try:
+        return boundary_nodes(read.cells)
+    except InvalidInput as error:
+        named = error.details.get("cells")
+        if isinstance(named, list) and np.isin(named, read.mirrored).any():
+            _refuse_geometry(points, listed, reference_sizes(points, listed))
+        raise
+
+
+def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> NoReturn:
+    """Name the first bad cell."""
+    quality = cell_quality(points, cells, sizes)
+    bad = quality.inverted | ~(quality.skew > _FLAT_SKEW)
+    cell, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
+    block, row = cells.locate(cell)
+    corners = points[block.nodes[row][block.type.corner_array]]
+    with np.errstate(divide="ignore"):  # numpy takes the logarithm of edges that are nearly nothing
+        determinants = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    size = block.type.size_factor * float(determinants.sum())
+    raise InvalidInput(
+        f"cell {cell} ({block.type.name}, nodes {block.nodes[row].tolist()}) is "
+        f"{'inverted or degenerate' if quality.inverted[cell] else 'flat'}: its smallest corner determinant is "
+        f"{determinants.min():.4g}, expected a positive one; its size is {size:.4g}"
+        f" ({count} such cell{'s' if count > 1 else ''} of {len(cells)})",
+        code="INVALID_ARGUMENT.MESH_DEGENERATE",
+        hint=_inversion_hint(cells, bad),
+        details={"cell": cell, "determinant": float(determinants.min()), "size": size, "count": count},
+    )
+
+
+def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
+    """What a mesh with these bad cells most likely suffers from."""
+    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+        if bad[first : first + len(block)].all():
+            return f"all cells of type {block.type.name!r} are: their node order differs from VTK's and Gmsh's"
+    return "mesh the domain anew, or repair these cells"
+
+
+def _coincident(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> list[str]:
+    """A warning for boundary or patch nodes (b,) at the same place: two sides of an interface, a baffle or a wake."""
+    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
+    others = np.flatnonzero(first != nodes)
+    if not len(others):
+        return []
+    pair, left = f"{first[others[0]]} and {nodes[others[0]]}", len(others) - 1
+    more = f" and {left} more pair{'s' if left > 1 else ''}" if left else ""
+    return [
+        f"the boundary nodes {pair}{more} are at the same place; they are interpolated as one, and each moves as it is "
+        "told"
+    ]
+
+
+def _orphans(n: int, cells: CellTable) -> list[str]:
+    """A warning for nodes in no cell."""
+    used = np.zeros(n, dtype=bool)
+    for block in cells:
+        used[block.nodes] = True
+    orphans = np.flatnonzero(~used)
+    if not len(orphans):
+        return []
+    return [
+        f"{len(orphans)} node{'s belong' if len(orphans) > 1 else ' belongs'} to no cell, the first is node "
+        f"{orphans[0]}; they are moved like interior nodes and judged by no cell"
+    ]

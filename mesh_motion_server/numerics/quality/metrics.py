@@ -1,0 +1,369 @@
+"""Mesh quality: relative size, skew and size-skew of every cell (thesis §2.3).
+
+The size metric compares a cell with itself in the reference mesh, ``τ = Σ_k α_k / Σ_k α_k⁰`` with the corner
+determinants α_k (on a line the ratio of lengths (3.6)), ``size = sign(τ) · min(|τ|, 1/|τ|)``: thesis (2.13), which as
+printed sums the ratios and so gives n for an undeformed cell. Skew is absolute: 1 for the ideal cell, 0 for a
+degenerate one. It is made of the entries of λ = AᵀA (3.22), thesis (2.14), (3.30); the formulas of all cell types stand
+in ``kernels/src/quality/cell_types.h``. Size and skew are combined to
+
+======================  =================================  =========================================
+metric                  formula                            source
+======================  =================================  =========================================
+``size``                size                               thesis (2.13); its 2D tables use this one
+``skew``                skew                               thesis (2.14)
+``size-skew``           sign(size) · √|size| · skew        thesis, text below (2.15)
+``size-skew-root``      sign(size) · √(|size| · skew)      thesis (2.15)
+``size-skew-product``   size · skew                        thesis (3.21), (3.24), (3.28), (3.30)
+``relative-size-skew``  size-skew with the skew relative   target matrices: Knupp (2012)
+                        to that of the cell at rest
+======================  =================================  =========================================
+
+The last one compares both with the cell itself in the reference mesh, ``min(1, skew / skew at rest)``: 1 at rest and
+wherever the cell has only been carried along, whatever it looks like. A triangle of a boundary layer that is a thousand
+times as long as high has a skew of 1e-3 for ever; its relative skew falls when its height does.
+
+Skew is never negative. A cell whose corners are all inverted keeps the skew of its mirror image, so that size-skew
+tells a badly inverted cell from a slightly inverted one; a cell of which some corners are inverted has skew 0. A cell
+with a position that is not finite has -inf in every metric: worse than any number, and never equal to a good value.
+
+Node indices are not checked here: :func:`~mesh_motion_server.numerics.quality.mesh_check.check_mesh` does that once.
+
+References
+----------
+P. M. Knupp, Algebraic mesh quality metrics for unstructured initial meshes, Finite Elements in Analysis and Design
+39 (2003) 217–241. P. M. Knupp, Introducing the target-matrix paradigm for mesh optimization via node-movement,
+Engineering with Computers 28 (2012) 419–429.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable, CellType
+from mesh_motion_server.numerics.quality.quality_summary import QualitySummary, summarize
+
+__all__ = [
+    "METRIC_CODES",
+    "QUALITY_METRICS",
+    "AtRest",
+    "CellQuality",
+    "CellsAtRest",
+    "Extremes",
+    "QualitySummary",
+    "cell_quality",
+    "cells_at_rest",
+    "minimum_quality",
+    "quality_extremes",
+    "reference_sizes",
+    "rest_for",
+    "sizes_of",
+    "skews_of",
+    "subset_quality",
+    "summarize",
+]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+#: Name → formula of every quality metric.
+QUALITY_METRICS: dict[str, str] = {
+    "size": "sign(τ) min(|τ|, 1/|τ|)",
+    "skew": "skew",
+    "size-skew": "sign(size) √|size| skew",
+    "size-skew-root": "sign(size) √(|size| skew)",
+    "size-skew-product": "size skew",
+    "relative-size-skew": "sign(size) √|size| min(1, skew / skew at rest)",
+}
+
+#: Number of each quality metric in the compiled loops.
+METRIC_CODES = {name: code for code, name in enumerate(QUALITY_METRICS)}
+_RELATIVE = "relative-size-skew"
+_NO_SKEWS = np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class CellQuality:
+    """Quality of m cells.
+
+    Attributes
+    ----------
+    size : (m,) array
+        Signed relative size in [-1, 1]; -inf for a cell with positions that are not finite.
+    skew : (m,) array
+        In [0, 1]; -inf as above.
+    inverted : (m,) bool array
+        Any corner determinant ≤ 0 (or not a number).
+    rest : (m,) array, optional
+        Skew at rest, where it is known: what "relative-size-skew" needs.
+    """
+
+    size: Floats
+    skew: Floats
+    inverted: Bools
+    rest: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.size)
+
+    def subset(self, numbers: Ints | slice) -> CellQuality:
+        """Of the cells with the given numbers only, in that order."""
+        rest = None if self.rest is None else self.rest[numbers]
+        return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
+
+    @property
+    def relative_skew(self) -> Floats:
+        """Skew relative to that at rest (m,), at most 1; InvalidInput where the skews at rest are not known."""
+        return np.minimum(self.skew / _known(self.rest), 1.0)
+
+    def relative_extremes(self) -> tuple[float, float]:
+        """The smallest relative skew, 0 of an inverted cell, and the smallest size."""
+        relative = np.where(self.inverted, 0.0, self.relative_skew)
+        return float(relative.min()), float(self.size.min())
+
+    def metric(self, name: str) -> Floats:
+        """Values (m,) of one of :data:`QUALITY_METRICS`.
+
+        Raises
+        ------
+        InvalidInput
+            On an unknown name, or one that needs the cells' skews at rest where they are not known.
+        """
+        code, skew = metric_code(name), self.skew
+        if name in ("size", "skew"):
+            return self.size if name == "size" else self.skew
+        if name == _RELATIVE:
+            skew = self.relative_skew
+        values = np.empty(len(self))
+        kernels.metric_values(np.ascontiguousarray(self.size), np.ascontiguousarray(skew), code, values)
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class CellsAtRest:
+    """What the cells of the reference mesh are measured by.
+
+    Attributes
+    ----------
+    sizes : (m,) array
+        Of :func:`reference_sizes`.
+    skews : (m,) array
+    """
+
+    sizes: Floats
+    skews: Floats
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+    def __getitem__(self, rows: Any) -> CellsAtRest:
+        return CellsAtRest(self.sizes[rows], self.skews[rows])
+
+
+#: Reference sizes alone, or with the skews at rest.
+AtRest = Floats | CellsAtRest
+
+
+def _known(rest: Floats | None) -> Floats:
+    """The skews at rest (m,), or an error."""
+    if rest is None:
+        raise InvalidInput("the metric 'relative-size-skew' needs the cells' skews at rest: give CellsAtRest")
+    return rest
+
+
+def sizes_of(rest: AtRest) -> Floats:
+    """(m,) reference sizes."""
+    return rest.sizes if isinstance(rest, CellsAtRest) else rest
+
+
+def skews_of(rest: AtRest) -> Floats | None:
+    """(m,) skews at rest, or None."""
+    return rest.skews if isinstance(rest, CellsAtRest) else None
+
+
+def rest_for(metric: str, rest: AtRest) -> AtRest:
+    """Of the cells at rest what a metric needs: the sizes alone, but for "relative-size-skew"."""
+    metric_code(metric)
+    if metric != _RELATIVE:
+        return sizes_of(rest)
+    _known(skews_of(rest))
+    return rest
+
+
+class Extremes(NamedTuple):
+    """What one pass over a mesh says without storing anything.
+
+    Attributes
+    ----------
+    minimum : float
+        The smallest value of the metric.
+    cell : int
+        The cell it belongs to; of equal ones the first.
+    inverted : int
+        Number of inverted cells.
+    """
+
+    minimum: float
+    cell: int
+    inverted: int
+
+
+def metric_code(name: str) -> int:
+    """Number of a metric in the compiled loops; InvalidInput on an unknown name."""
+    if name not in QUALITY_METRICS:
+        raise InvalidInput(
+            f"unknown quality metric {name!r}; known are {', '.join(QUALITY_METRICS)}", details={"metric": str(name)}
+        )
+    return METRIC_CODES[name]
+
+
+def uses_angles(cell_type: CellType) -> bool:
+    """Whether the angles between its edges make a cell type's skew, and not the mean ratio."""
+    return cell_type.name in ("quad", "hexahedron", "wedge")
+
+
+def empty_quality(count: int) -> CellQuality:
+    """Uninitialised result arrays for the compiled loops."""
+    return CellQuality(np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_))
+
+
+def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
+    """Each block with the slice of cell numbers that belongs to it."""
+    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+        yield block, slice(first, first + len(block))
+
+
+def judged(cells: CellTable, rest: AtRest) -> tuple[list[Ints], Floats, Floats]:
+    """What loops over all cells take: the nodes of each block, the reference sizes, and the skews at rest, if known."""
+    skews = skews_of(rest)
+    nodes = [np.ascontiguousarray(block.nodes) for block in cells]
+    return nodes, np.ascontiguousarray(sizes_of(rest)), _NO_SKEWS if skews is None else np.ascontiguousarray(skews)
+
+
+def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
+    """Points as the compiled loops want them; InvalidInput if they are not (n, d) with the cells' dimension."""
+    positions = np.ascontiguousarray(points, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != dimension:
+        raise InvalidInput(
+            f"points: expected an array of shape (n, {dimension}) for {dimension}D cells, got {positions.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"shape": list(positions.shape), "dimension": dimension},
+        )
+    return positions
+
+
+def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
+    """Σ_k det A_k of every cell of the reference mesh: what τ is measured against.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+
+    Returns
+    -------
+    (m,) array, mesh length unit to the power d
+        Proportional to length, area or volume (:attr:`CellType.size_factor`).
+    """
+    positions = as_positions(points, cells.dimension)
+    out = np.empty(len(cells))
+    for block, rows in block_slices(cells):
+        kernels.cell_sizes(positions, np.ascontiguousarray(block.nodes), out[rows])
+    return out
+
+
+def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats | None = None) -> CellsAtRest:
+    """Sizes and skews of the cells of the reference mesh with nodes at ``points`` (n, d).
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+    sizes : (m,) array, optional
+        Of :func:`reference_sizes`, if they are known.
+    """
+    sizes = reference_sizes(points, cells) if sizes is None else sizes
+    return CellsAtRest(sizes, cell_quality(points, cells, sizes).skew)
+
+
+def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest) -> CellQuality:
+    """Size, skew and validity of every cell.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    cells : CellTable
+    reference_sizes : (m,) array or CellsAtRest
+        From :func:`reference_sizes` or :func:`cells_at_rest` of the mesh that cells are measured against; non-zero.
+    """
+    positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
+    out = empty_quality(len(cells))
+    for block, rows in block_slices(cells):
+        _block_quality(positions, block.nodes, sizes[rows], out, rows)
+    return replace(out, rest=skews_of(reference_sizes))
+
+
+def subset_quality(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, numbers: NDArray[np.integer]
+) -> CellQuality:
+    """As :func:`cell_quality` for the cells with the given numbers (s,) only, in that order; cost follows s."""
+    positions = as_positions(points, cells.dimension)
+    chosen, sizes, skews = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes), skews_of(reference_sizes)
+    out = empty_quality(len(chosen))
+    for block, rows in block_slices(cells):
+        if len(cells.blocks) == 1:
+            _chosen_quality(positions, block, chosen, sizes, out)
+            break
+        here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
+        part = empty_quality(len(here))
+        _chosen_quality(positions, block, chosen[here] - rows.start, sizes[rows], part)
+        out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
+    return out if skews is None else replace(out, rest=skews[chosen])
+
+
+def quality_extremes(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
+) -> Extremes:
+    """Smallest value of a metric, its cell and the number of inverted cells, in one pass that stores nothing."""
+    positions, arrays = as_positions(points, cells.dimension), judged(cells, rest_for(metric, reference_sizes))
+    values, numbers, inverted = kernels.lowest_cells(positions, *arrays, metric_code(metric), 1)
+    return Extremes(float(values[0]), int(numbers[0]), inverted)
+
+
+def minimum_quality(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
+) -> float:
+    """Smallest value of a metric over the mesh; stores nothing (see :func:`quality_extremes`)."""
+    return quality_extremes(points, cells, reference_sizes, metric).minimum
+
+
+def _block_quality(points: Floats, nodes: Ints, reference: Floats, out: CellQuality, rows: slice) -> None:
+    """Quality of cells of one type, written into out[rows]."""
+    kernels.cell_quality(
+        points,
+        np.ascontiguousarray(nodes),
+        np.ascontiguousarray(reference),
+        out.size[rows],
+        out.skew[rows],
+        out.inverted[rows],
+    )
+
+
+def _chosen_quality(points: Floats, block: CellBlock, chosen: Ints, reference: Floats, out: CellQuality) -> None:
+    """Quality of the cells of a block with the given numbers (s,) in it."""
+    kernels.chosen_quality(
+        points,
+        np.ascontiguousarray(block.nodes),
+        np.ascontiguousarray(reference),
+        np.ascontiguousarray(chosen),
+        out.size,
+        out.skew,
+        out.inverted,
+    )

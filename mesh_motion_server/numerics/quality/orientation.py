@@ -1,0 +1,102 @@
+"""Cells listed in either orientation: those listed the other way round are read as their mirror image, as solvers do.
+
+A cell is listed the other way round where the determinant at each of its corners is negative; with any other sign it
+is kept, and judged by :mod:`.mesh_check`. In a mesh that is folded such cells are no mistake of the list: once they
+are mirrored, they and their neighbours lie on the same side of a facet, which
+:func:`~mesh_motion_server.numerics.mesh.boundary_facets.boundary_facets` finds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
+from mesh_motion_server.numerics.quality.metrics import reference_sizes, subset_quality
+
+__all__ = ["OrientedCells", "oriented"]
+
+#: Node orders that turn a cell of each type into its mirror image.
+_MIRROR: dict[str, tuple[int, ...]] = {
+    "line": (1, 0),
+    "triangle": (0, 2, 1),
+    "quad": (0, 3, 2, 1),
+    "tetra": (0, 2, 1, 3),
+    "hexahedron": (4, 5, 6, 7, 0, 1, 2, 3),
+    "wedge": (0, 2, 1, 3, 5, 4),
+    "pyramid": (0, 3, 2, 1, 4),
+}
+_LISTED = {1: "from right to left", 2: "clockwise", 3: "in the opposite orientation"}
+_PLURALS = {"tetra": "tetrahedra", "hexahedron": "hexahedra"}
+
+
+class OrientedCells(NamedTuple):
+    """Cells in the orientation of :data:`~mesh_motion_server.numerics.mesh.cells.CELL_TYPES`.
+
+    Attributes
+    ----------
+    cells : CellTable
+        The same table where none was listed the other way round.
+    sizes : (m,) array
+        Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`.
+    mirrored : (k,) int64 array
+        Numbers of the mirrored cells, ascending.
+    """
+
+    cells: CellTable
+    sizes: NDArray[np.float64]
+    mirrored: NDArray[np.int64]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What was done, in one line, or none."""
+        counts = np.histogram(self.mirrored, [*self.cells.offsets])[0]
+        found = [
+            f"{count} of {len(block)} {_plural(block.type.name)}"
+            for count, block in zip(counts, self.cells, strict=True)
+            if count
+        ]
+        if not found:
+            return []
+        were, they = ("was", "it is read as its") if len(self.mirrored) == 1 else ("were", "they are read as their")
+        listed = _LISTED[self.cells.dimension]
+        return [f"{' and '.join(found)} {were} listed {listed}; {they} mirror image, as solvers do"]
+
+
+def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
+    """Mirror the cells that are listed the other way round.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+        Of the reference mesh.
+    cells : CellTable
+        With valid node indices.
+    """
+    sizes = reference_sizes(points, cells)
+    negative = np.flatnonzero(sizes < 0.0)
+    if not len(negative):
+        return OrientedCells(cells, sizes, negative)
+    # the skew of a cell is 0 where its corners have different signs
+    mirrored = negative[subset_quality(points, cells, sizes, negative).skew > 0.0]
+    if len(mirrored):
+        cells = _mirrored(cells, mirrored)
+        sizes = reference_sizes(points, cells)
+    return OrientedCells(cells, sizes, mirrored)
+
+
+def _mirrored(cells: CellTable, numbers: NDArray[np.int64]) -> CellTable:
+    """The cells, those with these numbers as their mirror images."""
+    blocks = []
+    for block, first in zip(cells, cells.offsets, strict=False):
+        rows = numbers[(numbers >= first) & (numbers < first + len(block))] - first
+        nodes = block.nodes.copy()
+        nodes[rows] = block.nodes[rows[:, None], _MIRROR[block.type.name]]
+        blocks.append(CellBlock(block.type, nodes) if len(rows) else block)
+    return CellTable(tuple(blocks))
+
+
+def _plural(name: str) -> str:
+    return _PLURALS.get(name, f"{name}s")

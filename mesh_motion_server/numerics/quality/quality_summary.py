@@ -1,0 +1,223 @@
+"""What a report says about the quality of a mesh: extremes, mean, percentiles and the worst cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.mesh.cells import CellTable
+
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.quality.metrics import CellQuality
+
+__all__ = [
+    "Distribution",
+    "Judgement",
+    "LowestQuality",
+    "Minimum",
+    "QualitySummary",
+    "WorstCell",
+    "distribution",
+    "percentile_ranks",
+    "reported_metrics",
+    "smallest",
+    "summarize",
+    "worst_cells",
+]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_PERCENTILES = (1, 5, 50)
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A quality metric over a mesh.
+
+    Attributes
+    ----------
+    min, mean : float
+        -inf if a cell's position is not finite.
+    p1, p5, p50 : float
+        Percentiles: the values of the cells with rank ⌊p (m - 1) / 100⌋ in ascending order.
+    """
+
+    min: float
+    mean: float
+    p1: float
+    p5: float
+    p50: float
+
+
+@dataclass(frozen=True)
+class WorstCell:
+    """One of the worst cells of a mesh.
+
+    Attributes
+    ----------
+    number : int
+        Cell number, through the blocks of the cell table.
+    centre : tuple of d floats
+        Mean of the cell's nodes, mesh length unit.
+    value : float
+        Of the metric the summary ranks by.
+    size, skew, size_skew : float
+    """
+
+    number: int
+    centre: tuple[float, ...]
+    value: float
+    size: float
+    skew: float
+    size_skew: float
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The smallest value of a quality metric over a mesh.
+
+    Attributes
+    ----------
+    min : float
+    """
+
+    min: float
+
+
+@dataclass(frozen=True)
+class LowestQuality:
+    """What decides about a mesh: its worst cells, without the distributions; all exact.
+
+    Attributes
+    ----------
+    metric_name : str
+        The metric that ``metric`` and ``worst`` are about.
+    metric : Minimum
+    inverted, cells, worst
+        As in :class:`QualitySummary`.
+    """
+
+    metric_name: str
+    metric: Minimum
+    inverted: int
+    cells: int
+    worst: tuple[WorstCell, ...]
+
+
+@dataclass(frozen=True)
+class QualitySummary:
+    """Quality of a mesh in a few numbers.
+
+    Attributes
+    ----------
+    metric_name : str
+        The metric that ``metric`` and ``worst`` are about.
+    metric, size, skew, size_skew : Distribution
+    inverted : int
+        Number of cells with a corner determinant ≤ 0.
+    cells : int
+        Number of cells.
+    worst : tuple of WorstCell
+        Worst first; of equal ones the lower cell number.
+    """
+
+    metric_name: str
+    metric: Distribution
+    size: Distribution
+    skew: Distribution
+    size_skew: Distribution
+    inverted: int
+    cells: int
+    worst: tuple[WorstCell, ...]
+
+    @classmethod
+    def of(
+        cls,
+        found: Mapping[str, Distribution],
+        metric: str,
+        *,
+        inverted: int,
+        cells: int,
+        worst: tuple[WorstCell, ...],
+    ) -> QualitySummary:
+        """From the distributions of :func:`reported_metrics`, by name."""
+        size, skew, size_skew = (found[name] for name in ("size", "skew", "size-skew"))
+        return cls(metric, found[metric], size, skew, size_skew, inverted, cells, worst)
+
+
+#: What is said of a mesh: all of it, or what decides.
+Judgement = QualitySummary | LowestQuality
+
+
+def reported_metrics(metric: str) -> list[str]:
+    """The metrics whose distributions a report has, that of the session at the end if it is none of the others."""
+    return list(dict.fromkeys(("size", "skew", "size-skew", metric)))
+
+
+def distribution(values: Floats) -> Distribution:
+    """Minimum, mean and percentiles of the values (m,), m ≥ 1, of a quality metric."""
+    return Distribution(*kernels.distribution(np.ascontiguousarray(values)).tolist())
+
+
+def smallest(values: Floats, count: int) -> Ints:
+    """Numbers of the smallest values, smallest first; of equal values the lower number first."""
+    numbers: Ints = kernels.smallest_values(np.ascontiguousarray(values), count)
+    return numbers
+
+
+def summarize(
+    quality: CellQuality,
+    points: NDArray[np.floating],
+    cells: CellTable,
+    *,
+    metric: str = "size-skew",
+    worst: int = 10,
+) -> QualitySummary:
+    """Reduce the quality of all cells to what a report says.
+
+    Parameters
+    ----------
+    quality : CellQuality
+        Of all m cells.
+    points : (n, d) array, mesh length unit
+        For the centres of the worst cells.
+    cells : CellTable
+    metric : str
+        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`; ranks the worst cells.
+    worst : int
+        How many of the worst cells to name.
+
+    Raises
+    ------
+    InvalidInput
+        On an unknown metric.
+    """
+    values = {name: quality.metric(name) for name in reported_metrics(metric)}
+    numbers = smallest(values[metric], worst)
+    return QualitySummary.of(
+        {name: distribution(own) for name, own in values.items()},
+        metric,
+        inverted=int(np.count_nonzero(quality.inverted)),
+        cells=len(quality),
+        worst=worst_cells(numbers, quality.subset(numbers), cells.centres(points, numbers), metric),
+    )
+
+
+def percentile_ranks(count: int) -> list[int]:
+    """Ranks, from 0 in ascending order, of the percentiles p1, p5 and p50 of so many values."""
+    return [p * (count - 1) // 100 for p in _PERCENTILES]
+
+
+def worst_cells(numbers: Ints, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
+    """The cells with these numbers (s,), their quality and centres (s, d)."""
+    columns = [quality.metric(name).tolist() for name in (metric, "size", "skew", "size-skew")]
+    return tuple(
+        WorstCell(number, tuple(centre), *values)
+        for number, centre, *values in zip(numbers.tolist(), centres.tolist(), *columns, strict=True)
+    )

@@ -1,0 +1,55 @@
+"""Volume reduction: sums over control points at fewer places than there are nodes (thesis §2.2.1).
+
+One algorithm a module, all called ``reduce(problem) -> VolumeField``; :data:`VOLUME_REDUCTIONS` chooses by name. The
+moving boundary is exact with each: its nodes are put where they were told to go in any case, and the fields agree with
+that there.
+
+==================  =======================================================================  ======================
+key                 what it does                                                             ``length``
+==================  =======================================================================  ======================
+enclosing-box       nodes outside a box around the body rest: :mod:`.enclosing_box`          margin around the body
+wall-function       displacement fades out at a distance D: :mod:`.wall_function`            D
+background-grid     sums at the points of a coarse grid: :mod:`.background_grid`             spacing of the grid
+==================  =======================================================================  ======================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.reduction.volume_reduction import background_grid, enclosing_box, wall_function
+from mesh_motion_server.numerics.reduction.volume_reduction.problem import (
+    Field,
+    VolumeDisplacement,
+    VolumeField,
+    VolumeProblem,
+)
+
+__all__ = [
+    "VOLUME_REDUCTIONS",
+    "Field",
+    "VolumeDisplacement",
+    "VolumeField",
+    "VolumeProblem",
+    "volume_reduction_named",
+]
+
+VOLUME_REDUCTIONS: dict[str, Callable[[VolumeProblem], VolumeField]] = {
+    "enclosing-box": enclosing_box.reduce,
+    "wall-function": wall_function.reduce,
+    "background-grid": background_grid.reduce,
+}
+
+
+def volume_reduction_named(name: str) -> Callable[[VolumeProblem], VolumeField]:
+    """Look an algorithm up.
+
+    Raises
+    ------
+    InvalidInput
+        If there is none of that name.
+    """
+    if name not in VOLUME_REDUCTIONS:
+        raise InvalidInput(f"unknown volume reduction {name!r}", hint=f"known are {', '.join(VOLUME_REDUCTIONS)}")
+    return VOLUME_REDUCTIONS[name]

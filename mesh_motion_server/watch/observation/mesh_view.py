@@ -1,0 +1,260 @@
+"""The committed mesh of a stored session for drawing: coordinates, what is drawn, the quality of each cell.
+
+Nothing is changed and no lock is taken, so it may be a live session: two slots hold the latest states in turn, and a
+state that is overwritten while it is read does not match its digest and is read again. With durability ``replay`` and
+``relaxed`` not every committed state is stored: what is shown is the last one that is.
+
+Of a mesh of more than :data:`MOST_CELLS` cells only the surroundings of its worst cell are shown in 2D; in 3D it is
+always the boundary and the worst cells. Quality is judged of all cells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput, JournalError
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
+from mesh_motion_server.session.journal_files import SLOTS, read_journal, verified_state
+from mesh_motion_server.session.ledger import Ledger
+from mesh_motion_server.session.listing import SPEC
+from mesh_motion_server.session.merging import merge
+from mesh_motion_server.session.mesh_store import read_mesh
+from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.watch.observation.mesh_surface import Surface, cells_surface, sides_surface
+
+__all__ = ["MOST_CELLS", "CellNames", "MeshView", "StoredMesh"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Cells, or facets of a boundary, that a browser draws at ease.
+MOST_CELLS = 200_000
+#: Cells shown whole in 3D: those below the threshold, or so many of the worst.
+_MOST_INNER, _LEAST_INNER = 2000, 60
+_TRIES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class CellNames:
+    """Cells as their senders call them.
+
+    Attributes
+    ----------
+    types : tuple of str
+    kind : (c,) int64 array
+        Place of each cell's type in ``types``.
+    partition, local : (c,) int64 arrays
+    """
+
+    types: tuple[str, ...]
+    kind: Ints
+    partition: Ints
+    local: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class MeshView:
+    """A committed state, ready to be drawn.
+
+    Attributes
+    ----------
+    step : int
+        Whose coordinates these are.
+    committed : int
+        The last committed step, which may be later.
+    dimension : int
+    points : (n, d) array, mesh length unit
+        Of all nodes.
+    box : (2, d) array, mesh length unit
+        Bounding box of the mesh as it was uploaded: a view that stays where it is shows the motion.
+    surface : Surface
+        Numbers nodes and cells of the whole mesh.
+    cells : (c,) int64 array
+        The cells that are shown, ascending.
+    names : CellNames
+        Theirs.
+    quality : (m,) array
+        Of all cells, in the session's metric.
+    metric : str
+    threshold : float
+    inverted : (m,) bool array
+        Of all cells; the metric alone does not tell, for a partly inverted cell may have 0 or more.
+    whole : bool
+        Whether nothing was left out.
+    """
+
+    step: int
+    committed: int
+    dimension: int
+    points: Floats
+    box: Floats
+    surface: Surface
+    cells: Ints
+    names: CellNames
+    quality: Floats
+    metric: str
+    threshold: float
+    inverted: NDArray[np.bool_]
+    whole: bool
+
+
+class StoredMesh:
+    """The mesh of one session; what does not change is kept between looks.
+
+    Parameters
+    ----------
+    folder : Path
+        The session's.
+    most_bytes : int
+        A larger mesh file is not read.
+    files : FileSystem, optional
+
+    Raises
+    ------
+    JournalError
+        If no mesh is stored yet, or its files do not verify.
+    InvalidInput
+        If the mesh takes more than ``most_bytes``.
+    """
+
+    def __init__(self, folder: Path, most_bytes: int = 1 << 62, files: FileSystem | None = None) -> None:
+        self._folder = folder
+        self._files = files or PosixFileSystem()
+        self._spec = StoredSpec.from_bytes(_read(folder / SPEC))
+        foundation = read_journal(folder, self._files).ledger.foundation
+        _check_size(folder / "mesh.bin", most_bytes)
+        self._mesh = merge(read_mesh(folder / "mesh.bin", self._files, foundation.mesh))
+        self._cells, sizes, _ = oriented(self._mesh.points, self._mesh.cells)
+        self._sizes = cells_at_rest(self._mesh.points, self._cells, sizes)
+        self._surface: Surface | None = None
+
+    def look(self) -> MeshView:
+        """The state that is stored last.
+
+        Raises
+        ------
+        JournalError
+            If its files do not verify.
+        """
+        step, committed, points = self._coordinates()
+        method, cells = self._spec.settings, self._cells
+        judged = cell_quality(points, cells, self._sizes)
+        quality = judged.metric(method.quality_metric)
+        ranked = np.where(judged.inverted, np.minimum(quality, 0.0) - 1.0, quality)
+        surface, whole = self._drawn(points, ranked, method.quality_threshold)
+        shown = np.unique(surface.owners[surface.owners >= 0])
+        return MeshView(
+            step=step,
+            committed=committed,
+            dimension=cells.dimension,
+            points=points,
+            box=np.array([self._mesh.points.min(axis=0), self._mesh.points.max(axis=0)]),
+            surface=surface,
+            cells=shown,
+            names=_names(self._mesh, shown),
+            quality=quality,
+            metric=method.quality_metric,
+            threshold=method.quality_threshold,
+            inverted=judged.inverted,
+            whole=whole,
+        )
+
+    @property
+    def mesh(self) -> MergedMesh:
+        """The mesh as it was uploaded; its coordinates are the reference."""
+        return self._mesh
+
+    def coordinates(self) -> tuple[int, int, Floats]:
+        """The step that is stored last, the last committed step, and the former's coordinates (n, d).
+
+        Raises
+        ------
+        JournalError
+            If its files do not verify.
+        """
+        return self._coordinates()
+
+    def _coordinates(self) -> tuple[int, int, Floats]:
+        """Step, last committed step, and coordinates (n, d) in canonical order."""
+        for left in reversed(range(_TRIES)):
+            try:
+                ledger = read_journal(self._folder, self._files).ledger
+                snapshot = ledger.snapshot
+                if snapshot is None:
+                    return 0, ledger.step, self._mesh.points
+                points = np.empty_like(self._mesh.points)
+                points[self._mesh.id_order] = verified_state(self._slot(ledger, snapshot.slot), ledger)
+                return snapshot.step, ledger.step, points
+            except JournalError:  # overwritten by the next commits meanwhile, unless it stays so
+                if not left:
+                    raise
+        raise AssertionError("unreachable")
+
+    def _slot(self, ledger: Ledger, slot: int) -> bytes:
+        handle = self._files.open(self._folder / SLOTS[slot], writable=False)
+        try:
+            return self._files.read(handle, ledger.foundation.record_area, ledger.foundation.state_bytes)
+        finally:
+            self._files.close(handle)
+
+    def _drawn(self, points: Floats, quality: Floats, threshold: float) -> tuple[Surface, bool]:
+        """What is drawn, and whether nothing is left out; of a 2D mesh that is drawn whole it never changes.
+
+        ``quality`` (m,) ranks the cells: the inverted ones are to lie below all others.
+        """
+        cells, flat = self._cells, self._cells.dimension < 3
+        whole = len(cells) <= MOST_CELLS
+        if flat and whole:
+            self._surface = self._surface or cells_surface(cells)
+            return self._surface, True
+        worst = cells.centres(points, np.array([int(np.argmin(quality))]))[0]
+        if flat:
+            distances = np.linalg.norm(cells.centres(points, np.arange(len(cells))) - worst, axis=1)
+            return cells_surface(cells, np.sort(np.argpartition(distances, MOST_CELLS)[:MOST_CELLS])), False
+        distances = np.linalg.norm(points - worst, axis=1)
+        return sides_surface(cells, _worst(quality, threshold), MOST_CELLS, distances), whole
+
+
+def _worst(quality: Floats, threshold: float) -> Ints:
+    """Ascending numbers of the cells that are shown from all sides."""
+    below = int(np.count_nonzero(quality < threshold))
+    count = min(len(quality), max(_LEAST_INNER, min(below, _MOST_INNER)))
+    return np.sort(np.argpartition(quality, count - 1)[:count])
+
+
+def _names(mesh: MergedMesh, cells: Ints) -> CellNames:
+    """What the cells with these ascending numbers (c,) are called."""
+    kind, partition, local = (np.empty(len(cells), dtype=np.int64) for _ in range(3))
+    types = tuple(origin.type_name for origin in mesh.cell_origins)
+    bounds = zip(mesh.cell_origins, mesh.cells.offsets, mesh.cells.offsets[1:], strict=False)
+    for number, (origin, first, last) in enumerate(bounds):
+        here = slice(*np.searchsorted(cells, [first, last]))
+        rows = cells[here] - first
+        kind[here], partition[here], local[here] = number, origin.partition[rows], origin.local[rows]
+    return CellNames(types, kind, partition, local)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise JournalError(f"{path.parent} is no session's folder: {error.strerror or error}") from error
+
+
+def _check_size(path: Path, most: int) -> None:
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise JournalError(f"the mesh cannot be read: {error.strerror or error}") from error
+    if size > most:
+        raise InvalidInput(
+            f"the mesh takes {size / 1e6:.0f} MB; drawn are meshes of up to {most / 1e6:.0f} MB",
+            hint="draw the fetched coordinates with a program for large meshes, such as ParaView",
+        )

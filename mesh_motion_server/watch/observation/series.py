@@ -1,0 +1,187 @@
+"""A session's history as columns by step: what charts show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.watch.observation.fold import Place, StepFold
+
+__all__ = ["PHASES", "QUALITY", "Series"]
+
+#: What is told of a distribution.
+QUALITY = ("min", "p1", "p5", "p50", "mean")
+#: The phases of a Move.
+PHASES = ("solve", "predict", "correct", "displace")
+
+_COLUMNS = (
+    "step",
+    "at",
+    *(f"predicted_{name}" for name in QUALITY),
+    "standard_min",
+    *(f"actual_{name}" for name in QUALITY),
+    "threshold",
+    "inverted",
+    "reached",
+    "iterations",
+    "enrichment_points",
+    "freed_nodes",
+    "refusals",
+    "rollbacks",
+    *(f"seconds_{name}" for name in PHASES),
+    "seconds_total",
+    "non_orthogonality",
+)
+#: What stands for a group of steps where they are thinned out: counts are added up, of others the worst one counts, or
+#: a step of forty iterations would be seen by chance only.
+_SUMS = ("refusals", "rollbacks")
+_LARGEST = ("iterations", "inverted", *(f"seconds_{name}" for name in PHASES), "seconds_total", "non_orthogonality")
+_LEAST = ("predicted_min", "standard_min", "reached")
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+class Series:
+    """Columns by committed step, filled with events.
+
+    ``predicted_*`` is the corrected mesh's quality metric as the step's last Move predicted it, ``standard_min`` the
+    minimum that it predicted without a correction, ``actual_*`` that of the committed coordinates; NaN where it was not
+    told. Percentiles are those of the first Move of a step where ``quality_report`` is "first-and-commit", so that
+    ``predicted_p1`` may lie below the ``predicted_min`` of a later one. ``iterations``, ``seconds_*``, ``refusals`` (of
+    Moves) and ``rollbacks`` are of all Moves of the step together, those rolled back included. ``at`` is Unix time,
+    ``reached`` 1 or 0, ``non_orthogonality`` the largest of the faces, degrees, where the step's last Move asked.
+
+    Steps that a crash has taken back (``relaxed``) are taken out when the session is resumed before them.
+
+    Attributes
+    ----------
+    metric : str
+        Name of the quality metric, empty as long as none was told.
+    enrichment_points : list
+        Rows of coordinates, of the last Move.
+    """
+
+    def __init__(self, events: Iterable[Mapping[str, Any]] = ()) -> None:
+        self.metric = ""
+        self.enrichment_points: list[list[float]] = []
+        self._table = np.empty((64, len(_COLUMNS)))
+        self._count = 0
+        self._open = _empty_step()
+        self._fold = StepFold()
+        for event in events:
+            self.add(event)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, event: Mapping[str, Any]) -> None:
+        """Take an event in; unknown ones are passed over, and what lacks a part, as another version may write it."""
+        with suppress(KeyError, TypeError, ValueError, AttributeError):
+            self._add(event)
+
+    def _add(self, event: Mapping[str, Any]) -> None:
+        self._turn(self._fold.take(event))
+        take = {
+            "moved": self._moved,
+            "committed": self._committed,
+            "refused": self._refused,
+            "rolled_back": self._rolled_back,
+        }.get(str(event["event"]))
+        if take is not None:
+            take(event)
+
+    def columns(self, most: int | None = None, *, first: int | None = None, last: int | None = None) -> Columns:
+        """Columns of one length, by name.
+
+        Parameters
+        ----------
+        first, last : int, optional
+            Steps before and behind these are left out.
+        most : int, optional
+            With more steps than this, of as many groups of consecutive steps the one with the lowest actual minimum
+            (else predicted) stands for its group; refusals and rollbacks are the group's sums, iterations, seconds and
+            inverted cells its largest, predicted minima its least. So nothing that sticks out is lost.
+        """
+        steps = self._table[: self._count, 0]
+        begin = 0 if first is None else int(np.searchsorted(steps, first))
+        end = self._count if last is None else int(np.searchsorted(steps, last, side="right"))
+        table = self._table[begin:end].copy()
+        if most is not None and len(table) > most > 0:
+            table = _thinned(table, most)
+        return {name: table[:, number] for number, name in enumerate(_COLUMNS)}
+
+    # --- events ----------------------------------------------------------------------------------------------------
+
+    def _turn(self, place: Place) -> None:
+        """Drop what does not count any more."""
+        if place.is_fresh:
+            self._open = _empty_step()
+        if place.undone:
+            self._count = int(np.searchsorted(self._table[: self._count, 0], place.undone))
+
+    def _moved(self, event: Mapping[str, Any]) -> None:
+        quality, correction, row = event["quality"], event["correction"], self._open
+        self.metric = quality["metric"]
+        self.enrichment_points = event.get("enrichment_points", [])
+        if event["iteration"] == 1:
+            for name in QUALITY:
+                row[f"predicted_{name}"] = math.nan
+        for name, value in quality["corrected"].get("metric", {}).items():
+            row[f"predicted_{name}"] = _number(value)
+        row["standard_min"] = _number(quality["standard"].get("metric", {}).get("min"))
+        row["threshold"] = quality["threshold"]
+        row["reached"] = float(correction["reached"])
+        row["non_orthogonality"] = _number(event.get("faces", {}).get("after", {}).get("max_non_orthogonality"))
+        row["enrichment_points"], row["freed_nodes"] = correction["enrichment_points"], correction["freed_nodes"]
+        row["iterations"] += 1
+        row["seconds_total"] += event.get("seconds_total", 0.0)
+        for phase in PHASES:
+            row[f"seconds_{phase}"] += event["seconds"].get(phase, 0.0)
+
+    def _committed(self, event: Mapping[str, Any]) -> None:
+        row = self._open | {"step": event["step"], "at": event["at"], "inverted": event["quality"]["inverted"]}
+        for name, value in event["quality"].get("metric", {}).items():
+            row[f"actual_{name}"] = _number(value)
+        row["seconds_total"] += event.get("seconds_total", 0.0)
+        if self._count == len(self._table):
+            self._table = np.concatenate([self._table, np.empty_like(self._table)])
+        self._table[self._count] = [float(row[name]) for name in _COLUMNS]
+        self._count += 1
+        self._open = _empty_step()
+
+    def _refused(self, event: Mapping[str, Any]) -> None:
+        self._open["refusals"] += event["request"] == "MOVE"
+
+    def _rolled_back(self, event: Mapping[str, Any]) -> None:
+        del event
+        self._open["rollbacks"] += 1
+
+
+def _empty_step() -> dict[str, float]:
+    """A step of which nothing is known yet: qualities are NaN, counts 0."""
+    counted = ("iterations", "refusals", "rollbacks")
+    return {name: 0.0 if name in counted or name.startswith("seconds_") else math.nan for name in _COLUMNS}
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _thinned(table: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    """(most, columns): of each group of rows the one with the lowest minimum, and what sticks out of the others."""
+    actual, predicted = (table[:, _COLUMNS.index(f"{kind}_min")] for kind in ("actual", "predicted"))
+    lowest = np.where(np.isnan(actual), predicted, actual)
+    lowest = np.where(np.isnan(lowest), np.inf, lowest)
+    edges = np.linspace(0, len(table), most + 1).astype(int)
+    kept = np.array([a + int(np.argmin(lowest[a:b])) for a, b in pairwise(edges)])
+    thin: NDArray[np.float64] = table[kept]
+    for names, over in ((_SUMS, np.add), (_LARGEST, np.fmax), (_LEAST, np.fmin)):
+        columns = [_COLUMNS.index(name) for name in names]
+        thin[:, columns] = over.reduceat(table[:, columns], edges[:-1])
+    return thin

@@ -1,0 +1,148 @@
+"""The sessions of a state folder and where they stand, from their folders alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.session.filesystem import PosixFileSystem
+from mesh_motion_server.session.history.events import FOLDER
+from mesh_motion_server.session.listing import Listing
+from mesh_motion_server.session.state import State
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.watch.observation.follow import last_event
+
+__all__ = ["SessionView", "Sessions"]
+
+#: What a session is after its last event.
+_STATES = {
+    "built": State.READY,
+    "moved": State.TRIAL,
+    "committed": State.READY,
+    "rolled_back": State.READY,
+    "resumed": State.READY,
+    "suspended": State.SUSPENDED,
+    "joined": State.READY,
+    "frozen": State.FROZEN,
+    "closed": State.CLOSED,
+    "failed": State.FAILED,
+}
+#: Events of the step after the committed one; the others name the committed one, or none.
+_AHEAD = ("moved", "rolled_back")
+
+
+@dataclass(frozen=True)
+class SessionView:
+    """A session as its folder shows it.
+
+    Attributes
+    ----------
+    session, label, durability : str
+    folder : str
+    dimension, partitions : int
+    step : int
+        The last committed one, of the journal; of the history where that is further (``relaxed``) and not lost in a
+        crash: a process holds the session.
+    state : str
+        After the last event: READY, TRIAL, SUSPENDED, FROZEN, CLOSED or FAILED; of a session without events READY, or
+        FAILED where its files do not verify.
+    held : bool or None
+        Whether a process holds it; None where the system does not tell.
+    changed_at : float
+        Unix time of the last event, else of the folder's last change.
+    recorded : bool
+        Whether it has a history.
+    owner : str
+        Public key of who opened it, empty without keys.
+    """
+
+    session: str
+    label: str
+    folder: str
+    dimension: int
+    partitions: int
+    durability: str
+    step: int
+    state: str
+    held: bool | None
+    changed_at: float
+    recorded: bool
+    owner: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, as for JSON."""
+        return asdict(self)
+
+
+class Sessions:
+    """The sessions of a state folder; what is asked again and again is read again only where it has changed.
+
+    Parameters
+    ----------
+    state_folder : Path
+        Need not exist yet.
+    """
+
+    def __init__(self, state_folder: Path) -> None:
+        self._store = SessionStore(state_folder)
+        self._listing = Listing(PosixFileSystem())
+
+    @property
+    def folder(self) -> Path:
+        """The folder with one folder a session."""
+        return self._store.root / "sessions"
+
+    def views(self) -> list[SessionView]:
+        """All sessions that were built, the last changed first."""
+        held = _held_inodes()
+        found = [self._view(stored.session, held) for stored in self._store.sessions()]
+        return sorted((view for view in found if view is not None), key=lambda view: -view.changed_at)
+
+    def view(self, session: str) -> SessionView | None:
+        """One session; None if there is none."""
+        if session not in self._store.names():
+            return None
+        return self._view(session, _held_inodes())
+
+    def _view(self, session: str, held: set[int] | None) -> SessionView | None:
+        folder = self.folder / session
+        try:
+            stored, event = self._store.describe(session), last_event(folder, _STATES)
+            changed_at = float(event["at"]) if event else folder.stat().st_mtime
+            inode = (folder / "lock").stat().st_ino
+        except OSError:
+            return None  # it was discarded meanwhile
+        is_held = None if held is None else inode in held
+        told = 0 if event is None or is_held is False else event.get("step", 0) - (event["event"] in _AHEAD)
+        return SessionView(
+            session=session,
+            label=stored.label,
+            folder=str(folder),
+            dimension=stored.dimension,
+            partitions=stored.partitions,
+            durability=self._durability(folder),
+            step=max(stored.step, told),
+            state=str(_STATES[event["event"]] if event else stored.state),
+            held=is_held,
+            changed_at=changed_at,
+            recorded=(folder / FOLDER).is_dir(),
+            owner=stored.owner,
+        )
+
+    def _durability(self, folder: Path) -> str:
+        try:
+            return self._listing.spec(folder).durability
+        except MeshMotionError:
+            return ""
+
+
+def _held_inodes(locks: Path = Path("/proc/locks")) -> set[int] | None:
+    """Inodes of files that a process has locked as a whole; None where the system does not tell."""
+    try:
+        lines = locks.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    fields = (line.split() for line in lines)
+    return {int(found[5].rpartition(":")[2]) for found in fields if len(found) > 5 and found[1] == "FLOCK"}

@@ -1,0 +1,182 @@
+"""The pages: the page and its files, what it asks for, the stream of what changes."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import mimetypes
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
+
+from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.transport.telemetry import log
+from mesh_motion_server.watch.page.archive import Archive, as_json, integer
+from mesh_motion_server.watch.page.guard import Guard
+from mesh_motion_server.watch.page.live import Live
+
+__all__ = ["STATIC", "Page"]
+
+STATIC = Path(__file__).with_name("static")
+_JSON = "application/json"
+_POINTS = 1500
+#: A longer answer goes compressed, at the level that costs least: a long history's is a quarter then, for who looks
+#: from elsewhere through a tunnel. A mesh is not: its coordinates hardly get smaller.
+_COMPRESSED_BYTES = 16 << 10
+#: Answers of one kind that are being made at a time; each kind has one thread.
+_WAITING = 24
+_STATUS = {"NOT_FOUND": 404, "INVALID_ARGUMENT": 400}
+
+
+class Page:
+    """What one server shows.
+
+    Parameters
+    ----------
+    state_folder : Path
+    build : dict
+        Versions.
+    insecure : bool
+        Whether it is reached by other addresses than the loopback.
+
+    Attributes
+    ----------
+    app : ASGI application
+    live : Live
+    """
+
+    def __init__(self, state_folder: Path, build: dict[str, str], *, insecure: bool = False) -> None:
+        for suffix, kind in ((".js", "text/javascript"), (".svg", "image/svg+xml"), (".css", "text/css")):
+            mimetypes.add_type(kind, suffix)  # some systems call scripts by a name that browsers refuse
+        self._archive = Archive(state_folder)
+        self._build = build
+        self._news: dict[str, Any] = {"missing": "", "sessions": []}
+        self._waiting: Counter[Executor] = Counter()
+        self._trouble = ""
+        self._listed: list[dict[str, Any]] = []
+        self.live = Live(self._overview, self._unlisted)
+        routes = [
+            Route("/", self._index),
+            Route("/api/live", _Stream(self.live)),
+            Route("/api/sessions", self._sessions),
+            Route("/api/sessions/{session}", self._detail),
+            Route("/api/sessions/{session}/series", self._series),
+            Route("/api/sessions/{session}/mesh", self._mesh),
+            Mount("/static", _Files(directory=STATIC)),
+        ]
+        handlers: dict[Any, Any] = {MeshMotionError: _refused, HTTPException: _missing}
+        self.app = Guard(Starlette(routes=routes, exception_handlers=handlers), insecure=insecure)
+
+    def hear(self, news: dict[str, Any]) -> None:
+        """The supervisor's message of this second."""
+        self._news = news
+
+    async def _index(self, _request: Request) -> Response:
+        return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
+
+    async def _sessions(self, request: Request) -> Response:
+        news = self._news
+        make = partial(self._archive.overview, news["sessions"])
+        told = {"build": self._build, "missing": news["missing"]}
+        return await self._json(request, self._archive.lists, lambda: as_json(told | {"sessions": make()}))
+
+    async def _detail(self, request: Request) -> Response:
+        archive, session = self._archive, request.path_params["session"]
+        return await self._json(request, archive.histories, lambda: archive.detail(session))
+
+    async def _series(self, request: Request) -> Response:
+        archive, session, asked = self._archive, request.path_params["session"], request.query_params
+        first, last = (integer(asked.get(name), lambda: None) for name in ("first", "last"))
+        points = max(1, integer(asked.get("points"), lambda: _POINTS))
+        return await self._json(request, archive.histories, lambda: archive.series(session, first, last, points))
+
+    async def _mesh(self, request: Request) -> Response:
+        archive, session, asked = self._archive, request.path_params["session"], request.query_params
+        have, seen = asked.get("have", ""), asked.get("seen", "")
+        packed = await self._made(archive.meshes, lambda: archive.mesh(session, have, seen))
+        return Response(packed, media_type="application/octet-stream", headers={"cache-control": "no-store"})
+
+    async def _overview(self) -> dict[str, Any]:
+        archive, live = self._archive, self._news["sessions"]
+        listed = await asyncio.get_running_loop().run_in_executor(archive.lists, lambda: archive.overview(live))
+        self._listed, self._trouble = listed, ""
+        return {"build": self._build, "missing": self._news["missing"], "sessions": listed}
+
+    def _unlisted(self, error: Exception) -> dict[str, Any]:
+        """The list as it was, and that it cannot be read; logged once, for it is tried again and again."""
+        said = f"the list cannot be read: {str(error) or type(error).__name__}"
+        if said != self._trouble:
+            self._trouble = said
+            log().warning("page_list_failed", error=repr(error))
+        return {"build": self._build, "missing": said, "sessions": self._listed}
+
+    async def _json(self, request: Request, thread: Executor, make: Callable[[], bytes]) -> Response:
+        """An answer that is JSON, compressed if it is long and the browser takes it so."""
+        headers = {"cache-control": "no-store", "vary": "accept-encoding"}
+        content = await self._made(thread, make)
+        if len(content) > _COMPRESSED_BYTES and "gzip" in request.headers.get("accept-encoding", ""):
+            content = await asyncio.to_thread(gzip.compress, content, 1)
+            headers["content-encoding"] = "gzip"
+        return Response(content, media_type=_JSON, headers=headers)
+
+    async def _made(self, thread: Executor, make: Callable[[], bytes]) -> bytes:
+        """An answer, made in its thread."""
+        if self._waiting[thread] >= _WAITING:
+            raise HTTPException(503, "too many questions at a time")
+        self._waiting[thread] += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(thread, make)
+        finally:
+            self._waiting[thread] -= 1
+
+
+class _Stream:
+    """The stream as an ASGI application."""
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if self._live.full:
+            raise HTTPException(503, "too many pages listen")
+        headers = [(b"content-type", b"text/event-stream"), (b"cache-control", b"no-store")]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        if scope["method"] == "HEAD":
+            await send({"type": "http.response.body", "body": b""})
+            return
+        await self._live.stream(receive, send)
+        await send({"type": "http.response.body", "body": b""})
+
+
+class _Files(StaticFiles):
+    """The page's files; a browser asks whether they are still the same."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        response = await super().get_response(path, scope)
+        response.headers["cache-control"] = "no-cache"
+        return response
+
+
+async def _refused(_request: Request, error: Exception) -> Response:
+    """An error of the layers below: its code, message and way out."""
+    if not isinstance(error, MeshMotionError):
+        raise error
+    said = {"code": error.code, "message": error.message, "hint": error.hint}
+    status = _STATUS.get(error.code.partition(".")[0], 503)
+    return Response(as_json(said), status, media_type=_JSON, headers={"cache-control": "no-store"})
+
+
+async def _missing(_request: Request, error: Exception) -> Response:
+    status, message = (error.status_code, error.detail) if isinstance(error, HTTPException) else (500, "")
+    return Response(as_json({"message": message}), status, media_type=_JSON)

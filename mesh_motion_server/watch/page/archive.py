@@ -1,0 +1,176 @@
+"""The questions of the page, each kind answered by one thread: a long history keeps no list waiting.
+
+Only what somebody looks at is read, and what was read is kept for the next question: the last few sessions' series,
+three meshes, and the answers themselves as long as they are true, so that many pages cost what one does.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, TypeVar
+
+from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.watch.page.overview import Overview
+from mesh_motion_server.watch.page.reading import Reading
+
+__all__ = ["Archive", "as_json"]
+
+#: Sessions whose series are kept.
+_FOLLOWED = 16
+#: Answers about series that are kept as long as nothing is added.
+_ANSWERS = 12
+#: Sessions whose meshes are kept.
+_DRAWN = 3
+#: A mesh is judged no more often than this, seconds, however many look and however fast it moves.
+_MESH_SECONDS = 3.0
+#: And no more of the time than this: what takes a second is not done again for twenty.
+_MESH_SHARE = 0.05
+#: Keys of readers for which the same bytes are kept.
+_KEYS = 3
+#: A larger mesh file is not read: it would take the memory of the process.
+_MESH_BYTES = 192 << 20
+_SESSION = re.compile(r"[0-9a-f]{32}")
+
+Value = TypeVar("Value")
+
+
+class Archive:
+    """A state folder.
+
+    Parameters
+    ----------
+    state_folder : Path
+
+    Attributes
+    ----------
+    lists, histories, meshes : ThreadPoolExecutor
+        Of one thread each; the methods are to be called there.
+    """
+
+    def __init__(self, state_folder: Path) -> None:
+        self.lists, self.histories, self.meshes = (ThreadPoolExecutor(1, name) for name in ("list", "history", "mesh"))
+        self._folder = state_folder / "sessions"
+        self._overview = Overview(state_folder)
+        self._followed: OrderedDict[str, Reading] = OrderedDict()
+        self._answers: OrderedDict[tuple[Any, ...], tuple[Reading, tuple[int, int], bytes]] = OrderedDict()
+        self._drawn: OrderedDict[str, _Drawn] = OrderedDict()
+
+    def overview(self, live: list[list[Any]]) -> list[dict[str, Any]]:
+        """The list; in the thread ``lists``."""
+        return self._overview.listed(live)
+
+    def detail(self, session: str) -> bytes:
+        """A session but its series, JSON; in the thread ``histories``."""
+        followed = self._follow(session)
+        return self._answer(followed, (session,), followed.detail)
+
+    def series(self, session: str, first: int | None, last: int | None, points: int) -> bytes:
+        """Its series, JSON; in the thread ``histories``."""
+        followed = self._follow(session)
+        asked = (session, first, last, points)
+        return self._answer(followed, asked, lambda: followed.series(first, last, points))
+
+    def mesh(self, session: str, have: str, seen: str = "") -> bytes:
+        """Its committed mesh for drawing; in the thread ``meshes``."""
+        folder = self._found(session)
+        for _ in range(2):
+            try:
+                return self._draw(session, folder, (have, seen))
+            except MemoryError:
+                self._drawn.clear()  # other sessions' meshes may have had what this one needs
+        raise InvalidInput("the mesh is too large to be drawn here")
+
+    def _draw(self, session: str, folder: Path, has: tuple[str, str]) -> bytes:
+        drawn = self._drawn.pop(session, None) or _Drawn(folder)
+        self._drawn[session] = drawn
+        while len(self._drawn) > _DRAWN:
+            self._drawn.popitem(last=False)
+        return drawn.view(has)
+
+    def _follow(self, session: str) -> Reading:
+        folder = self._found(session)
+        followed = self._followed.pop(session, None) or Reading(folder)
+        self._followed[session] = followed
+        while len(self._followed) > _FOLLOWED:
+            self._followed.popitem(last=False)
+        followed.catch_up()
+        return followed
+
+    def _answer(self, followed: Reading, asked: tuple[Any, ...], make: Callable[[], Any]) -> bytes:
+        """What was answered before, as long as nothing was added since."""
+        known = self._answers.pop(asked, None)
+        if known is None or known[0] is not followed or known[1] != followed.stamp:
+            known = (followed, followed.stamp, as_json(make()))
+        self._answers[asked] = known
+        while len(self._answers) > _ANSWERS:
+            self._answers.popitem(last=False)
+        return known[2]
+
+    def _found(self, session: str) -> Path:
+        """The session's folder."""
+        if not _SESSION.fullmatch(session) or not (self._folder / session).is_dir():
+            raise SessionError("there is no such session", code="NOT_FOUND", hint="it may have been discarded")
+        return self._folder / session
+
+
+class _Drawn:
+    """The mesh of a session."""
+
+    def __init__(self, folder: Path) -> None:
+        # imported here: the compiled kernels take a second to load, and who looks at no mesh needs none
+        from mesh_motion_server.watch.observation.mesh_view import StoredMesh  # noqa: PLC0415
+        from mesh_motion_server.watch.page.drawing import Packer  # noqa: PLC0415
+
+        self._mesh, self._packer = StoredMesh(folder, _MESH_BYTES), Packer()
+        self._view: Any = None
+        self._answers: dict[tuple[str, str], bytes] = {}
+        self._due = 0.0
+
+    def view(self, has: tuple[str, str]) -> bytes:
+        """The state that is stored now, or was a moment ago."""
+        if self._view is None or time.monotonic() >= self._due:
+            self._look()
+        return self._packed(has)
+
+    def _packed(self, has: tuple[str, str]) -> bytes:
+        """For readers that have all of it, all but what moves, or nothing: keys and stamps as the packer takes them."""
+        known = has in self._answers
+        packed: bytes = self._answers[has] if known else self._packer.pack(self._view, *has)
+        if not known and len(self._answers) < _KEYS:
+            self._answers[has] = packed
+        return packed
+
+    def _look(self) -> None:
+        started = time.monotonic()
+        self._view, self._answers = self._mesh.look(), {}
+        took = time.monotonic() - started
+        self._due = started + took + max(_MESH_SECONDS, took / _MESH_SHARE)
+
+
+def as_json(value: Any) -> bytes:
+    """Compact JSON."""
+    # half a character that a damaged history has stays an escape, which JSON allows
+    return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode(
+        errors="backslashreplace"
+    )
+
+
+def integer(text: str | None, default: Callable[[], Value]) -> int | Value:
+    """A non-negative whole number of a question, or the default.
+
+    Raises
+    ------
+    InvalidInput
+        If it is something else.
+    """
+    if text is None:
+        return default()
+    if not (text.isascii() and text.isdigit() and len(text) < 16):
+        raise InvalidInput(f"expected a whole number, got {text[:40]!r}")
+    return int(text)

@@ -1,0 +1,134 @@
+"""What is known of a session from its events."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.watch.observation.series import PHASES, Series
+
+__all__ = ["MOST_POINTS", "Followed", "plain_column"]
+
+MOST_POINTS = 5000
+#: Warnings, refusals and turns of the session's life that are kept, the latest.
+_NOTABLE = 200
+_TOLD = ("refused", "resumed", "suspended", "joined", "closed", "frozen", "failed", "boundary_ended", "built")
+_DIGITS = 5
+
+
+class Followed:
+    """One session, or a part of its history.
+
+    Attributes
+    ----------
+    events : int
+        How many were taken in.
+    built : dict
+        The event that tells of the mesh; empty as long as it is not known.
+    """
+
+    def __init__(self) -> None:
+        self.events = 0
+        self.built: dict[str, Any] = {}
+        self._series = Series()
+        self._notable: deque[dict[str, Any]] = deque(maxlen=_NOTABLE)
+        self._counted = 0
+        self._moved: dict[str, Any] = {}
+        self._committed: dict[str, Any] = {}
+
+    def detail(self) -> dict[str, Any]:
+        """All but the series."""
+        moved = self._moved
+        return {
+            "built": self.built,
+            "step": self._committed.get("step", 0),
+            "moved": {
+                name: moved[name] for name in ("step", "iteration", "correction", "seconds_total") if name in moved
+            },
+            "standard": moved["quality"]["standard"].get("metric", {}) if moved else {},
+            "corrected": moved["quality"]["corrected"].get("metric", {}) if moved else {},
+            "actual": self._committed["quality"].get("metric", {}) if self._committed else {},
+            "enrichment_points": moved.get("enrichment_points", []),
+            "faces": moved.get("faces", {}),
+            "worst": self._worst(),
+            "standing": self._standing(),
+            "notable": list(reversed(self._notable)),
+            "told": self._counted,
+        }
+
+    def series(self, first: int | None, last: int | None, points: int) -> dict[str, Any]:
+        """Columns of the steps first … last, inclusive, thinned to so many points and the latest step."""
+        found = self._series.columns(min(points, MOST_POINTS), first=first, last=last)
+        step = self._committed.get("step", 0)
+        if len(found["step"]) and found["step"][-1] < step and (last is None or last >= step):
+            newest = self._series.columns(first=step)
+            found = {name: np.concatenate([column, newest[name]]) for name, column in found.items()}
+        return {"columns": {name: plain_column(column) for name, column in found.items()}, "phases": PHASES}
+
+    def take(self, events: Iterable[Mapping[str, Any]]) -> None:
+        """The next events; one that lacks what its kind has is passed over, another version may have written it."""
+        for event in events:
+            self.events += 1
+            with suppress(KeyError, TypeError, ValueError, AttributeError):
+                self._take(event)
+
+    def _take(self, event: Mapping[str, Any]) -> None:
+        kind = event["event"]
+        self._series.add(event)
+        if kind == "resumed" and self._committed.get("step", 0) > event["step"]:
+            self._committed = {}  # of a step that a crash has cost
+        if kind == "built":
+            self.built = dict(event)
+        if kind in ("moved", "committed"):
+            setattr(self, f"_{kind}", dict(event))
+        if kind in ("rolled_back", "resumed"):
+            self._moved = {}  # what was predicted is of a trial that is no more
+        if kind in _TOLD and kind != "built":
+            self._note({name: event[name] for name in event if name != "details"})
+        for warning in event.get("warnings", ()):
+            self._note({"at": event["at"], "event": "warning", "step": event.get("step", 0), "message": warning})
+
+    def _note(self, told: dict[str, Any]) -> None:
+        """Keep it; a repeat of the newest one is counted there."""
+        self._counted += 1
+        same = ("event", "code", "message", "request")
+        newest = self._notable[-1] if self._notable else {}
+        if newest and all(newest.get(name) == told.get(name) for name in same):
+            since = newest.get("since", newest["at"])
+            self._notable[-1] = told | {"times": newest.get("times", 1) + 1, "since": since}
+        else:
+            self._notable.append(told)
+
+    def _standing(self) -> list[dict[str, Any]]:
+        """The worst cells of the committed coordinates, where the mesh shows them."""
+        quality = (self._committed or self.built).get("quality") or {}
+        cells: list[dict[str, Any]] = quality.get("worst", [])
+        return cells
+
+    def _worst(self) -> dict[str, Any]:
+        """The worst cells of what was judged last: a trial's prediction, or committed coordinates."""
+        moved, committed = self._moved, self._committed
+        if moved and moved.get("at", 0) > committed.get("at", 0):
+            return {"of": "predicted", "step": moved["step"], "cells": moved["quality"]["corrected"].get("worst", [])}
+        if committed and committed["quality"].get("worst"):
+            return {"of": "committed", "step": committed["step"], "cells": committed["quality"]["worst"]}
+        quality = self.built.get("quality") or {}
+        return {"of": "uploaded", "step": 0, "cells": quality.get("worst", [])}
+
+
+def plain_column(column: NDArray[np.float64]) -> list[float | None]:
+    """Numbers (n,) with as many digits as a chart shows; None for what is no number."""
+    finite = np.isfinite(column)
+    safe = np.where(finite, column, 0.0)
+    scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.maximum(np.abs(safe), 1e-12))))
+    whole = np.rint(safe) == safe
+    rounded = np.where(whole, safe, np.rint(safe * scale) / scale)
+    values: list[float | None] = rounded.tolist()
+    for place in np.flatnonzero(~finite).tolist():
+        values[place] = None
+    return values

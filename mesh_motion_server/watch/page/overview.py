@@ -1,0 +1,153 @@
+"""The sessions of the server in a few figures each, for the list: from their folders, and from who has a worker."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.watch.observation.follow import EventTail
+from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
+from mesh_motion_server.watch.observation.standing import rests
+
+__all__ = ["Overview"]
+
+#: Sessions that are listed, the last changed.
+_LISTED = 200
+#: Steps whose minimum the list shows as a line.
+_SPARK = 32
+#: Of a history's end so much is read at first for that line.
+_TAIL_BYTES = 512 << 10
+
+
+#: After these nothing is tried.
+_ENDS_A_TRIAL = ("committed", "rolled_back", "resumed", "suspended", "closed", "failed")
+
+
+#: A session that the supervisor does not know.
+_NOBODY = ("", "none")
+
+
+class _Brief:
+    """The end of one session's history."""
+
+    def __init__(self, folder: Path) -> None:
+        self._tail = EventTail(folder, last_bytes=_TAIL_BYTES)
+        self.events = 0
+        self.changed_at = 0.0
+        self.minima: deque[float | None] = deque(maxlen=_SPARK)
+        self.iteration = 0
+        self.threshold: float | None = None
+
+    def catch_up(self) -> None:
+        """Read what has come."""
+        while events := self._tail.read():
+            for event in events:
+                with suppress(
+                    KeyError, TypeError, ValueError, AttributeError
+                ):  # as another version may have written it
+                    self._take(event)
+
+    def _take(self, event: dict[str, Any]) -> None:
+        self.events += 1
+        self.changed_at = float(event["at"])
+        if event["event"] in _ENDS_A_TRIAL:
+            self.iteration = 0
+        if event["event"] == "moved":
+            self.iteration, self.threshold = event["iteration"], event["quality"]["threshold"]
+        elif event["event"] == "committed":
+            minimum = event["quality"].get("metric", {}).get("min")
+            self.minima.append(None if minimum is None else round(minimum, 4))
+
+
+class Overview:
+    """Makes the list.
+
+    Parameters
+    ----------
+    state_folder : Path
+    """
+
+    def __init__(self, state_folder: Path) -> None:
+        self._sessions = Sessions(state_folder)
+        self._briefs: dict[str, _Brief] = {}
+        self._stored: set[str] = set()  # at the last look, and those that still have a worker
+
+    def listed(self, live: list[list[Any]]) -> list[dict[str, Any]]:
+        """The sessions, the last changed first; where there are many, those with a worker are among them.
+
+        Parameters
+        ----------
+        live : list of [session, worker, state, step, epoch]
+            As the supervisor tells.
+        """
+        known = {entry[0]: entry for entry in live}
+        stored = self._sessions.views()
+        first = sorted(stored, key=lambda view: known.get(view.session, _NOBODY)[1] != "alive")[:_LISTED]
+        chosen = {view.session for view in first}
+        views = [view for view in stored if view.session in chosen]
+        self._briefs = {view.session: self._brief(view) for view in views}
+        listed = [self._entry(view, known.get(view.session)) for view in views]
+        names = {view.session for view in stored}
+        self._stored = names | (self._stored & known.keys())
+        # Of those whose mesh is not built yet nothing is stored that a list could show. Of those that were stored there
+        # is nothing any more: they are being discarded, and their worker ends a moment later.
+        new = [_unbuilt(entry) for name, entry in known.items() if name not in self._stored and entry[1] != "dead"]
+        return [*new, *listed]
+
+    def _brief(self, view: SessionView) -> _Brief:
+        brief = self._briefs.get(view.session) or _Brief(Path(view.folder))
+        brief.catch_up()
+        return brief
+
+    def _entry(self, view: SessionView, live: list[Any] | None) -> dict[str, Any]:
+        brief = self._briefs[view.session]
+        worker, state, step = "none", view.state, view.step
+        if live is not None:
+            worker = live[1]
+            state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
+        if worker == "none" and rests(state, held=False):
+            state = "READY"
+        return {
+            "session": view.session,
+            "label": view.label,
+            "built": True,
+            "dimension": view.dimension,
+            "partitions": view.partitions,
+            "durability": view.durability,
+            "state": state,
+            "worker": worker,
+            "step": step,
+            "iteration": brief.iteration if worker == "alive" else 0,
+            "minimum": brief.minima[-1] if brief.minima else None,
+            "threshold": brief.threshold,
+            "spark": list(brief.minima),
+            "recorded": view.recorded,
+            # every event counts, for a refusal changes neither state nor step
+            "version": f"{view.changed_at:.6f}-{view.state}-{view.step}-{brief.events}",
+            "changed_at": max(view.changed_at, brief.changed_at),
+        }
+
+
+def _unbuilt(live: list[Any]) -> dict[str, Any]:
+    """A session whose mesh is not stored."""
+    session, worker, state, step, epoch = live
+    return {
+        "session": session,
+        "label": "",
+        "built": False,
+        "dimension": None,
+        "partitions": None,
+        "durability": "",
+        "state": state,
+        "worker": worker,
+        "step": step,
+        "iteration": 0,
+        "minimum": None,
+        "threshold": None,
+        "spark": [],
+        "recorded": False,
+        "version": f"new-{epoch}-{state}",
+        "changed_at": None,
+    }

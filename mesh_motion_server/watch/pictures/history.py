@@ -1,0 +1,254 @@
+"""The history of one run, or of several over each other: quality, iterations, seconds, enrichment points, faces.
+
+Of one run the quality panel has the minimum and the mean after each step, the percentiles as bands, what was predicted
+before any node moved as a wide pale line below (where it shows, the prediction was another), what the motion would have
+been without its correction, the threshold, and a mark where a motion was refused. Of several runs it has minimum and
+mean, a colour and a dash a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.watch.observation.series import PHASES
+from mesh_motion_server.watch.pictures.page import Page, blank
+from mesh_motion_server.watch.pictures.runs import Run
+
+__all__ = ["PANELS", "draw_history", "panels_of"]
+
+FloatArray = NDArray[np.float64]
+
+#: More steps than five times this are thinned: beyond it two lie on one pixel of a page.
+_BINS = 1000
+#: So few steps are marked one by one.
+_FEW = 40
+#: What a run of a single step is drawn as: a dash of so many steps to either side.
+_HALF_DASH = 0.25
+#: A first step is cut off if it took so many times what any later one did: it makes the factorizations.
+_TALL = 3.0
+#: Heights, mm: of the quality panel, as a share of the width within limits, and of any other as a share of that.
+_HEIGHT, _LOWEST, _HIGHEST, _SMALL = 0.42, 38.0, 80.0, 0.5
+
+
+def panels_of(runs: Sequence[Run]) -> list[str]:
+    """The panels that have something to show, in order."""
+    return [name for name, (_, has) in PANELS.items() if any(has(run) for run in runs)]
+
+
+def draw_history(
+    runs: Sequence[Run], page: Page, *, title: str | None = None, panels: Sequence[str] | None = None
+) -> Any:
+    """A matplotlib figure of the runs' history, to be made and saved within :func:`~.page.styled`.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        All of the same metric.
+    page : Page
+    title : str, optional
+        None: the label of a single run; "": none.
+    panels : sequence of str, optional
+        Of :data:`PANELS`, from top to bottom; None: those that have something to show.
+
+    Raises
+    ------
+    InvalidInput
+        If the runs have not a single step.
+    """
+    if not any(len(run.step) for run in runs):
+        raise InvalidInput(
+            f"no step was committed yet: {', '.join(run.label for run in runs)}", hint="wait for the first one"
+        )
+    names = list(panels) if panels else panels_of(runs)
+    tall = min(max(_HEIGHT * page.width, _LOWEST), _HIGHEST)
+    heights = [1.0 if name == "quality" else _SMALL for name in names]
+    figure = blank(page, tall * sum(heights) + 12.0)
+    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    shown = [run.thinned(_BINS) for run in runs]
+    for name, panel in zip(names, axes, strict=True):
+        PANELS[name][0](panel, shown, page)
+        panel.grid(visible=True, axis="y")
+        panel.set_axisbelow(True)
+    axes[-1].set_xlabel("step")
+    axes[-1].xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
+    low = min(int(run.step[0]) for run in shown if len(run.step))
+    tried = [
+        refused.step for run in shown for refused in run.refused
+    ]  # a step that was refused may not be committed yet
+    high = max([*(int(run.step[-1]) for run in shown if len(run.step)), *tried])
+    axes[-1].set_xlim((low - 0.5, high + 0.5) if low == high else (low, high))
+    figure.align_ylabels(list(axes))
+    title = runs[0].label if title is None and len(runs) == 1 else title
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+# --- quality ---------------------------------------------------------------------------------------------------------
+
+
+def _draw_quality(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    if len(runs) == 1:
+        _draw_one(axes, runs[0], page)
+    else:
+        _draw_several(axes, runs, page)
+    _draw_refused(axes, runs, page)
+    if any(np.any(run.actual.minimum <= 0) for run in runs):  # an inverted cell
+        axes.axhline(0.0, color=page.theme.refused, linewidth=0.6)
+    axes.set_ylabel(runs[0].metric)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, min(1.0, high) if high - low > 0.05 else high)
+    columns = 3 if page.width >= 120 else 2
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, columnspacing=1.5)
+
+
+def _draw_one(axes: Any, run: Run, page: Page) -> None:
+    """Everything that is known of one run."""
+    theme, x = page.theme, run.step
+    colour, mean = theme.runs[0], theme.runs[2]
+    bands = (("p1", "p5", 0.26, "percentiles 1 to 5"), ("p5", "p50", 0.12, "5 to 50"))
+    for low, high, opacity, label in bands:
+        lower, upper = getattr(run.actual, low), getattr(run.actual, high)
+        if np.isfinite(lower).any():
+            axes.fill_between(*_dashed(x, lower, upper), color=colour, alpha=opacity, linewidth=0, label=label)
+    _line(axes, x, run.predicted.mean, color=mean, linewidth=3.2, alpha=0.3)
+    _line(axes, x, run.predicted.minimum, color=colour, linewidth=3.6, alpha=0.35, label="minimum, predicted")
+    if np.any(run.standard < run.predicted.minimum - 1e-9):
+        _line(axes, x, run.standard, color=theme.faint, linestyle=":", label="without correction")
+    _line(axes, x, run.actual.mean, color=mean, linestyle=theme.dashes[1], label="mean")
+    _line(axes, x, run.actual.minimum, color=colour, label="minimum", **_marks(x))
+    if run.threshold is not None:
+        axes.axhline(run.threshold, color=theme.ink, linewidth=0.7, linestyle=(0, (1, 2)), label="threshold")
+
+
+def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    """Minimum and mean of each."""
+    theme = page.theme
+    for number, run in enumerate(runs):
+        style = {
+            "color": theme.runs[number % len(theme.runs)],
+            "linestyle": theme.dashes[number % len(theme.dashes)],
+        }
+        _line(axes, run.step, run.actual.mean, **style, linewidth=0.7, alpha=0.75)
+        _line(axes, run.step, run.actual.minimum, **style, label=run.label, **_marks(run.step))
+    axes.plot([], [], color=theme.ink, linewidth=0.7, alpha=0.75, label="mean (thin)")
+    thresholds = {run.threshold for run in runs}
+    if len(thresholds) == 1 and None not in thresholds:
+        axes.axhline(thresholds.pop(), color=theme.ink, linewidth=0.7, linestyle=(0, (1, 2)), label="threshold")
+
+
+def _draw_refused(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    """A mark on the lower edge where a motion was refused."""
+    steps = sorted({refused.step for run in runs for refused in run.refused})
+    if steps:
+        axes.plot(
+            steps, np.zeros(len(steps)), linestyle="", marker="v", markersize=5, color=page.theme.refused,
+            markeredgecolor=page.theme.paper, markeredgewidth=0.4, transform=axes.get_xaxis_transform(),
+            clip_on=False, zorder=5, label="refused",
+        )  # fmt: skip
+
+
+def _line(axes: Any, x: NDArray[np.int64], y: FloatArray, **style: Any) -> None:
+    """A line of what is known; nothing, and no place in the legend, if that is nothing."""
+    if np.isfinite(y).any():
+        axes.plot(*_dashed(x, y), **style)
+
+
+def _dashed(x: NDArray[np.int64], *values: FloatArray) -> tuple[FloatArray, ...]:
+    """A single step as three points in a row, since a line through one is not seen; more as they are."""
+    if len(x) != 1:
+        return x.astype(float), *values
+    return x + _HALF_DASH * np.array([-1.0, 0.0, 1.0]), *(np.repeat(each, 3) for each in values)
+
+
+def _marks(x: NDArray[np.int64]) -> dict[str, Any]:
+    """How steps are marked one by one where they are few."""
+    if len(x) > _FEW:
+        return {}
+    return {"marker": "o", "markersize": 2.5} | ({"markevery": [1]} if len(x) == 1 else {})
+
+
+# --- the others ------------------------------------------------------------------------------------------------------
+
+
+def _draw_counts(axes: Any, runs: Sequence[Run], page: Page, column: str, name: str) -> None:
+    """A staircase of whole numbers a run."""
+    for number, run in enumerate(runs):
+        colour = page.theme.runs[number % len(page.theme.runs)]
+        style = page.theme.dashes[number % len(page.theme.dashes)]
+        steps, values = _dashed(run.step, getattr(run, column))
+        axes.step(steps, values, where="mid", color=colour, linestyle=style, linewidth=0.9)
+        if len(runs) == 1:
+            axes.fill_between(steps, values, step="mid", color=colour, alpha=0.18, linewidth=0)
+    axes.set_ylabel(name)
+    axes.set_ylim(bottom=0)
+    axes.yaxis.get_major_locator().set_params(integer=True)
+
+
+def _draw_iterations(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    _draw_counts(axes, runs, page, "iterations", "iterations")
+
+
+def _draw_enrichment(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    _draw_counts(axes, runs, page, "enrichment_points", "enrichment\npoints")
+
+
+def _draw_orthogonality(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    """The largest non-orthogonality of each run."""
+    for number, run in enumerate(runs):
+        colour = page.theme.runs[number % len(page.theme.runs)]
+        style = page.theme.dashes[number % len(page.theme.dashes)]
+        _line(axes, run.step, run.non_orthogonality, color=colour, linestyle=style, linewidth=0.9)
+    axes.set_ylabel("non-\northogonality, °")
+
+
+def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    """What the phases of one run took, one on the other; of several runs their sums."""
+    totals = [np.nansum([*run.seconds.values()], axis=0) for run in runs]
+    largest = _shown_top(totals)
+    unit, factor = ("s", 1.0) if largest >= 1.0 else ("ms", 1e3)
+    if len(runs) == 1:
+        colours = [page.theme.runs[i] for i in (0, 5, 1, 2)]
+        parts = [np.nan_to_num(runs[0].seconds[phase]) * factor for phase in PHASES]
+        steps, *parts = _dashed(runs[0].step, *parts)
+        axes.stackplot(steps, parts, labels=PHASES, colors=colours, alpha=0.85, linewidth=0)
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2,
+            handlelength=0.9, handletextpad=0.4,
+        )  # fmt: skip
+    else:
+        for number, (run, total) in enumerate(zip(runs, totals, strict=True)):
+            style = page.theme.dashes[number % len(page.theme.dashes)]
+            colour = page.theme.runs[number % len(page.theme.runs)]
+            _line(axes, run.step, total * factor, color=colour, linestyle=style, linewidth=0.9)
+    axes.set_ylabel(f"server, {unit}")
+    axes.set_ylim(0, 1.08 * factor * largest if largest > 0 else 1.0)
+    cut = [float(total[0]) for total in totals if len(total) and total[0] > 1.08 * largest]
+    if cut:
+        axes.annotate(
+            f"first step: {max(cut) * factor:.3g} {unit}", (0.012, 0.95), xycoords="axes fraction", va="top",
+            fontsize=page.points - 1.0, bbox={"facecolor": page.theme.paper, "edgecolor": "none", "pad": 1.0},
+        )  # fmt: skip
+
+
+def _shown_top(totals: Sequence[FloatArray]) -> float:
+    """Where the axis ends: at the largest value, or at the largest but the first steps', if those stand far above."""
+    first = max((float(total[0]) for total in totals if len(total)), default=0.0)
+    later = max((float(total[1:].max()) for total in totals if len(total) > 1), default=0.0)
+    return later if 0 < later * _TALL < first else max(first, later)
+
+
+_Drawing = Callable[[Any, Sequence[Run], Page], None]
+#: Name of each panel → what draws it, and whether a run has something to show there.
+PANELS: dict[str, tuple[_Drawing, Callable[[Run], bool]]] = {
+    "quality": (_draw_quality, lambda _: True),
+    "iterations": (_draw_iterations, lambda run: bool(np.any(run.iterations > 1))),
+    "seconds": (_draw_seconds, lambda run: any(bool(np.any(values > 0)) for values in run.seconds.values())),
+    "enrichment": (_draw_enrichment, lambda run: bool(np.any(run.enrichment_points > 0))),
+    "non-orthogonality": (_draw_orthogonality, lambda run: bool(np.isfinite(run.non_orthogonality).any())),
+}

@@ -1,0 +1,180 @@
+"""A mesh in matplotlib axes: its cells, or those of a cut, coloured by quality, and a mark on the worst one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, LIGHT, QUALITY_MAP, Theme
+from mesh_motion_server.watch.pictures.slices import Polygons, cut, flat
+from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
+
+__all__ = ["Look", "draw_closeup", "draw_mesh", "draw_polygons"]
+
+FloatArray = NDArray[np.float64]
+
+#: Beyond so many polygons the cells become pixels inside SVG and PDF: a polygon takes some 150 bytes there.
+RASTER_ABOVE = 3000
+#: What a close-up shows to each side of the worst cell, in sizes of that cell.
+_AROUND = 3.5
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a mesh is drawn.
+
+    Attributes
+    ----------
+    theme : Theme
+    title_points, note_points, ring_points : float
+        Type of the title and of notes, and diameter of the ring around the worst cell, points.
+    notes : bool
+        Whether the worst cell's value is written into the picture; else the ring alone marks it.
+    """
+
+    theme: Theme = LIGHT
+    title_points: float = 11.0
+    note_points: float = 9.0
+    ring_points: float = 16.0
+    notes: bool = True
+
+
+def draw_mesh(
+    axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window: FloatArray, look: Look | None = None
+) -> Any:
+    """Draw a mesh (or its cut) into matplotlib axes and mark the worst cell; return what a colour bar needs.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    mesh : Snapshot
+    plane : Plane or None
+        Where a 3D mesh is cut.
+    title : str
+    window : (2, 2) array
+        Lower and upper corner of what is shown.
+    look : Look, optional
+    """
+    look = look or Look()
+    polygons = _within(_polygons(mesh, plane), window)
+    colours = draw_polygons(axes, polygons, mesh, look)
+    _show(axes, window - [[0.02], [-0.02]] * (window[1] - window[0]))
+    _mark_worst(axes, mesh, polygons, window, look)
+    where = "" if plane is None else f", cut at {'xyz'[plane.axis]} = {plane.position:.3g}"
+    axes.set_title(f"{title}{where}", fontsize=look.title_points, color=look.theme.ink)
+    axes.tick_params(labelsize=look.note_points - 1.0)
+    return colours
+
+
+def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, look: Look) -> FloatArray:
+    """Draw the surroundings of the worst cell, outline it, and return the (2, 2) window that is shown.
+
+    A 3D mesh is cut through that cell, across the axis of ``plane``.
+    """
+    from matplotlib.collections import PolyCollection  # noqa: PLC0415
+
+    centre = mesh.centre(mesh.worst)
+    block, row = mesh.cells.locate(mesh.worst)
+    half = _AROUND * float(np.ptp(mesh.points[block.nodes[row]], axis=0).max())
+    if plane is not None:
+        plane = Plane(plane.axis, float(centre[plane.axis]))
+        centre = np.delete(centre, plane.axis)
+    window = np.array([centre - half, centre + half])
+    polygons = _within(_polygons(mesh, plane), window)
+    draw_polygons(axes, polygons, mesh, look)
+    own = polygons.corners[polygons.cells == mesh.worst]
+    axes.add_collection(
+        PolyCollection(own, facecolors="none", edgecolors=INVERTED_COLOUR, linewidths=look.ring_points / 9.0, zorder=4)
+    )
+    _show(axes, window)
+    where = "" if plane is None else f", {'xyz'[plane.axis]} = {plane.position:.3g}"
+    axes.set_title(f"its worst cell{where}", fontsize=look.title_points)
+    axes.tick_params(labelsize=look.note_points - 1.0)
+    return window
+
+
+def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, look: Look) -> Any:
+    """Draw polygons of a mesh in the colours of their cells' quality, inverted ones apart; return what a bar needs."""
+    from matplotlib.collections import PolyCollection  # noqa: PLC0415
+    from matplotlib.colors import Normalize  # noqa: PLC0415
+
+    values = mesh.quality[polygons.cells]
+    width = float(np.clip(40.0 / np.sqrt(max(len(values), 1)), 0.1, 0.7)) * look.ring_points / 16.0
+    in_pixels = len(values) > RASTER_ABOVE
+    colours = PolyCollection(
+        polygons.corners,  # type: ignore[arg-type]
+        array=np.clip(values, 0.0, 1.0),
+        cmap=QUALITY_MAP,
+        norm=Normalize(0.0, 1.0),
+        edgecolors=look.theme.edge,
+        linewidths=width,
+        rasterized=in_pixels,
+    )
+    axes.add_collection(colours, autolim=False)  # the window is set, and looking for the extents takes long
+    folded = mesh.inverted[polygons.cells]
+    if folded.any():
+        axes.add_collection(
+            PolyCollection(
+                polygons.corners[folded],  # type: ignore[arg-type]
+                facecolors=INVERTED_COLOUR,
+                edgecolors="white",
+                linewidths=width,
+                rasterized=in_pixels,
+            ),
+            autolim=False,
+        )
+    return colours
+
+
+def _polygons(mesh: Snapshot, plane: Plane | None) -> Polygons:
+    if plane is None:
+        return flat(mesh.points, mesh.cells)
+    return cut(mesh.points, mesh.cells, plane.axis, plane.position)
+
+
+def _within(polygons: Polygons, window: FloatArray) -> Polygons:
+    """Those that reach into the window, or nearly."""
+    margin = 0.05 * (window[1] - window[0])
+    low, high = window[0] - margin, window[1] + margin
+    corners = polygons.corners
+    kept = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+    return Polygons(corners[kept], polygons.cells[kept])
+
+
+def _show(axes: Any, window: FloatArray) -> None:
+    axes.set_aspect("equal")
+    axes.set(xlim=window[:, 0], ylim=window[:, 1])
+
+
+def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArray, look: Look) -> None:
+    """A ring around the worst of the cells that are drawn, with its value and, if another one is worse, that one's."""
+    for drawn in np.argsort(mesh.quality[polygons.cells], kind="stable"):
+        place = np.unique(polygons.corners[drawn], axis=0).mean(axis=0)
+        if ((place >= window[0]) & (place <= window[1])).all():
+            break
+    else:
+        return
+    axes.plot(
+        *place, marker="o", markersize=look.ring_points, markerfacecolor="none", markeredgecolor=INVERTED_COLOUR,
+        markeredgewidth=look.ring_points / 8.0,
+    )  # fmt: skip
+    if look.notes:
+        _write_worst(axes, mesh, int(polygons.cells[drawn]), place > window.mean(axis=0), look)
+
+
+def _write_worst(axes: Any, mesh: Snapshot, cell: int, side: NDArray[np.bool_], look: Look) -> None:
+    """The value of the cell that is marked, away from it: on the right or upper ``side`` (2,) of the picture or not."""
+    text = f"worst cell: {mesh.quality[cell]:.3f}"
+    if mesh.quality[cell] > mesh.quality[mesh.worst] + 1e-3:
+        centre = ", ".join(f"{c:.3g}" for c in mesh.centre(mesh.worst))
+        text = f"worst here: {mesh.quality[cell]:.3f}\nworst of all: {mesh.quality[mesh.worst]:.3f} at ({centre})"
+    box = {"boxstyle": "round,pad=0.3", "facecolor": look.theme.paper, "edgecolor": INVERTED_COLOUR, "alpha": 0.9}
+    right, upper = side
+    corner = {"x": 0.015, "ha": "left"} if right or not upper else {"x": 0.985, "ha": "right"}
+    axes.text(
+        y=0.975, s=text, transform=axes.transAxes, va="top", fontsize=look.note_points, color=look.theme.ink,
+        bbox=box | {"linewidth": look.ring_points / 16.0}, **corner,
+    )  # fmt: skip

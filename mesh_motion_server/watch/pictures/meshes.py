@@ -1,0 +1,118 @@
+"""The meshes that are drawn before and after, read from where they are stored."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import read_mesh
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.watch.pictures.before_after import MeshPair
+from mesh_motion_server.watch.pictures.runs import read_played
+from mesh_motion_server.watch.pictures.snapshot import Snapshot
+
+__all__ = ["pair_of", "played_pair"]
+
+FloatArray = NDArray[np.float64]
+
+#: A boundary node has moved if it is so far from where it was, as a share of the mesh's extent.
+_MOVED = 1e-9
+
+
+def played_pair(folder: Path, metric: str | None = None, first: int | None = None, last: int | None = None) -> MeshPair:
+    """The meshes of a run that ``mesh-motion play`` left in a folder: at opening, and after its worst step.
+
+    Parameters
+    ----------
+    folder : path
+    metric : str, optional
+        None: size-skew.
+    first, last : int, optional
+        Other steps, of those that the series has.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no series, or not these steps in it.
+    """
+    run = read_played(folder, metric)
+    series = _series(folder)
+    written = [i for i, step in enumerate(run.step) if int(step) in series and step > (first or 0)]
+    note = ""
+    if last is None:
+        if not written:
+            raise InvalidInput(f"{folder}: the series has no step after {first or 0}", hint="play writes mesh.pvd")
+        last = int(run.step[min(written, key=lambda i: float(run.actual.minimum[i]))])
+        note = "the worst" if len(written) > 1 else ""
+    opening = read_mesh(_file(series, 0, folder))
+    steps = (first or 0, last)
+    points = [read_mesh(_file(series, step, folder)).points for step in steps]
+    pair = pair_of(opening.points, opening.cell_table, *points, steps=steps, metric=run.metric)
+    return MeshPair(run.label, run.metric, *pair, np.empty((0, opening.dimension)), note)
+
+
+def pair_of(
+    reference: FloatArray,
+    cells: CellTable,
+    before: FloatArray,
+    after: FloatArray,
+    *,
+    steps: tuple[int, int],
+    metric: str,
+) -> tuple[Snapshot, Snapshot]:
+    """Snapshots of a mesh at two times, its quality against the ``reference`` coordinates (n, d).
+
+    Raises
+    ------
+    InvalidInput
+        If the mesh has one dimension: there is nothing to draw.
+    """
+    if cells.dimension < 2:
+        raise InvalidInput("a mesh of one dimension has no picture", hint="--show history draws its quality")
+    cells, own, _ = oriented(reference, cells)
+    sizes = cells_at_rest(reference, cells, own)
+    edge = boundary_nodes(cells)
+    far = np.abs(after[edge] - before[edge]).max(axis=1) > _MOVED * float(np.ptp(reference, axis=0).max())
+    judged = [cell_quality(points, cells, sizes) for points in (before, after)]
+    first, second = (
+        Snapshot(step, points, cells, quality.metric(metric), edge[far], quality.inverted)
+        for step, points, quality in zip(steps, (before, after), judged, strict=True)
+    )
+    return first, second
+
+
+def _series(folder: Path) -> dict[int, Path]:
+    """The file of each step of mesh.pvd."""
+    path = folder / "mesh.pvd"
+    try:
+        entries = Xml.parse(path).getroot().iter("DataSet")
+        return {round(float(entry.attrib["timestep"])): folder / Path(entry.attrib["file"]).name for entry in entries}
+    except (OSError, Xml.ParseError, KeyError, ValueError) as error:
+        raise InvalidInput(
+            f"{path}: not readable as the series that play writes: {error}",
+            hint="play the case again: mesh-motion play CASE.toml --out DIR",
+        ) from None
+
+
+def _file(series: dict[int, Path], step: int, folder: Path) -> Path:
+    """The file of a step."""
+    if step not in series:
+        raise InvalidInput(
+            f"--steps: the series in {folder} has no step {step}; it has {_listed(sorted(series))}",
+            hint="play --every 1 writes every step",
+        )
+    return series[step]
+
+
+def _listed(steps: list[int]) -> str:
+    """Numbers in words, not too many."""
+    text = ", ".join(map(str, steps[:8]))
+    return text if len(steps) <= 8 else re.sub(r", \d+$", "", text) + f", … {steps[-1]}"

@@ -1,0 +1,188 @@
+"""What makes a figure fit a page: its size in millimetres, its type, and the file that it goes to.
+
+A figure is made at its printed size, so that its type is 7 to 8 points there. Text stays text in SVG and PDF, with the
+glyphs that it needs embedded (TrueType in PDF, a subset as a web font in SVG). The file depends on the content alone:
+it has no date, and made again it is the same, byte for byte.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.watch.pictures.palette import LIGHT, Theme
+
+__all__ = ["FORMATS", "PRESETS", "Page", "blank", "format_of", "parse_size", "pictures_are_possible", "save", "styled"]
+
+FORMATS = ("png", "svg", "pdf")
+#: Elsevier's widths of figures, mm (other publishers' are near them), and a slide of 16 : 9.
+PRESETS: dict[str, tuple[float, float | None]] = {
+    "column": (90.0, None),
+    "wide": (140.0, None),
+    "page": (190.0, None),
+    "slide": (254.0, 143.0),
+}
+_LIMITS_MM = (30.0, 1500.0)
+_MM_PER_INCH = 25.4
+_POINTS = 8.0
+#: A slide is read from afar.
+_SLIDE_POINTS = 12.0
+
+
+@dataclass(frozen=True)
+class Page:
+    """The paper that a figure is drawn on.
+
+    Attributes
+    ----------
+    width : float
+        mm.
+    height : float or None
+        mm; None: what the content asks for.
+    theme : Theme
+    points : float
+        Size of the type.
+    dpi : int
+        Of PNG, and of what is drawn in pixels inside SVG and PDF.
+    """
+
+    width: float = 140.0
+    height: float | None = None
+    theme: Theme = LIGHT
+    points: float = _POINTS
+    dpi: int = 300
+
+    def inches(self, natural_height: float) -> tuple[float, float]:
+        """Width and height, inches; ``natural_height`` (mm) is the content's own."""
+        return self.width / _MM_PER_INCH, (self.height or natural_height) / _MM_PER_INCH
+
+
+def parse_size(text: str) -> tuple[float, float | None, float]:
+    """Width and height, mm, and the size of the type, points, of a preset's name, ``120`` or ``120x80``.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if text in PRESETS:
+        return *PRESETS[text], _SLIDE_POINTS if text == "slide" else _POINTS
+    found = re.fullmatch(r"(\d+(?:\.\d*)?)(?:\s*[x×]\s*(\d+(?:\.\d*)?))?\s*(?:mm)?", text.strip())
+    sizes = [float(part) for part in found.groups() if part] if found else []
+    low, high = _LIMITS_MM
+    if not sizes or not all(low <= size <= high for size in sizes):
+        raise InvalidInput(
+            f"--size: expected {', '.join(PRESETS)}, or WIDTH or WIDTHxHEIGHT in mm from {low:g} to {high:g}, "
+            f"got {text!r}",
+            hint="a column of most journals is 90 mm wide: --size column, or --size 90x60",
+        )
+    return sizes[0], sizes[1] if len(sizes) > 1 else None, _POINTS
+
+
+def pictures_are_possible() -> bool:
+    """Whether matplotlib is installed."""
+    return find_spec("matplotlib") is not None
+
+
+@contextmanager
+def styled(page: Page) -> Iterator[None]:
+    """matplotlib's settings while a figure is made on this page, and saved."""
+    import matplotlib  # noqa: PLC0415  (an extra)
+
+    theme, points = page.theme, page.points
+    settings: Any = {
+        "font.family": "DejaVu Sans",  # comes with matplotlib: the same picture everywhere
+        "font.size": points,
+        "axes.titlesize": points,
+        "axes.labelsize": points,
+        "xtick.labelsize": points - 1.0,
+        "ytick.labelsize": points - 1.0,
+        "legend.fontsize": points - 1.0,
+        "figure.titlesize": points + 1.0,
+        "figure.titleweight": "bold",
+        "axes.titleweight": "normal",
+        "axes.linewidth": 0.6,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "xtick.major.size": 2.5,
+        "ytick.major.size": 2.5,
+        "lines.linewidth": 1.1,
+        "grid.linewidth": 0.4,
+        "legend.frameon": False,
+        "legend.handlelength": 2.2,
+        "figure.facecolor": theme.paper,
+        "axes.facecolor": theme.paper,
+        "savefig.facecolor": theme.paper,
+        "text.color": theme.ink,
+        "axes.labelcolor": theme.ink,
+        "axes.edgecolor": theme.ink,
+        "axes.titlecolor": theme.ink,
+        "xtick.color": theme.ink,
+        "ytick.color": theme.ink,
+        "grid.color": theme.faint,
+        "grid.alpha": 0.35,
+        "pdf.fonttype": 42,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "mesh-motion",
+        "text.parse_math": False,  # a name may have dollar signs
+    }
+    with matplotlib.rc_context(settings):
+        yield
+
+
+def blank(page: Page, height: float, *, fixed_aspect: bool = False) -> Any:
+    """An empty matplotlib figure; ``height`` (mm) is the content's own, which may have panels of a fixed aspect."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  (an extra)
+
+    figure: Any = Figure(figsize=page.inches(height), layout="compressed" if fixed_aspect else "constrained")
+    figure.get_layout_engine().set(h_pad=0.03, w_pad=0.05, hspace=0.03, wspace=0.04)
+    return figure
+
+
+def save(figure: Any, path: Path, page: Page) -> None:
+    """Write a matplotlib figure; the suffix chooses the format, and the file is replaced in one step.
+
+    Raises
+    ------
+    InvalidInput
+        For another suffix than those of :data:`FORMATS`.
+    ResourceError
+        If the file cannot be written.
+    """
+    kind = format_of(path)
+    nothing: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as file:
+            if kind == "svg":
+                from mesh_motion_server.watch.pictures.svg_fonts import write_svg  # noqa: PLC0415  (an extra)
+
+                write_svg(figure, file, dpi=page.dpi, metadata=nothing)
+            else:
+                figure.savefig(file, format=kind, dpi=page.dpi, metadata=nothing)
+    except OSError as error:
+        raise ResourceError(f"{path}: the picture cannot be written: {error.strerror or error}") from None
+
+
+def format_of(path: Path) -> str:
+    """One of :data:`FORMATS`, by the suffix.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in FORMATS:
+        raise InvalidInput(
+            f"--out: expected a file ending in {', '.join('.' + name for name in FORMATS)}, got {path.name!r}",
+            hint="the suffix chooses the format: PDF or SVG for a paper, PNG for a page",
+        )
+    return kind

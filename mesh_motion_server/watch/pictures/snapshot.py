@@ -1,0 +1,115 @@
+"""A mesh at one time, as far as a picture needs it, and which part of it a picture shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.mesh.cells import CellTable
+
+__all__ = ["Plane", "Snapshot", "choose_box", "choose_plane", "choose_window"]
+
+FloatArray = NDArray[np.float64]
+
+#: A picture shows only the surroundings of the moving nodes if they take less than this share of it.
+_CROP_BELOW = 0.4
+#: How much is shown beside the moving nodes, as a share of their largest extent; in 3D less, since more lies behind.
+_MARGIN, _MARGIN_3D = 0.5, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A mesh at one time, as far as a picture needs it.
+
+    Attributes
+    ----------
+    step : int
+        0 at opening.
+    points : (n, d) array
+    cells : CellTable
+    quality : (m,) array
+        Of each cell.
+    moving : (k,) int64 array
+        The moving nodes.
+    folded : (m,) bool array, optional
+        Which cells are inverted; without it those of quality 0 or less, as of a metric with the size in it.
+    """
+
+    step: int
+    points: FloatArray
+    cells: CellTable
+    quality: FloatArray
+    moving: NDArray[np.int64]
+    folded: NDArray[np.bool_] | None = None
+
+    @property
+    def inverted(self) -> NDArray[np.bool_]:
+        """(m,) which cells are inverted."""
+        return self.quality <= 0 if self.folded is None else self.folded
+
+    @property
+    def worst(self) -> int:
+        """Number of the worst cell."""
+        return int(np.argmin(self.quality))
+
+    def centre(self, cell: int) -> FloatArray:
+        """(d,) mean of a cell's nodes."""
+        block, row = self.cells.locate(cell)
+        return np.asarray(self.points[block.nodes[row]].mean(axis=0))
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Where a 3D mesh is cut: x[axis] = position. In 2D there is none."""
+
+    axis: int
+    position: float
+
+
+def choose_plane(before: Snapshot, after: Snapshot) -> Plane | None:
+    """The plane that shows most of a 3D motion: across the axis of least motion, through the nodes that move most."""
+    if before.points.shape[1] < 3:
+        return None
+    start, moved = before.points[before.moving], after.points[after.moving]
+    motion = moved - start
+    if not len(motion):  # nothing moves: across the middle of the shortest axis
+        axis = int(np.argmin(np.ptp(after.points, axis=0)))
+        return Plane(axis, float(after.points[:, axis].mean()))
+    axis = int(np.argmin((motion**2).sum(axis=0)))
+    weight = (motion**2).sum(axis=1)
+    position = float(np.average(moved[:, axis], weights=weight) if weight.any() else moved[:, axis].mean())
+    return Plane(axis, position)
+
+
+def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> FloatArray:
+    """(2, 2) lower and upper corner of the part of the picture where something moves, or of all of it."""
+    dimension = before.points.shape[1]
+    drawn = [axis for axis in range(dimension) if plane is None or axis != plane.axis]
+    both = np.concatenate([before.points, after.points])[:, drawn]
+    low, high = both.min(axis=0), both.max(axis=0)
+    if dimension == 1:
+        return np.array([[low[0], 0.0], [high[0], 1.0]])
+    moving = np.concatenate([before.points[before.moving], after.points[after.moving]])
+    if plane is not None:
+        distance = np.abs(moving[:, plane.axis] - plane.position)
+        moving = moving[distance <= max(0.1 * float(np.ptp(moving[:, plane.axis])), float(distance.min()))]
+    return _around(moving[:, drawn], low, high, _MARGIN)
+
+
+def choose_box(before: Snapshot, after: Snapshot) -> FloatArray:
+    """(2, d) lower and upper corner of the part of the mesh where something moves, or of all of it."""
+    both = np.concatenate([before.points, after.points])
+    moving = np.concatenate([before.points[before.moving], after.points[after.moving]])
+    return _around(moving, both.min(axis=0), both.max(axis=0), _MARGIN_3D)
+
+
+def _around(moving: FloatArray, low: FloatArray, high: FloatArray, share: float) -> FloatArray:
+    """(2, d) box around places (k, d), or that from ``low`` to ``high`` where it is not much larger."""
+    if not len(moving):
+        return np.array([low, high])
+    margin = share * float(np.ptp(moving, axis=0).max())
+    near_low, near_high = np.maximum(moving.min(axis=0) - margin, low), np.minimum(moving.max(axis=0) + margin, high)
+    is_small = np.prod(near_high - near_low) < _CROP_BELOW * np.prod(high - low)
+    return np.array([near_low, near_high] if is_small else [low, high])

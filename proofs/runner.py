@@ -1,0 +1,219 @@
+"""Runs checks one after the other: a line each as it finishes, and everything that was measured in proof.json."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+from pathlib import Path
+from typing import Any
+
+import zmq
+from mesh_motion_protocol import PROTOCOL_VERSION
+
+from mesh_motion_server import __version__
+from mesh_motion_server.errors import InvalidInput
+from proofs.check import Budget, Check, Result
+
+__all__ = ["HEADING", "Outcome", "Plan", "chosen", "line_of", "prove"]
+
+_PACKAGES = ("numpy", "scipy", "msgpack", "pyzmq")
+_ROW = "{check:<15} {target:<63} {got:<63} {seed:>6} {seconds:>8} {verdict}"
+
+#: The first line of the table.
+HEADING = _ROW.format(check="check", target="target", got="got", seed="seed", seconds="seconds", verdict="").rstrip()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is done.
+
+    Attributes
+    ----------
+    scale : str
+        "short" or "full": each check's own counts.
+    seed : int
+    minutes : float or None
+        If given, the time for all checks, instead of counts.
+    """
+
+    scale: str = "short"
+    seed: int = 1
+    minutes: float | None = None
+
+    def seconds(self, check: Check, checks: Sequence[Check]) -> float | None:
+        """The check's share of the time."""
+        if self.minutes is None:
+            return None
+        return 60 * self.minutes * check.seconds / sum(each.seconds for each in checks)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A check's line, and what proof.json tells of it.
+
+    Attributes
+    ----------
+    check, target, got : str
+    seed : int
+    seconds : float
+        Wall time.
+    passed : bool
+    details : dict
+    traceback : str
+        Of the exception that ended the check, if one did.
+    """
+
+    check: str
+    target: str
+    got: str
+    seed: int
+    seconds: float
+    passed: bool
+    details: dict[str, Any]
+    traceback: str = ""
+
+
+def chosen(checks: Sequence[Check], names: Sequence[str]) -> list[Check]:
+    """The checks of these names, in the order of the table; all without names.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no check of a name.
+    """
+    known = [check.name for check in checks]
+    for name in names:
+        if name not in known:
+            raise InvalidInput(f"there is no check {name!r}", hint=f"one of {', '.join(known)}")
+    return [check for check in checks if not names or check.name in names]
+
+
+def prove(
+    checks: Sequence[Check],
+    plan: Plan,
+    out: Path,
+    *,
+    tell: Callable[[str], None],
+    progress: Callable[[str], None] = lambda _: None,
+) -> bool:
+    """Run checks; whatever one of them raises is its failure, and the next one runs.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+    plan : Plan
+    out : Path
+        Receives proof.json, written anew after each check; made if missing.
+    tell : callable
+        Takes each line.
+    progress : callable
+        Takes what is being done, often.
+
+    Returns
+    -------
+    bool
+        Whether all passed.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    about = {**asdict(plan), "started": _now(), "versions": versions(), "machine": machine()}
+    outcomes: list[Outcome] = []
+    tell(HEADING)
+    for check in checks:
+        outcomes.append(_outcome(check, plan, plan.seconds(check, checks), progress))
+        tell(line_of(outcomes[-1]))
+        _write(out / "proof.json", about, outcomes, finished=len(outcomes) == len(checks))
+    return all(outcome.passed for outcome in outcomes)
+
+
+def line_of(outcome: Outcome) -> str:
+    """One line of the table."""
+    return _ROW.format(
+        check=outcome.check,
+        target=outcome.target,
+        got=outcome.got,
+        seed=outcome.seed,
+        seconds=f"{outcome.seconds:.1f}",
+        verdict="PASS" if outcome.passed else "FAIL",
+    )
+
+
+def _outcome(check: Check, plan: Plan, seconds: float | None, progress: Callable[[str], None]) -> Outcome:
+    """Run one check."""
+    count = check.count(plan.scale)
+    target = check.target_of(count if seconds is None else None)
+    budget = Budget(count, seconds, lambda done: progress(f"{check.name}: {done}" + (f" of {count}" * (not seconds))))
+    start = time.monotonic()
+    trace = ""
+    try:
+        result = check.run(plan.seed, budget)
+    except Exception as error:
+        trace = traceback.format_exc()
+        result = Result(_one_line(error), False, {})
+    taken = time.monotonic() - start
+    return Outcome(check.name, target, result.got, plan.seed, taken, result.passed, result.details, trace)
+
+
+def _one_line(error: Exception) -> str:
+    """Type, message and notes of an exception."""
+    words = " ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
+    return " ".join(words.split())[:400]
+
+
+def _write(path: Path, about: dict[str, Any], outcomes: Sequence[Outcome], *, finished: bool) -> None:
+    """proof.json as of now, replaced whole."""
+    proof = about | {
+        "finished": _now() if finished else None,
+        "passed": finished and all(outcome.passed for outcome in outcomes),
+        "checks": [asdict(replace(outcome, seconds=round(outcome.seconds, 3))) for outcome in outcomes],
+    }
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(proof, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    part.replace(path)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def versions() -> dict[str, str]:
+    """Of the program, its protocol, and what it stands on."""
+    found = {
+        "mesh-motion-server": __version__,
+        "protocol": ".".join(map(str, PROTOCOL_VERSION)),
+        "python": platform.python_version(),
+        "libzmq": zmq.zmq_version(),
+    }
+    for name in _PACKAGES:
+        try:
+            found[name] = installed(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on."""
+    return {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "memory_bytes": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
+    }
+
+
+def _processor() -> str:
+    """Its model where Linux tells it, else its architecture."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

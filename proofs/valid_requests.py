@@ -1,0 +1,138 @@
+"""Requests that a session would take, as the headers and frames of the wire: what a fuzz begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from proofs.ranks import shared_mesh, uploads_of
+
+__all__ = ["CONTROL", "DATA", "Known", "Request", "upload_of", "valid_request"]
+
+CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
+DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
+_SETTINGS: tuple[dict[str, Any], ...] = (
+    {}, {"basis": "wendland-c4"}, {"correction": "none", "quality_threshold": 0.1}, {"support_radius": 2.5},
+    {"reduction": "greedy", "max_control_points": 20},
+)  # fmt: skip
+
+
+@dataclass
+class Request:
+    """A header, not yet packed, and the frames behind it."""
+
+    header: dict[str, Any]
+    frames: list[bytes] = field(default_factory=list)
+
+    @property
+    def kind(self) -> str:
+        """Its type."""
+        return str(self.header["type"])
+
+
+@dataclass
+class Known:
+    """What a client knows of its session.
+
+    Attributes
+    ----------
+    session, token : str, bytes
+    epoch, step, partitions : int
+    sequence : int
+        The last one that was used.
+    """
+
+    session: str
+    token: bytes
+    epoch: int
+    partitions: int
+    step: int = 0
+    sequence: int = 0
+    uploads: list[list[dict[str, Any]]] = field(default_factory=list)
+    moving: list[np.ndarray[Any, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        meshes = shared_mesh(self.partitions)
+        self.uploads = [uploads_of(mesh, self.partitions) for mesh in meshes]
+        self.moving = [mesh.points[np.sort(mesh.patches["left"].nodes), 1] for mesh in meshes]
+
+
+def valid_request(kind: str, known: Known, partition: int, random: Random) -> Request:
+    """A request of a partition that fits the session, if its state does too."""
+    request = _bare(kind, known, partition)
+    more = _MORE.get(kind)
+    if more is not None:
+        request.header["fields"] |= more(request, known, partition, random)
+    return request
+
+
+def upload_of(known: Known, partition: int, part: dict[str, Any]) -> Request:
+    """The UPLOAD of a part of a partition's mesh."""
+    request = _bare("UPLOAD", known, partition)
+    request.header["fields"] |= _part(request, part)
+    return request
+
+
+def _bare(kind: str, known: Known, partition: int) -> Request:
+    """With an id and an address."""
+    known.sequence += 1
+    header: dict[str, Any] = {"v": 1, "type": kind, "client": bytes([partition + 1]) * 16, "sequence": known.sequence}
+    fields = {"session": known.session, "epoch": known.epoch, "partition": partition}
+    header |= {"fields": fields if kind in DATA and kind != "PING" else {}, "arrays": []}
+    return Request(header)
+
+
+def _array(request: Request, name: str, rows: np.ndarray[Any, Any]) -> None:
+    """Declare an array, and put its frame behind."""
+    dtype = "<f8" if rows.dtype.kind == "f" else "<i8"
+    request.header["arrays"].append({"name": name, "dtype": dtype, "shape": list(rows.shape)})
+    if rows.size:
+        request.frames.append(rows.astype(dtype).tobytes())
+
+
+def _open(_request: Request, _known: Known, _partition: int, random: Random) -> dict[str, Any]:
+    return {"dimension": random.choice((1, 2, 3)), "partitions": random.choice((1, 2, 256)), "label": "a label",
+            "settings": dict(random.choice(_SETTINGS)), "bytes_reserved": 1000, "durability": ""}  # fmt: skip
+
+
+def _address(_request: Request, known: Known, _partition: int, _random: Random) -> dict[str, Any]:
+    return {"session": known.session, "token": known.token}
+
+
+def _upload(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
+    return _part(request, random.choice(known.uploads[partition]))
+
+
+def _part(request: Request, part: dict[str, Any]) -> dict[str, Any]:
+    _array(request, "rows", part["rows"])
+    return {"item": part["item"], "name": part.get("name", ""), "role": part.get("role", "")}
+
+
+def _move(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
+    y = known.moving[partition]
+    alike = random.random() < 0.8  # with the other partitions
+    phase = known.step if alike else random.randrange(8)
+    _array(request, "displacement", 0.002 * np.stack([np.sin(phase + y), np.cos(phase * y)], axis=1))
+    return {"step": known.step + 1, "frame": "committed" if alike else "reference"}
+
+
+_More = Callable[[Request, Known, int, Random], dict[str, Any]]
+#: Fields beside the address, by type.
+_MORE: Mapping[str, _More] = {
+    "HELLO": lambda *_: {"versions": [[1, 0]], "features": [], "agent": "fuzz"},
+    "OPEN": _open,
+    "RESUME": _address,
+    "PROBE": _address,
+    "LIST": lambda *_: {"after": ""},
+    "JOIN": lambda _r, known, _p, _: {"token": known.token},
+    "UPLOAD": _upload,
+    "MOVE": _move,
+    "COMMIT": lambda _r, known, _p, _: {"step": known.step + 1},
+    "ROLLBACK": lambda _r, known, _p, _: {"step": known.step + 1},
+    "FETCH": lambda _r, _k, _p, random: {"what": random.choice(("committed", "reference"))},
+    "CLOSE": lambda *_: {"outcome": "keep"},
+}

@@ -1,0 +1,89 @@
+"""The row of conformance: which cases, for whom, and what it says of servers and clients that are wrong."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+from in_process import in_process_server
+from mesh_motion_conformance.case import Case, Outcome
+from mesh_motion_conformance.client import client_cases
+from mesh_motion_conformance.command import Subject
+from mesh_motion_conformance.runner import selected
+from mesh_motion_conformance.server import server_cases
+from seeded_faults import FAULTS
+
+from mesh_motion_server.transport.telemetry import configure
+from proofs import conformance
+from proofs.check import Budget
+from proofs.conformance import CHECK, CLIENTS_VARIABLE, Part, choice, clients, put_to, verdict
+
+WRONG_CLIENT = Path(__file__).parents[1] / "conformance" / "wrong_client.py"
+
+
+@pytest.mark.parametrize("cases", [server_cases(), client_cases()], ids=["server", "client"])
+def test_a_choice_has_every_section_in_the_documents_order(cases: list[Case]) -> None:
+    sections = {case.section for case in cases}
+    for count in (0, 100, len(cases)):
+        chosen = choice(cases, count, Random(1))
+        assert {case.section for case in chosen} == sections
+        assert len(chosen) == min(max(count, len(sections)), len(cases))
+        assert chosen == [case for case in cases if case in chosen]
+    assert choice(cases, 30, Random(1)) == choice(cases, 30, Random(1)) != choice(cases, 30, Random(2))
+
+
+def test_the_full_plan_has_all_cases() -> None:
+    parts = [Part("server", Subject("tcp://127.0.0.1:1"), 1.0), Part("Python", Subject(client="x"), 1.0)]
+    for part, cases in zip(parts, (server_cases(), client_cases()), strict=True):
+        chosen, budget = conformance._share(part, parts, Budget(CHECK.full), Random(1))
+        assert [case.id for case in chosen] == [case.id for case in cases]
+        assert budget.count == len(cases)
+        _, timed = conformance._share(part, parts, Budget(1, 10.0), Random(1))
+        assert timed.seconds == 5.0
+
+
+def test_a_failure_and_a_case_that_was_left_out_are_told() -> None:
+    outcomes = [
+        Outcome(Case("2", "good", "a demand", lambda stage: None), "PASS", 0.1),
+        Outcome(Case("3", "bad", "a demand", lambda stage: None), "FAIL", 0.1, "PONG", "ERROR", "PING"),
+        Outcome(Case("8", "FROZEN", "a demand", lambda stage: None), "SKIP", 0.0),
+        Outcome(Case("9", "odd", "a demand", lambda stage: None), "SKIP", 0.0, got="nobody is there"),
+    ]
+    told = verdict("server", outcomes)
+    assert (told["cases"], told["passed"], told["skipped"]) == (4, 1, ["8-FROZEN", "9-odd"])
+    assert [case["id"] for case in told["failed"]] == ["3-bad", "9-odd"]
+    result = conformance._result({"server": told, "Python": verdict("Python", outcomes[:1])})
+    assert not result.passed
+    assert result.got == "2 of 5 failed: server 3-bad, server 9-odd"
+    assert conformance._result({"Python": verdict("Python", outcomes[:1])}).got.endswith("C, C++, Fortran not built")
+
+
+def test_clients_are_command_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    assert list(clients()) == ["Python"]
+    monkeypatch.setenv(CLIENTS_VARIABLE, "C=build/driver --fast;Rust = r")
+    assert clients() | {"C": "build/driver --fast", "Rust": "r"} == clients()
+
+
+@pytest.mark.parametrize("name", ["forgets what was executed", "takes requests of strangers"])
+def test_a_wrong_server_is_found(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    configure("conformance", "critical")
+    fault: Any = next(fault for fault in FAULTS if fault.name == name)
+    fault.seed(monkeypatch)
+    with in_process_server(tmp_path) as server:
+        part = Part("server", Subject(server.endpoint, seconds=3.0, opening_seconds=3.0), 1.0)
+        chosen = selected(part.subject.cases(), fault.caught)
+        told = verdict("server", put_to(part, chosen, Budget(len(chosen))))
+    assert sorted(case["id"] for case in told["failed"]) == sorted(fault.caught)
+
+
+def test_a_wrong_client_is_found() -> None:
+    command = shlex.join([sys.executable, str(WRONG_CLIENT), "takes-any-reply"])
+    part = Part("wrong", Subject(client=command), 1.0)
+    chosen = selected(part.subject.cases(), ["4-replies-to-others-come-first"])
+    told = verdict("wrong", put_to(part, chosen, Budget(1)))
+    assert [case["id"] for case in told["failed"]] == ["4-replies-to-others-come-first"]

@@ -1,0 +1,197 @@
+"""The frame of `mesh-motion prove`: lines, statuses, proof.json."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from mesh_motion_server.commands.cli import ExitStatus, main
+from mesh_motion_server.errors import InvalidInput
+from proofs import table
+from proofs.check import BrokenPromise, Budget, Check, Result, require
+from proofs.runner import HEADING, Plan, chosen, prove
+from proofs.waiting import wait_until
+
+
+def check(name: str, run: Any) -> Check:
+    return Check(name, "{count} of them", short=2, full=20_000, seconds=3, run=run)
+
+
+def count_up(seed: int, budget: Budget) -> Result:
+    done = 0
+    while budget.admits(done):
+        done += 1
+    return Result(f"{done} done", True, {"done": done, "seed": seed})
+
+
+def misses(seed: int, budget: Budget) -> Result:
+    return Result("one short", False, {"short": 1})
+
+
+def breaks(seed: int, budget: Budget) -> Result:
+    try:
+        require(False, "step 7 is lost")
+    except BrokenPromise as error:
+        error.add_note("(life 3)")
+        raise
+    return Result("", True, {})
+
+
+GOOD, MISSED, BROKEN = check("good", count_up), check("missed", misses), check("broken", breaks)
+
+
+def proved(out: Path, *checks: Check, **plan: Any) -> tuple[bool, list[str], dict[str, Any]]:
+    lines: list[str] = []
+    passed = prove(checks, Plan(**plan), out, tell=lines.append)
+    return passed, lines, json.loads((out / "proof.json").read_text())
+
+
+def test_a_line_for_each_check(tmp_path: Path) -> None:
+    passed, lines, proof = proved(tmp_path / "new" / "folder", GOOD, seed=5)
+    assert passed
+    assert lines[0] == HEADING
+    assert lines[1].split() == ["good", "2", "of", "them", "2", "done", "5", "0.0", "PASS"]
+    assert proof["passed"] is True
+    assert proof["checks"][0]["details"] == {"done": 2, "seed": 5}
+
+
+def test_what_fails_does_not_keep_the_others_from_running(tmp_path: Path) -> None:
+    passed, lines, proof = proved(tmp_path, BROKEN, MISSED, GOOD)
+    assert not passed
+    assert [line.split()[-1] for line in lines[1:]] == ["FAIL", "FAIL", "PASS"]
+    assert proof["passed"] is False
+    broken, missed, _ = proof["checks"]
+    assert broken["got"] == "BrokenPromise: step 7 is lost (life 3)"
+    assert 'require(False, "step 7 is lost")' in broken["traceback"]
+    assert (missed["traceback"], missed["details"]) == ("", {"short": 1})
+
+
+def test_the_proof_says_what_it_was_measured_on(tmp_path: Path) -> None:
+    _, _, proof = proved(tmp_path, GOOD, scale="full")
+    assert proof["scale"] == "full"
+    assert proof["finished"] >= proof["started"]
+    assert {"mesh-motion-server", "protocol", "python", "libzmq", "numpy"} <= set(proof["versions"])
+    assert proof["machine"]["cores"] >= 1
+    assert proof["machine"]["memory_bytes"] > 1 << 28
+    assert proof["checks"][0]["target"] == "20 000 of them"
+    assert set(proof["checks"][0]) == {
+        "check", "target", "got", "seed", "seconds", "passed", "details", "traceback",
+    }  # fmt: skip
+
+
+def test_a_proof_that_was_cut_short_is_none(tmp_path: Path) -> None:
+    def interrupted(seed: int, budget: Budget) -> Result:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        prove([GOOD, check("cut", interrupted)], Plan(), tmp_path, tell=lambda line: None)
+    proof = json.loads((tmp_path / "proof.json").read_text())
+    assert (proof["passed"], proof["finished"]) == (False, None)
+    assert [each["check"] for each in proof["checks"]] == ["good"]
+
+
+def command_of(process: psutil.Process) -> str:
+    """Its command line; nothing of one that ends in this moment."""
+    try:
+        return " ".join(process.cmdline())
+    except (psutil.NoSuchProcess, psutil.ZombieProcess):
+        return ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("how", "status"), [(signal.SIGTERM, ExitStatus.INTERRUPTED), (signal.SIGKILL, -signal.SIGKILL)]
+)
+def test_a_proof_that_is_told_to_end_leaves_no_process_behind(tmp_path: Path, how: int, status: int) -> None:
+    proof = psutil.Popen([sys.executable, "-m", "mesh_motion_server", "prove", "--only", "soak", "-o", str(tmp_path)])
+
+    def soaking() -> list[psutil.Process]:
+        started: list[psutil.Process] = proof.children(recursive=True)
+        return started if any("soak_client" in command_of(each) for each in started) else []
+
+    started = wait_until(soaking, "the client of the soak")
+    proof.send_signal(how)
+    assert proof.wait(60) == status
+    _, alive = psutil.wait_procs(started, 60)
+    assert [each.cmdline() for each in alive] == []
+
+
+def test_time_instead_of_counts_is_shared_out(tmp_path: Path) -> None:
+    plan = Plan(minutes=1)
+    assert plan.seconds(GOOD, [GOOD, MISSED, BROKEN]) == pytest.approx(20)
+    assert Plan().seconds(GOOD, [GOOD]) is None
+    _, _, proof = proved(tmp_path, GOOD, minutes=1e-4)
+    assert proof["checks"][0]["details"]["done"] > 2  # in six milliseconds
+    assert proof["checks"][0]["target"] == "n of them"
+
+
+def test_what_is_not_counted_is_a_tenth_of_the_plan() -> None:
+    assert [Budget(100).warms_up(done, 3) for done in (9, 10)] == [True, False]
+    assert [Budget(10).warms_up(done, 3) for done in (2, 3)] == [True, False]
+    timed = Budget(1, 20.0)
+    assert [timed.warms_up(done, 3) for done in (2, 1000)] == [True, True]
+    timed._start -= 2.0
+    assert [timed.warms_up(done, 3) for done in (2, 3)] == [True, False]
+
+
+def test_progress_is_told(tmp_path: Path) -> None:
+    told: list[str] = []
+    prove([GOOD], Plan(), tmp_path, tell=lambda line: None, progress=told.append)
+    assert told == ["good: 0 of 2", "good: 1 of 2", "good: 2 of 2"]
+
+
+def test_checks_are_chosen_by_name() -> None:
+    assert chosen([GOOD, MISSED, BROKEN], ["broken", "good"]) == [GOOD, BROKEN]
+    assert chosen([GOOD, MISSED], []) == [GOOD, MISSED]
+    with pytest.raises(InvalidInput, match="no check 'god'") as error:
+        chosen([GOOD, MISSED], ["god"])
+    assert "good, missed" in str(error.value)
+
+
+def test_the_table() -> None:
+    names = [each.name for each in table.CHECKS]
+    assert len(set(names)) == len(names)
+    assert sum(each.seconds for each in table.CHECKS) <= 600
+    for each in table.CHECKS:
+        assert 0 < each.short <= each.full
+        assert len(each.target_of(each.full)) <= 70
+        assert each.target_of(1) != each.target_of(2)
+
+
+# --- the command -----------------------------------------------------------------------------------------------------
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["mesh-motion", "prove", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def test_the_command_runs_what_it_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(table, "CHECKS", (GOOD, MISSED))
+    assert command(monkeypatch, "--only", "good", "--seed", 9, "--out", tmp_path) == ExitStatus.DONE
+    captured = capsys.readouterr()
+    assert captured.out.splitlines()[1].split() == ["good", "2", "of", "them", "2", "done", "9", "0.0", "PASS"]
+    assert captured.err == ""
+    assert command(monkeypatch, "--out", tmp_path) == ExitStatus.UNMET
+    captured = capsys.readouterr()
+    assert captured.out.rstrip().endswith("FAIL")
+    assert captured.err == f"mesh-motion: a check failed; {tmp_path}/proof.json has its traceback or figures\n"
+
+
+def test_the_command_lists_and_refuses(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command(monkeypatch, "--list", "--full") == ExitStatus.DONE
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [each.name for each in table.CHECKS]
+    assert "1 000 000" in lines[0]
+    assert command(monkeypatch, "--only", "nothing") == ExitStatus.INVALID
+    assert "there is no check 'nothing'" in capsys.readouterr().err
