@@ -6,11 +6,11 @@ socket's own events are watched: :class:`ConnectionLost` says that the request m
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
 
 import zmq
-import zmq.utils.monitor
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import FRAME_BYTES
@@ -134,8 +134,8 @@ class Connection:
     def _check_connected(self) -> None:
         lost = False
         while self._events.poll(0):
-            news = zmq.utils.monitor.recv_monitor_message(self._events)
-            self._check_admitted(news["event"], news["value"])
+            # as zmq.utils.monitor would read it, whose import is asyncio's
+            self._check_admitted(*struct.unpack("=Hi", self._events.recv_multipart()[0]))
             lost = True
         if lost:
             raise ConnectionLost(f"the connection to {self.endpoint} ended")
