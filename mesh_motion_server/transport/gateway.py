@@ -10,7 +10,6 @@ itself that it does before it says that it is bound (:mod:`.self_test`).
 from __future__ import annotations
 
 import contextlib
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.authenticator import Authenticator
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
-from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, limit_descriptors
+from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
@@ -179,11 +178,9 @@ def _busy() -> MeshMotionError:
     return MeshMotionError("the server is behind with its requests", code="UNAVAILABLE")
 
 
-def main(arguments: list[str]) -> int:
-    """``python -m mesh_motion_server.transport.gateway CHANNEL LEVEL``; the channel's first message configures it."""
-    die_with_parent()
-    channel = Channel.inherited(int(arguments[0]))
-    configure("gateway", arguments[1])
+def main(channel: Channel, level: str) -> int:
+    """The gateway's process; the channel's first message configures it."""
+    configure("gateway", level)
     activate()
     failpoint("gateway.start")
     order = channel.receive()
@@ -238,7 +235,3 @@ def _listen(
     check_refuses(endpoint, protection, authenticator.answer_waiting)
     log().info("self_test_passed", endpoint=endpoint)
     return endpoint
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
