@@ -177,6 +177,11 @@ def _end_with(live: Callable[[], int]) -> NoReturn:
         os._exit(status)
 
 
+# CPython maps 16 KiB for frames and unmaps them whenever a call crosses their end: imports so deep in the stack did it
+# 12 000 times, a quarter of a second. Behind a frame that needs more than that, there is room for all calls.
+_end_with.__code__ = _end_with.__code__.replace(co_stacksize=1 << 16)
+
+
 def use_one_blas_thread() -> None:
     """For what is imported from now on: BLAS' sums are then repeatable bit for bit. Before numpy is imported."""
     names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
