@@ -7,6 +7,7 @@ a new request id would make it another request, so these stay out of the content
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from typing import Any
 
 import msgpack
@@ -43,9 +44,8 @@ def request_digest(message: Message) -> bytes:
             continue
         wide = np.dtype(f"<{array.dtype.kind}8") if array.dtype.kind in "fi" else array.dtype
         digest.update(msgpack.packb([spec.name, wide.str, [int(length) for length in array.shape]]))
-        rows = np.atleast_1d(array)
-        for start in range(0, len(rows), _ROWS):
-            digest.update(np.ascontiguousarray(rows[start : start + _ROWS], dtype=wide).data)
+        for block in _blocks(array, wide):
+            digest.update(block)
     return digest.digest()
 
 
@@ -69,6 +69,12 @@ def state_digest(step: int, points: NDArray[np.float64]) -> bytes:
     for frame in frames_of(np.asarray(points, dtype="<f8")):
         digest.update(frame)
     return digest.digest()
+
+
+def _blocks(array: NDArray[Any], dtype: np.dtype[Any]) -> Iterator[memoryview]:
+    rows = np.atleast_1d(array)
+    for start in range(0, len(rows), _ROWS):
+        yield np.ascontiguousarray(rows[start : start + _ROWS], dtype=dtype).data
 
 
 def _sorted(value: Any) -> Any:

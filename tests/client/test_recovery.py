@@ -28,11 +28,11 @@ def test_kill_9_of_the_worker_in_the_middle_of_a_move(server, session, backgroun
     session.move(UP)
     session.commit()
     with server.hold():
-        moving = background(lambda: session.move(UP))
+        moving = background(lambda: session.move(2 * UP))
         wait_until(lambda: server.moves() == 2, "the move runs")
         kill_worker(server, session)
     moved = moving()
-    assert moved.displacement.tolist() == [[0.0, 0.25]] * 16
+    assert moved.displacement.tolist() == [[0.0, 0.5]] * 16
     assert session.commit().step == 2
     assert session.points()[0, 1] == 0.5
 
@@ -76,11 +76,11 @@ def test_kill_9_of_the_whole_server_and_restart(server, session, background):
     session.move(UP)
     session.commit()
     with server.hold():
-        moving = background(lambda: session.move(UP))
+        moving = background(lambda: session.move(2 * UP))
         wait_until(lambda: server.moves() == 2, "the move runs")
         server.kill()
     server.start()
-    assert moving().displacement.tolist() == [[0.0, 0.25]] * 16
+    assert moving().displacement.tolist() == [[0.0, 0.5]] * 16
     session.commit()
     assert (session.step, session.points()[0, 1]) == (2, 0.5)
 

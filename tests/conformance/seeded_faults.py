@@ -82,7 +82,7 @@ def takes_the_epoch_for_content(patch):
 
 @fault("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it")
 def passes_over_arrays_in_the_content(patch):
-    patch.setattr(digests, "frames_of", lambda array: [])
+    patch.setattr(digests, "_blocks", lambda array, dtype: [])
 
 
 @fault("10.5-error-is-not-remembered")

@@ -86,7 +86,8 @@ class Session:
             fields, rows = list(self.parts[partition].uploads())[-1]
             return Request(kind, at | fields, {"rows": rows[:1]})
         if kind == "MOVE":
-            return Request(kind, at | {"step": self.step + 1}, {"displacement": self.rows(partition)})
+            fields = at | {"step": self.step + 1, "frame": "committed"}
+            return Request(kind, fields, {"displacement": self.rows(partition)})
         if kind in ("COMMIT", "ROLLBACK"):
             return Request(kind, at | {"step": self.step + 1})
         return Request(kind, at if kind in ("BUILD", "FETCH", "STATUS", "CLOSE") else {})
