@@ -17,7 +17,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -227,7 +227,7 @@ class Worker:
 
     def _send(self, envelopes: Sequence[Envelope]) -> None:
         for envelope in envelopes:
-            frames = encoded(envelope.message, state=str(self._host.state))
+            frames = encoded(envelope.message, state=str(self._host.state), memory=self._shared(envelope))
             failpoint("worker.sending")
             _count(envelope.message, frames)
             try:
@@ -236,6 +236,11 @@ class Worker:
             except zmq.ZMQError as error:
                 # The peer is gone or does not read: it asks again, by the same request id, when it is back.
                 log().info("undelivered", reply=envelope.message.type, reason=str(error))
+
+    def _shared(self, reply: Envelope) -> Mapping[str, Any] | None:
+        """Memory for a reply's arrays: only of who could enter the folder of an ipc endpoint, the server's own user."""
+        local = reply.memory and self._socket.getsockopt(zmq.LAST_ENDPOINT)[:4] == b"ipc:"  # type: ignore[index]
+        return reply.memory if local else None
 
     def _keep_time(self) -> None:
         """Collective requests that waited too long, the lease, the end of an idle process."""
