@@ -73,7 +73,7 @@ def state_digest(step: int, points: NDArray[np.float64]) -> bytes:
 
 def _blocks(array: NDArray[Any], dtype: np.dtype[Any]) -> Iterator[memoryview]:
     rows = np.atleast_1d(array)
-    for start in range(0, len(rows), _ROWS):
+    for start in range(0, len(rows) if rows.size else 0, _ROWS):  # 2⁴⁷ rows without columns are no work
         yield np.ascontiguousarray(rows[start : start + _ROWS], dtype=dtype).data
 
 
