@@ -27,7 +27,7 @@ class MeshFile:
     points : (n, d) float64 array, mesh length unit
         Finite; d is the dimension of the cells; the file's node order.
     cells : dict of str to (m, k) int64 arrays
-        Cells of each type of :data:`~mesh_motion_server.numerics.mesh.cells.CELL_TYPES`, all of dimension d, none empty.
+        Cells of each type of :data:`.cells.CELL_TYPES`, all of dimension d, none empty.
     patches : dict of str to (p,) int64 arrays
         Node ids of each patch, ascending, each once.
     path : Path

@@ -77,7 +77,7 @@ class Method:
         function of the boundary, always active and without either. "smooth" needs the correction "optimised" and a
         displacement from the reference mesh.
     sub_steps : {"auto", "never", "always"}
-        Lead the mesh to its targets in legs, each corrected (:mod:`~mesh_motion_server.numerics.motion.sub_steps`): where the
+        Lead the mesh to its targets in legs, each corrected (:mod:`.motion.sub_steps`): where the
         corrected motion would be refused, never, or always. A motion without correction is never cut.
     enrichment_radius : float or None
         R_l, mesh length unit; None: the diameter of the largest ball between the boundaries, at most R.

@@ -1,7 +1,7 @@
 """The mesh in the numbering its senders know, for messages about it.
 
 Nodes count through the global ids in ascending order: with one partition these are the local indices as uploaded. Cells
-count through the types in the order of :data:`~mesh_motion_server.numerics.mesh.cells.CELL_TYPES`, within a type through the
+count through the types in the order of :data:`.cells.CELL_TYPES`, within a type through the
 partitions as uploaded.
 """
 

@@ -134,7 +134,7 @@ def factorize(
     NumericalError
         If the matrix is singular to working precision.
     ResourceError
-        If its factors would take too much memory (:mod:`~mesh_motion_server.numerics.interpolation.factorizations.memory_bound`).
+        If its factors would take too much memory (:mod:`.factorizations.memory_bound`).
     """
     row = basis_named(basis)
     radius = checked_radius(support_radius, row)

@@ -1,7 +1,7 @@
 """Does the method fit the mesh? What only both together can answer, refused when a session is built.
 
 A basis function may be unusable for three reasons, all of them in its row of
-:data:`~mesh_motion_server.numerics.interpolation.kernels.BASES`: its matrix is singular (QB), it has no gradient at a control point
+:data:`.interpolation.kernels.BASES`: its matrix is singular (QB), it has no gradient at a control point
 although one will be needed there, or it has a shape parameter and none was given. Conditionally definite functions are
 usable beside the linear polynomial only, which the control points must determine.
 """

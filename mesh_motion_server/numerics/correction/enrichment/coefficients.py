@@ -2,7 +2,7 @@
 
 The functions ψ of an :class:`~.space.EnrichmentSpace` vanish on the boundary nodes, so the boundary condition holds for
 *any* coefficients, and the trial positions of all nodes are linear in them: ``y = y_standard + Σ ψ_m C_m``. The
-coefficients that minimise the p-mean of the distortion (:mod:`~mesh_motion_server.numerics.correction.distortion`) are found by
+coefficients that minimise the p-mean of the distortion (:mod:`.correction.distortion`) are found by
 the same projected Gauss–Newton as free nodes, with its steps restricted to the space of the ψ: a dense system of at
 most 2 K d² unknowns.
 
