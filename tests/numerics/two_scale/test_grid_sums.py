@@ -25,7 +25,9 @@ def _interpolant(name: str, radius: float, k: int = 3, polynomial: str = "auto")
     return found, float(np.abs(values).max())
 
 
-def _by_blocks(interpolant: Interpolant, low=LOW, spacing=SPACING, counts=COUNTS) -> np.ndarray:
+def _by_blocks(
+    interpolant: Interpolant, low: np.ndarray = LOW, spacing: float = SPACING, counts: tuple[int, ...] = COUNTS
+) -> np.ndarray:
     out = np.empty((np.prod(counts), interpolant.components))
     assert grid_sums(interpolant, low, spacing, counts, out)
     return out
