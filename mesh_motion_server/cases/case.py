@@ -19,7 +19,19 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.settings import MethodSettings
 
-__all__ = ["Case", "CaseFile", "MotionSection", "Oscillation", "RigidMotion", "StepsSection", "read_case"]
+__all__ = [
+    "Case",
+    "CaseFile",
+    "MotionSection",
+    "Oscillation",
+    "RigidMotion",
+    "StepsSection",
+    "case_name",
+    "meant",
+    "read_case",
+    "toml_key",
+    "toml_text",
+]
 
 Role = Literal["moving", "fixed", "slip", "symmetry", "periodic"]
 Vector = Annotated[list[float], Field(min_length=1, max_length=3)]
@@ -137,8 +149,8 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The folder's name for a case.toml, the file's name for any other."""
-        return self.path.resolve().parent.name if self.path.stem == "case" else self.path.stem
+        """See :func:`case_name`."""
+        return case_name(self.path)
 
     @property
     def mesh_path(self) -> Path:
@@ -174,6 +186,11 @@ class Case:
         for number, motion in enumerate(self.content.motion, start=1):
             _check_vectors(self.path, number, motion.rigid or motion.oscillation, mesh.dimension)
         return mesh
+
+
+def case_name(path: Path) -> str:
+    """The folder's name for a case.toml, the file's name for any other."""
+    return path.resolve().parent.name if path.stem == "case" else path.stem
 
 
 def read_case(path: Path | str) -> Case:
@@ -288,4 +305,9 @@ def _known_keys(location: list[Any]) -> list[str]:
 def toml_key(name: str) -> str:
     """A TOML key: bare if possible, quoted otherwise."""
     bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if bare else '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return name if bare else toml_text(name)
+
+
+def toml_text(text: str) -> str:
+    """A TOML string."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
