@@ -17,6 +17,7 @@ from mesh_motion_server.command_errors import expected_errors
 from mesh_motion_server.command_options import EndpointOption, KeyOption, ServerKeyOption, keys_of_options
 from mesh_motion_server.completions import session_folders
 from mesh_motion_server.convert_command import convert
+from mesh_motion_server.init_command import init
 from mesh_motion_server.key_commands import keys as keys_app
 from mesh_motion_server.monitor_command import monitor
 from mesh_motion_server.play_command import play
@@ -48,11 +49,27 @@ app = typer.Typer(
 )
 app.add_typer(keys_app, name="keys")
 app.command(short_help="Write a mesh in another format.")(convert)
+app.command(short_help="Write a case file for a mesh.")(init)
 app.command(short_help="Draw runs and meshes for a paper.")(plot)
 app.command(short_help="Watch sessions from a terminal.")(monitor)
 app.command(short_help="Show that the server keeps its promises.")(prove)
 app.command(short_help="Serve sessions until SIGTERM.")(serve)
 app.command(short_help="Drive a session through a case.")(play)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"mesh-motion-server {__version__}, protocol 1.0")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
 
 
 def _show(table: RenderableType) -> None:
