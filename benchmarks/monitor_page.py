@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from mesh_motion_client import Mesh, Patch, connect
 
-from mesh_motion_server.prove.processes import children_of, command_of
+from mesh_motion_server.prove.processes import children_of, name_of
 from mesh_motion_server.prove.server_process import ServerProcess
 from mesh_motion_server.prove.stand_in import grid_mesh
 
@@ -94,7 +94,7 @@ def measure(folder: Path, side: int, browsers: int, pairs: int) -> dict[str, flo
     settings = {"support_radius": 0.5, "correction": "none", "displacement": "absolute", "allow_invalid": True}
     with ServerProcess(folder, monitor="127.0.0.1:0") as server, connect(server.endpoint) as client:
         address = server.announced["monitor"].removeprefix("tcp://")
-        (page,) = [pid for pid in children_of(server.process.pid) if "monitor_page" in command_of(pid)]
+        (page,) = [pid for pid in children_of(server.process.pid) if name_of(pid) == "mesh-page"]
         session = client.open(mesh, settings, label="measured")
         rows = np.full((len(session.moving_nodes), 2), 0.02)
         _block(session, rows, 20)

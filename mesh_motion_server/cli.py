@@ -66,6 +66,7 @@ def complain(message: str) -> None:
 
 def main() -> NoReturn:
     """Run the command line and exit."""
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search through every package that is installed
     try:
         from mesh_motion_server.commands import app  # noqa: PLC0415  (its packages may be missing: the client's do)
 

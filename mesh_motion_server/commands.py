@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cli import ExitStatus, complain
@@ -26,6 +25,8 @@ from mesh_motion_server.prove_command import prove
 from mesh_motion_server.serve_command import serve
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from mesh_motion_server.cases.check import CheckReport
 
 __all__ = ["app"]
@@ -53,8 +54,12 @@ app.command(short_help="Show that the server keeps its promises.")(prove)
 app.command(short_help="Serve sessions until SIGTERM.")(serve)
 app.command(short_help="Drive a session through a case.")(play)
 
-_out = Console(highlight=False, soft_wrap=True)
-_err = Console(stderr=True, highlight=False)
+
+def _show(table: RenderableType) -> None:
+    """Print a table."""
+    from rich.console import Console
+
+    Console(highlight=False, soft_wrap=True).print(table)
 
 
 # --- check -----------------------------------------------------------------------------------------------------------
@@ -80,7 +85,7 @@ def check(
     with expected_errors():
         report = check_path(path, zone)
     if as_json:
-        _out.print(json.dumps(_check_values(report), indent=2, ensure_ascii=False), markup=False)
+        typer.echo(json.dumps(_check_values(report), indent=2, ensure_ascii=False))
     else:
         _print_check(report)
     for warning in report.warnings:
@@ -134,8 +139,8 @@ def _print_check(report: CheckReport) -> None:
         f"{costs.memory_bytes / 2**20:.0f} MB; {costs.solver} factorization {_about(costs.factorize_seconds)}, then "
         f"{_about(costs.evaluate_seconds)} a move, and what a correction needs",
     )
-    _out.print(table)
-    _out.print(f"usable{' as a case' if report.roles else ' as a mesh'}")
+    _show(table)
+    typer.echo(f"usable{' as a case' if report.roles else ' as a mesh'}")
 
 
 def _about(seconds: float) -> str:
@@ -187,9 +192,9 @@ def inspect(
         else:
             found = list_sessions(str(endpoint), timeout, keys_of_options(endpoint, key, server_key))
     if as_json:
-        _out.print(json.dumps(found.values, indent=2, ensure_ascii=False), markup=False)
+        typer.echo(json.dumps(found.values, indent=2, ensure_ascii=False))
     else:
-        _out.print(found.table)
+        _show(found.table)
     if found.damaged:
         complain(f"damaged: {', '.join(found.damaged)}")
         raise typer.Exit(ExitStatus.FAILED)
@@ -234,24 +239,19 @@ def conform(
         raise typer.BadParameter("give either --endpoint or --client", param_hint="--endpoint")
     subject = Subject(endpoint or "", client or "", timeout, patience)
     if list_cases:
-        _out.print(listed(subject, only or ()), markup=False)
+        typer.echo(listed(subject, only or ()))
         return
     with expected_errors():
         for report in (json_file, junit):
             if report is not None:
                 require_file_place(report)
     try:
-        outcomes = put_cases(subject, _plain, only=only or (), json=json_file, junit=junit, quiet=quiet)
+        outcomes = put_cases(subject, typer.echo, only=only or (), json=json_file, junit=junit, quiet=quiet)
     except Unreachable as error:
         complain(str(error))
         raise typer.Exit(ExitStatus.UNAVAILABLE) from None
     if any(outcome.verdict == "FAIL" for outcome in outcomes):
         raise typer.Exit(ExitStatus.UNMET)
-
-
-def _plain(line: str) -> None:
-    """A line as it is: frames may look like markup."""
-    _out.print(line, markup=False)
 
 
 # --- demo, version ---------------------------------------------------------------------------------------------------
@@ -270,18 +270,20 @@ def demo(
     \b
     mesh-motion demo --out out/demo
     """
+    from rich.console import Console
+
     from mesh_motion_server.cases.demo import play_demo, table_of
     from mesh_motion_server.files.replace import require_folder_place
     from mesh_motion_server.pictures.page import pictures_are_possible
 
     if not pictures_are_possible():
         complain("warning: no pictures without matplotlib: pip install 'mesh-motion-server[plot]'")
-    with expected_errors(), _err.status("starting a server") as status:
+    with expected_errors(), Console(stderr=True, highlight=False).status("starting a server") as status:
         require_folder_place(out)
         outcomes = play_demo(out, status.update)
-    _out.print(table_of(outcomes))
+    _show(table_of(outcomes))
     for picture in sorted(out.glob("*.png")):
-        _out.print(f"see {picture}")
+        typer.echo(f"see {picture}")
 
 
 @app.command(short_help="Print versions.")
@@ -300,5 +302,5 @@ def version() -> None:
             packages.append(f"{name} {installed(name)}")
         except PackageNotFoundError:
             packages.append(f"{name} not installed")
-    _out.print(f"mesh-motion-server {__version__}, protocol 1.0")
-    _out.print(f"Python {platform.python_version()}, {', '.join(packages)}")
+    typer.echo(f"mesh-motion-server {__version__}, protocol 1.0")
+    typer.echo(f"Python {platform.python_version()}, {', '.join(packages)}")

@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from mesh_motion_server.cli import complain, status_of
 from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["convert"]
-
-_out = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 def convert(
@@ -52,4 +49,4 @@ def convert(
     for note in mesh.notes:
         complain(f"warning: {note}")
     cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
-    _out.print(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches")
+    typer.echo(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches")

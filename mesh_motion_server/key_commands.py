@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from mesh_motion_server.command_errors import expected_errors
 from mesh_motion_server.completions import roles
@@ -20,7 +19,6 @@ keys = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-_out = Console(highlight=False, soft_wrap=True, markup=False)
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The server's key folder.", show_default=False)]
 
@@ -37,7 +35,7 @@ def server(folder: Folder) -> None:
 
     with expected_errors():
         make_server_keys(folder)
-    _out.print(f"{folder}/server.secret stays here; clients need {folder}/server.public")
+    typer.echo(f"{folder}/server.secret stays here; clients need {folder}/server.public")
 
 
 @keys.command(short_help="Make a client's keys.")
@@ -54,7 +52,7 @@ def client(
 
     with expected_errors():
         make_client_keys(name, folder)
-    _out.print(f"{folder}/{name}.secret stays here; the server's operator needs {folder}/{name}.public")
+    typer.echo(f"{folder}/{name}.secret stays here; the server's operator needs {folder}/{name}.public")
 
 
 @keys.command(short_help="Admit a client's key.")
@@ -86,7 +84,7 @@ def allow(
 
     with expected_errors():
         entry = admit(public, folder, name=name, roles=role or ())
-    _out.print(f"{entry.name} is admitted as {', '.join(entry.roles)}")
+    typer.echo(f"{entry.name} is admitted as {', '.join(entry.roles)}")
 
 
 @keys.command(short_help="Take a key off the list.")
@@ -102,7 +100,7 @@ def revoke(
 
     with expected_errors():
         entry = take_off(name, folder)
-    _out.print(f"{entry.name} is not admitted any more; the sessions are kept")
+    typer.echo(f"{entry.name} is not admitted any more; the sessions are kept")
 
 
 @keys.command("list", short_help="Show who is admitted.")
@@ -117,6 +115,6 @@ def show(folder: Folder) -> None:
     with expected_errors():
         entries = read_list(folder)
     for key, entry in sorted(entries.items(), key=lambda item: item[1].name):
-        _out.print(f"{entry.name:24} {','.join(entry.roles):20} {key}")
+        typer.echo(f"{entry.name:24} {','.join(entry.roles):20} {key}")
     if not entries:
-        _out.print(f"{folder / ALLOW_LIST} admits nobody")
+        typer.echo(f"{folder / ALLOW_LIST} admits nobody")

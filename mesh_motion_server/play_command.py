@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from mesh_motion_server.cli import complain
 from mesh_motion_server.command_errors import expected_errors
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from mesh_motion_server.cases.records import StepRecord
 
 __all__ = ["play"]
-
-_out = Console(highlight=False, soft_wrap=True)
-_err = Console(stderr=True, highlight=False)
 
 CaseArgument = Annotated[Path | None, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
 OutOption = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives the results; made if missing.")]
@@ -129,23 +126,24 @@ def play(
     if not quiet:
         summary = played.summary
         judged = drawn(summary["method"]["quality_metric"])
-        _out.print(
+        typer.echo(
             f"{len(played.steps)} step{'s' if len(played.steps) > 1 else ''} in {summary['seconds']:.1f} s, "
             f"lowest {judged} {summary['min_' + judged.replace('-', '_')]:.3f} in step {summary['worst_step']}, "
             f"{summary['inverted_cells']} inverted cells: {out}"
         )
         if line := faces_line([step.faces for step in played.steps]):
-            _out.print(line)
+            typer.echo(line)
 
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Any]:
     """A progress bar on standard error that vanishes at the end; a function to advance it."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    if quiet or not _err.is_terminal:
+    if quiet or not sys.stderr.isatty():
         yield None
         return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     columns = (
         TextColumn("step"),
         MofNCompleteColumn(),
@@ -153,7 +151,7 @@ def _progress(quiet: bool) -> Iterator[Any]:
         TimeElapsedColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=_err, transient=True) as progress:
+    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as progress:
         task = progress.add_task("opening the session", total=None)
 
         def advance(done: int, total: int, record: StepRecord) -> None:

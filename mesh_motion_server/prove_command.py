@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from mesh_motion_server.cli import ExitStatus, complain, status_of
 from mesh_motion_server.completions import promises
@@ -87,9 +86,10 @@ def _told_to_end() -> Iterator[None]:
 @contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
     """What is being done, on a terminal's standard error."""
-    console = Console(stderr=True, highlight=False)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield lambda _: None
         return
-    with console.status("") as status:
+    from rich.console import Console
+
+    with Console(stderr=True, highlight=False).status("") as status:
         yield status.update

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from rich.console import Console
 
 from mesh_motion_server.cli import ExitStatus, complain
 from mesh_motion_server.errors import InvalidInput
@@ -54,13 +53,14 @@ def tell_comparison(comparison: Comparison, *, quiet: bool) -> None:
     typer.Exit
         With status 1 if nothing was changed and the states differ all the same.
     """
+    from rich.console import Console
+
     from mesh_motion_server.cases.comparison import table_of
 
     if not quiet:
-        out = Console(highlight=False, soft_wrap=True)
-        out.print(table_of(comparison))
+        Console(highlight=False, soft_wrap=True).print(table_of(comparison))
         for note in comparison.notes:
-            out.print(note, markup=False)
+            typer.echo(note)
     if broken := comparison.broken_promise():
         complain(broken)
         raise typer.Exit(ExitStatus.UNMET)

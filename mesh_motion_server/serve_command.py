@@ -51,6 +51,9 @@ def serve(
     mesh-motion serve --monitor 127.0.0.1:7441
     mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
     """
+    from mesh_motion_server.transport.processes import use_one_blas_thread
+
+    use_one_blas_thread()
     from mesh_motion_server.transport.serve import serve as serve_sessions
 
     levels = ("debug", "info", "warning", "error")

@@ -9,9 +9,9 @@ https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 from __future__ import annotations
 
 from collections.abc import Mapping
+from html import escape  # xml.sax.saxutils has the same and imports the web
 from pathlib import Path
 from typing import BinaryIO
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ class VtuSeries:
         """Nothing is left open between two times."""
 
     def _write_collection(self) -> None:
-        rows = "\n".join(f'<DataSet timestep="{time:.17g}" file={quoteattr(name)}/>' for time, name in self._entries)
+        rows = "\n".join(f'<DataSet timestep="{time:.17g}" file="{escape(name)}"/>' for time, name in self._entries)
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>'
         text = f"{head}\n{rows}\n</Collection></VTKFile>\n"
         with replacing(self._folder / f"{self._name}.pvd") as file:
@@ -123,7 +123,7 @@ class _Appended:
         """Declare an array and return its XML element."""
         little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
         element = (
-            f'<DataArray type="{_VTK_NAMES[little.dtype.str[1:]]}" Name={quoteattr(name)} '
+            f'<DataArray type="{_VTK_NAMES[little.dtype.str[1:]]}" Name="{escape(name)}" '
             f'NumberOfComponents="{1 if little.ndim == 1 else little.shape[1]}" '
             f'format="appended" offset="{self._offset}"/>'
         )

@@ -22,7 +22,6 @@ from mesh_motion_server.monitor_page.app import Page
 from mesh_motion_server.monitor_page.connections import BoundedProtocol
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.processes import (
-    die_with_parent,
     limit_address_space,
     limit_descriptors,
     offer_to_the_oom_killer,
@@ -106,11 +105,9 @@ async def _serve(channel: Channel, order: dict[str, Any]) -> int:
     return 0
 
 
-def main(arguments: list[str]) -> int:
+def main(channel: Channel, level: str) -> int:
     """Wait for the order, then serve."""
-    die_with_parent()
-    channel = Channel.inherited(int(arguments[0]))
-    configure("page", arguments[1])
+    configure("page", level)
     order = channel.receive()
     if order is None:
         return 0
@@ -125,4 +122,4 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(Channel.inherited(int(sys.argv[1])), sys.argv[2]))

@@ -12,8 +12,8 @@ __all__ = [
     "Usage",
     "alive",
     "children_of",
-    "command_of",
     "descendants",
+    "name_of",
     "proportional_bytes",
     "threads_of",
     "usage_of",
@@ -75,9 +75,9 @@ def threads_of(pid: int) -> int:
     return len(os.listdir(f"/proc/{pid}/task"))
 
 
-def command_of(pid: int) -> str:
-    """Its command line; empty once it has ended."""
+def name_of(pid: int) -> str:
+    """What ``ps -e`` calls it; empty once it has ended."""
     try:
-        return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8", errors="replace").replace("\0", " ")
+        return Path(f"/proc/{pid}/comm").read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return ""

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any, Self
 
 from mesh_motion_server.prove.check import BrokenPromise
-from mesh_motion_server.prove.processes import alive, children_of, command_of, descendants
+from mesh_motion_server.prove.processes import alive, children_of, descendants, name_of
 from mesh_motion_server.prove.waiting import wait_until
 from mesh_motion_server.transport.serve import LIFELINE
 
@@ -115,12 +115,12 @@ class ServerProcess:
 
     def gateway(self) -> int:
         """The gateway's process."""
-        (pid,) = [pid for pid in descendants(self.process.pid) if "transport.gateway" in command_of(pid)]
+        (pid,) = [pid for pid in descendants(self.process.pid) if name_of(pid) == "mesh-gateway"]
         return pid
 
     def workers(self) -> set[int]:
         """Processes of sessions, and the template."""
-        return {pid for pid in descendants(self.process.pid) if "transport.worker" in command_of(pid)}
+        return {pid for pid in descendants(self.process.pid) if name_of(pid) == "mesh-worker"}
 
     def worker_of(self, session: str) -> int:
         """Process id of a session's newest worker, by the log."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from mesh_motion_protocol.messages import Message
 
@@ -18,7 +20,10 @@ class Envelope:
     peer : bytes
         Whatever transport identifies a connection by; opaque here.
     message : Message
+    memory : mapping
+        What the peer offers for the arrays of this reply; empty: nothing.
     """
 
     peer: bytes
     message: Message
+    memory: Mapping[str, Any] = field(default_factory=dict)

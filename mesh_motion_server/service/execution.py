@@ -85,7 +85,7 @@ class Execution:
         request_id = RequestId(request.client, request.sequence, request_digest(request))
         stored = self._stored.find(request_id)
         if stored is not None:
-            return [Envelope(peer, stored)]
+            return [_answer_to(Arrival(peer, request, request_id), stored)]
         arrival = Arrival(peer, request, request_id)
         if isinstance(command, Collective):
             return self._gather(arrival, command)
@@ -158,7 +158,7 @@ class Execution:
         failpoint("request.stored")
         count_executed(replies[0], seconds)  # last: what was executed has its stored reply, whatever becomes of this
         self._teller.executed(replies[0], seconds, iteration)
-        return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
+        return [_answer_to(a, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _failed(self, arrivals: Sequence[Arrival], error: MeshMotionError) -> list[Envelope]:
         """The refusals; a commit that was durable before something failed is answered as it was journaled."""
@@ -212,6 +212,10 @@ class Execution:
         refusal = failure_reply(request, error, self._session)
         self._teller.refused(request, refusal)
         return Envelope(peer, refusal)
+
+
+def _answer_to(arrival: Arrival, reply: Message) -> Envelope:
+    return Envelope(arrival.peer, reply, getattr(arrival.request, "memory", {}))
 
 
 def _arrays(reply: Message) -> list[NDArray[Any]]:

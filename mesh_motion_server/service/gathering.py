@@ -76,7 +76,7 @@ class Gathering:
                 code="ABORTED.CONFLICT",
                 hint="a new request needs a new sequence number",
             )
-        self.arrivals[arrival.request.partition] = replace(waiting, peer=arrival.peer)
+        self.arrivals[arrival.request.partition] = replace(waiting, peer=arrival.peer, request=arrival.request)
         return True
 
     def check_agreement(self, arrival: Arrival) -> None:

@@ -65,7 +65,7 @@ class Attendant:
             return False
         self._attempts.note(now)
         where = Endpoint.parse(self.address)
-        child = spawn(self._module, self._level, threads=1)
+        child = spawn(self._module, self._level, anew=True)
         host = "127.0.0.1" if where.host == "localhost" else where.host.strip("[]")
         child.channel.offer({"host": host, "port": where.port} | self._order)
         self.child, self._due = child, now + _SECONDS

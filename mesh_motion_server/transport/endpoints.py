@@ -6,6 +6,7 @@ import fcntl
 import ipaddress
 import os
 import stat
+import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ import zmq
 
 from mesh_motion_server.errors import MeshMotionError
 
-__all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "lock_folder", "router"]
+__all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "connection_event", "lock_folder", "router"]
 
 #: What fits into the kernel's ``sun_path`` with its closing zero.
 _PATH_BYTES = 107
@@ -209,3 +210,9 @@ def router(
     socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 30_000)
     socket.setsockopt(zmq.LINGER, 5_000)
     return socket
+
+
+def connection_event(monitor: zmq.Socket[bytes]) -> tuple[int, int]:
+    """The next event of a socket's monitor and its value; ``zmq.utils.monitor`` would import asyncio."""
+    event, value = struct.unpack("=Hi", monitor.recv_multipart()[0])
+    return event, value

@@ -10,7 +10,7 @@ itself that it does before it says that it is bound (:mod:`.self_test`).
 from __future__ import annotations
 
 import contextlib
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from mesh_motion_protocol.codec import decode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import CONTROL, ErrorReply, Hello, Message, Ping, Pong, Welcome
+from mesh_motion_protocol.shared_memory import FEATURE, SUPPORTED
 
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.failpoints import activate, failpoint
@@ -30,7 +31,7 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.authenticator import Authenticator
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
-from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, limit_descriptors
+from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
@@ -56,6 +57,8 @@ class Gateway:
         Bound ROUTER.
     welcome : dict
         What WELCOME says: server, boot, limits, durability.
+    features : sequence of str
+        Optional parts of the protocol that this server has.
     protection : Protection, optional
         Of the socket, on a server with keys.
     insecure : bool
@@ -68,12 +71,14 @@ class Gateway:
         socket: zmq.Socket[bytes],
         welcome: dict[str, Any],
         *,
+        features: Sequence[str] = (),
         protection: Protection | None = None,
         insecure: bool = False,
     ) -> None:
         self._channel = channel
         self._socket = socket
         self._welcome = welcome
+        self._features = features
         self._protection = protection
         self._access = Protection.access(protection)
         self._insecure_hellos = 0 if insecure else None
@@ -159,7 +164,9 @@ class Gateway:
             log().warning("insecure_hello", count=self._insecure_hellos)
         log().info("hello", agent=hello.agent)
         version = [major, min(minor, max(theirs))]
-        return Welcome(client=hello.client, sequence=hello.sequence, version=version, features=[], **self._welcome)
+        features = [name for name in self._features if name in hello.features]
+        welcome = self._welcome | {"version": version, "features": features}
+        return Welcome(client=hello.client, sequence=hello.sequence, **welcome)
 
     def _reply(self, peer: bytes, reply: Message) -> None:
         if isinstance(reply, ErrorReply):
@@ -179,11 +186,9 @@ def _busy() -> MeshMotionError:
     return MeshMotionError("the server is behind with its requests", code="UNAVAILABLE")
 
 
-def main(arguments: list[str]) -> int:
-    """``python -m mesh_motion_server.transport.gateway CHANNEL LEVEL``; the channel's first message configures it."""
-    die_with_parent()
-    channel = Channel.inherited(int(arguments[0]))
-    configure("gateway", arguments[1])
+def main(channel: Channel, level: str) -> int:
+    """The gateway's process; the channel's first message configures it."""
+    configure("gateway", level)
     activate()
     failpoint("gateway.start")
     order = channel.receive()
@@ -201,7 +206,9 @@ def main(arguments: list[str]) -> int:
         return 1
     channel.send({"event": "bound", "endpoint": endpoint})
     limit_address_space(_MEMORY)
-    gateway = Gateway(channel, socket, order["welcome"], protection=protection, insecure=order["insecure"])
+    features = [FEATURE] if SUPPORTED and endpoint.startswith("ipc:") else []
+    insecure: bool = order["insecure"]
+    gateway = Gateway(channel, socket, order["welcome"], features=features, protection=protection, insecure=insecure)
     gateway.run(authenticator)
     socket.close(linger=1000)
     if authenticator is not None:
@@ -238,7 +245,3 @@ def _listen(
     check_refuses(endpoint, protection, authenticator.answer_waiting)
     log().info("self_test_passed", endpoint=endpoint)
     return endpoint
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

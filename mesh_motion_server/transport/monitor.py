@@ -18,7 +18,7 @@ from typing import Any
 
 from mesh_motion_server.operation.exposition import CONTENT_TYPE, exposition
 from mesh_motion_server.transport.channel import Channel
-from mesh_motion_server.transport.processes import die_with_parent, limit_address_space, limit_descriptors
+from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors
 from mesh_motion_server.transport.telemetry import configure, log
 
 __all__ = ["Pages", "main"]
@@ -169,11 +169,9 @@ async def _serve(channel: Channel, order: dict[str, Any]) -> int:
     return 0
 
 
-def main(arguments: list[str]) -> int:
+def main(channel: Channel, level: str) -> int:
     """Wait for the order, then serve."""
-    die_with_parent()
-    channel = Channel.inherited(int(arguments[0]))
-    configure("monitor", arguments[1])
+    configure("monitor", level)
     order = channel.receive()
     if order is None:
         return 0
@@ -185,4 +183,4 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(Channel.inherited(int(sys.argv[1])), sys.argv[2]))

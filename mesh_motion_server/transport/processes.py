@@ -1,41 +1,46 @@
 """Children of the supervisor: how they start, what bounds them, and that they never outlive it.
 
-Workers are forked from one process that has imported everything, the template: a session then starts in
-milliseconds, and what is imported is in memory once.
+All of them are forked from the supervisor, and workers from one that has imported everything since, the template: a
+server is up in a third of a second, a session in milliseconds, and what is imported is in memory once.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
+import importlib
 import os
 import resource
 import signal
 import socket
-import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.transport.channel import Channel
 
 __all__ = [
     "Child",
-    "Forked",
     "adopt_orphans",
-    "die_with_parent",
     "fork",
     "fork_from_template",
     "limit_address_space",
     "limit_descriptors",
+    "name_process",
     "offer_to_the_oom_killer",
     "spawn",
+    "use_one_blas_thread",
     "wake_on_signals",
 ]
 
 _PR_SET_PDEATHSIG = 1
+_PR_SET_NAME = 15
 _PR_SET_CHILD_SUBREAPER = 36
 #: A child ends within this once its line is closed, and once more after SIGKILL, seconds.
 _END_SECONDS = 5.0
@@ -43,65 +48,36 @@ _END_SECONDS = 5.0
 _OOM_SCORE = 500
 
 
-class Forked:
-    """What is used of :class:`subprocess.Popen`, for a child that the template has forked.
-
-    Parameters
-    ----------
-    template : Child
+@dataclass(eq=False)
+class Child:
+    """A child process and the line to it.
 
     Attributes
     ----------
     pid : int
-        0 until the child has told it.
+        Process id; 0 until a child that the template forks has told it.
+    channel : Channel
+    template : Child, optional
+        Who forks it, if not the supervisor.
+    spoke : bool
+        It has got as far as saying something.
     """
 
-    def __init__(self, template: Child) -> None:
-        self.pid = 0
-        self._template = template
+    pid: int
+    channel: Channel
+    template: Child | None = None
+    spoke: bool = False
 
     def kill(self) -> None:
-        """End it at once; of one that has told no pid the template, which does not come to fork it."""
+        """End it at once; its channel then reads as closed.
+
+        Of one that has told no pid the template is killed, which then does not come to fork it.
+        """
         if self.pid:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGKILL)
-        else:
-            self._template.kill()
-
-    def wait(self, timeout: float) -> int:
-        """The exit status; 1 for one that was never forked.
-
-        Raises
-        ------
-        subprocess.TimeoutExpired
-        """
-        deadline = time.monotonic() + timeout
-        while self.pid:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            if pid:
-                return os.waitstatus_to_exitcode(status)
-            if time.monotonic() >= deadline:
-                raise subprocess.TimeoutExpired("worker", timeout)
-            time.sleep(0.001)
-        return 1
-
-
-@dataclass(eq=False)
-class Child:
-    """A child process and the line to it."""
-
-    process: subprocess.Popen[bytes] | Forked
-    channel: Channel
-    spoke: bool = False  # it has got as far as saying something
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self.process.pid
-
-    def kill(self) -> None:
-        """End it at once; its channel then reads as closed."""
-        self.process.kill()
+        elif self.template is not None:
+            self.template.kill()
 
     def exit_descriptor(self) -> int | None:
         """A descriptor that becomes readable when it has ended; None where the system has none."""
@@ -113,32 +89,103 @@ class Child:
     def reap(self) -> int:
         """Collect the exit status of a child that has ended or is about to; finite whatever it does."""
         self.channel.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return self.process.wait(timeout=_END_SECONDS)
-        self.process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return self.process.wait(timeout=_END_SECONDS)
-        return -signal.SIGKILL  # the kernel does not let it go: it waits for a disk that does not answer
+        code = self._status()
+        if code is None:
+            self.kill()
+            code = self._status()
+        # the kernel may not let it go: it waits for a disk that does not answer
+        return -signal.SIGKILL if code is None else code
+
+    def _status(self) -> int | None:
+        """The exit status, within some seconds; 1 of one that was never forked."""
+        deadline = time.monotonic() + _END_SECONDS
+        while self.pid:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                return os.waitstatus_to_exitcode(status)
+            if time.monotonic() >= deadline:
+                return None
+            time.sleep(0.001)
+        return 1
 
 
-def spawn(module: str, *arguments: str, threads: int = 0) -> Child:
-    """Start ``python -m module CHANNEL arguments…``.
+def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) -> Child:
+    """Fork a child that calls ``main(channel, *arguments)`` of a module: what is imported here it need not import.
 
-    BLAS gets one thread: its sums are then repeatable bit for bit. The compiled loops have threads of
-    their own, which sleep while they wait: beside a solver that uses every core, spinning threads take three times as
-    long.
+    One that is started ``anew``, as ``python -m module DESCRIPTOR arguments…``, has nothing of the supervisor's memory.
+
+    The compiled loops of the child have threads of their own, which sleep while they wait: beside a solver that uses
+    every core, spinning threads take three times as long. No zmq context may exist here, and no thread that holds a
+    lock which a child wants.
+
+    Raises
+    ------
+    OSError
+        If the system refuses.
     """
     failpoint("supervisor.spawn")
-    channel, theirs = Channel.pair()
-    with theirs:
-        process = subprocess.Popen(
-            [sys.executable, "-m", module, str(theirs.fileno()), *arguments],
-            pass_fds=[theirs.fileno()],
-            env=os.environ | _thread_settings(threads),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-        )
-    return Child(process, channel)
+    channel, line = Channel.pair()
+    supervisor = os.getpid()
+
+    def live() -> int:
+        _begin(supervisor, line.fileno())
+        os.environ["MESH_MOTION_THREADS"] = str(threads or len(os.sched_getaffinity(0)))
+        if anew:
+            line.set_inheritable(True)
+            os.execv(sys.executable, [sys.executable, "-m", module, str(line.fileno()), *arguments])
+        status: int = importlib.import_module(module).main(Channel(line), *arguments)
+        return status
+
+    with line:
+        # a signal between the fork and the child's own handlers would be told to the supervisor
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM, signal.SIGINT))
+        try:
+            pid = os.fork()
+            if not pid:
+                _end_with(live)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return Child(pid, channel)
+
+
+def _begin(supervisor: int, line: int) -> None:
+    """Leave what is the supervisor's: its death is this process' death, its files and counts are not this process'."""
+    gc.freeze()  # what is collected later would close descriptors that are others' by then
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    _die_with(supervisor)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM, signal.SIGINT))
+    null = os.open(os.devnull, os.O_RDWR)
+    os.dup2(null, 0)
+    os.dup2(null, 1)
+    for descriptor in map(int, os.listdir("/dev/fd")):
+        if descriptor > 2 and descriptor != line:
+            with contextlib.suppress(OSError):  # the listing's own
+                os.close(descriptor)
+    TALLY.take()
+    use_one_blas_thread()
+
+
+def _end_with(live: Callable[[], int]) -> NoReturn:
+    """In the child: nothing of what the supervisor does at its end is done."""
+    status = 1
+    try:
+        status = live()
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+    finally:
+        os._exit(status)
+
+
+# CPython maps 16 KiB for frames and unmaps them whenever a call crosses their end: imports so deep in the stack did it
+# 12 000 times, a quarter of a second. Behind a frame that needs more than that, there is room for all calls.
+_end_with.__code__ = _end_with.__code__.replace(co_stacksize=1 << 16)
+
+
+def use_one_blas_thread() -> None:
+    """For what is imported from now on: BLAS' sums are then repeatable bit for bit. Before numpy is imported."""
+    names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
+    os.environ.update(dict.fromkeys(names, "1"))
 
 
 def fork(template: Child) -> Child:
@@ -147,7 +194,7 @@ def fork(template: Child) -> Child:
     channel, theirs = Channel.pair()
     with theirs:
         template.channel.hand_over(theirs)
-    return Child(Forked(template), channel)
+    return Child(0, channel, template)
 
 
 def fork_from_template() -> bool:
@@ -178,9 +225,7 @@ def fork_from_template() -> bool:
         os._exit(0)
     while os.getppid() == between:
         time.sleep(1e-4)
-    die_with_parent()
-    if os.getppid() != supervisor:
-        os._exit(0)  # it died before it could be told that its death is this child's
+    _die_with(supervisor)
     return True
 
 
@@ -189,24 +234,26 @@ def adopt_orphans() -> None:
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
-def _prctl(option: int, value: int) -> None:
+def _prctl(option: int, value: int | bytes) -> None:
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
 
 
-def _thread_settings(threads: int) -> dict[str, str]:
-    single = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
-    return dict.fromkeys(single, "1") | {"MESH_MOTION_THREADS": str(threads or len(os.sched_getaffinity(0)))}
+def name_process(role: str) -> None:
+    """What ``ps -e`` and ``top`` call this process."""
+    _prctl(_PR_SET_NAME, f"mesh-{role}".encode())
 
 
-def die_with_parent() -> None:
-    """Called first in a child: the kernel kills it when the supervisor dies, however that dies.
+def _die_with(parent: int) -> None:
+    """The kernel kills this process when its parent dies, however that dies.
 
     Elsewhere than on Linux the closed channel tells, once the current request is done. The terminal's Ctrl-C is the
     supervisor's matter.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(0)  # it died before it could be told that its death is this process'
 
 
 def limit_address_space(allowance: int) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.errors import ProtocolError, error_code
@@ -38,10 +41,13 @@ def unexpected(request: Message, endpoint: str, *, state: str = "") -> ErrorRepl
     return error_reply(request, error, state=state)
 
 
-def encoded(reply: Message, *, state: str = "") -> list[Buffer]:
-    """A reply's frames; one that cannot be put on the wire becomes an error, and whoever sends it goes on."""
+def encoded(reply: Message, *, state: str = "", memory: Mapping[str, Any] | None = None) -> list[Buffer]:
+    """A reply's frames; one that cannot be put on the wire becomes an error, and whoever sends it goes on.
+
+    Large arrays are written to the ``memory`` that is offered, if there is any.
+    """
     try:
-        return encode(reply)
+        return encode(reply, memory)
     except ProtocolError as error:
         log().error("unencodable", reply=reply.type, reason=error.message)
         failure = MeshMotionError(f"the reply cannot be put on the wire: {error.message}", code="INTERNAL")

@@ -9,9 +9,8 @@ import time
 from collections.abc import Callable
 
 import zmq
-import zmq.utils.monitor
 
-from mesh_motion_server.transport.endpoints import EndpointError
+from mesh_motion_server.transport.endpoints import EndpointError, connection_event
 from mesh_motion_server.transport.protection import Protection
 
 __all__ = ["ProtectionError", "check_admits", "check_refuses"]
@@ -77,7 +76,7 @@ def _connects(endpoint: str, protection: Protection, secret: bytes, turn: Turn) 
         while time.monotonic() < deadline:
             turn()
             if events.poll(5):
-                return bool(zmq.utils.monitor.recv_monitor_message(events)["event"] == _SUCCEEDED)
+                return connection_event(events)[0] == _SUCCEEDED
         return False
     finally:
         client.disable_monitor()

@@ -29,7 +29,7 @@ from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
 from mesh_motion_server.transport.gateway_line import GatewayLine
 from mesh_motion_server.transport.hosting import Hosting
-from mesh_motion_server.transport.processes import Child, Forked, adopt_orphans, fork, spawn, wake_on_signals
+from mesh_motion_server.transport.processes import Child, adopt_orphans, fork, spawn, wake_on_signals
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.telemetry import log
@@ -78,7 +78,7 @@ class Supervisor:
         self._leaving: dict[Child, float] = {}
         self._killed_at: float | None = None
         self._signals = 0
-        disk = DiskWatch(settings.state_folder)
+        disk = self._disk = DiskWatch(settings.state_folder)
         self._watch = Watch(settings, level, manager or ServiceManager(""), disk)
         self.boot = self._boot.hex()
         self._private = tempfile.TemporaryDirectory(prefix="mesh-motion-") if protection is not None else None
@@ -119,6 +119,7 @@ class Supervisor:
             self._stop()
             raise
         self._template = self._next_template()
+        self._disk.ask()  # its thread takes address space, which a child forked later may use beyond its bound
         # whoever hears that it is ready may stop it at once
         self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
         return {"endpoint": self._gateway.endpoint} | {of.name: of.address for of in self._watch.attendants}
@@ -301,8 +302,8 @@ class Supervisor:
             self._await_end(child)
             return
         self._silent_ends, child.spoke = 0, True
-        if isinstance(child.process, Forked) and message["event"] == "born":
-            child.process.pid = message["pid"]
+        if child.template is not None and message["event"] == "born":
+            child.pid = message["pid"]
         TALLY.add(message.pop("tally", None))
         live = self._control.registry.of(child)
         if live is not None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shortened
 from mesh_motion_server.transport.log_stream import Unfailing
+from mesh_motion_server.transport.processes import name_process
 
 __all__ = ["configure", "log", "name_session", "tell_suppressed"]
 
@@ -73,8 +74,10 @@ class _Line(logging.Formatter):
 
 
 def configure(role: str, level: str = "info") -> None:
-    """Set logging up once per process: JSON lines, or text on a terminal."""
+    """Name the process and set its logging up: JSON lines, or text on a terminal."""
+    name_process(role)
     _NAMES["role"] = role
+    _THROTTLE.take()  # what the process left out that this one was forked from is told there
     handler = logging.StreamHandler(Unfailing(sys.stderr))
     handler.setFormatter(_Line(json_lines=not sys.stderr.isatty()))
     handler.addFilter(_seldom)

@@ -76,7 +76,6 @@ class Watch:
         )
         self.next_beat = time.monotonic() + _SECONDS
         self._disk = disk
-        self._disk.ask()
         self._settings = settings
         self._warm = False
         self._template: tuple[Child | None, float] = (None, time.monotonic())

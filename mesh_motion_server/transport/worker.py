@@ -1,4 +1,4 @@
-"""The template, ``python -m mesh_motion_server.transport.worker CHANNEL LEVEL HOST STORE NUMERICS``, and a worker.
+"""The template and a worker.
 
 The template imports everything, then forks a worker for each line that the supervisor hands over. A worker is one
 session's process. It gets its order: create a session, or resume one from its journal. From then on one request at a
@@ -16,15 +16,13 @@ import importlib
 import math
 import os
 import signal
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import msgpack
 import zmq
-import zmq.utils.monitor
 from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import decode
 from mesh_motion_protocol.errors import ProtocolError, brief, brief_details
@@ -40,10 +38,9 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.channel import Channel
-from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, router
+from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, connection_event, router
 from mesh_motion_server.transport.hosting import Hosting, SessionHost
 from mesh_motion_server.transport.processes import (
-    die_with_parent,
     fork_from_template,
     limit_address_space,
     limit_descriptors,
@@ -85,11 +82,11 @@ class Lease:
     def update(self, now: float) -> None:
         """Take the monitor's news in."""
         while self.monitor.poll(0):
-            news = zmq.utils.monitor.recv_monitor_message(self.monitor)
-            if news["event"] == zmq.EVENT_ACCEPTED:
-                self._connections.add(news["value"])
-            elif news["value"] in self._connections:
-                self._connections.remove(news["value"])
+            event, descriptor = connection_event(self.monitor)
+            if event == zmq.EVENT_ACCEPTED:
+                self._connections.add(descriptor)
+            elif descriptor in self._connections:
+                self._connections.remove(descriptor)
                 self._alone_since = now
 
     def pass_over(self, frame: zmq.Frame, now: float) -> None:
@@ -230,7 +227,7 @@ class Worker:
 
     def _send(self, envelopes: Sequence[Envelope]) -> None:
         for envelope in envelopes:
-            frames = encoded(envelope.message, state=str(self._host.state))
+            frames = encoded(envelope.message, state=str(self._host.state), memory=self._shared(envelope))
             failpoint("worker.sending")
             _count(envelope.message, frames)
             try:
@@ -239,6 +236,11 @@ class Worker:
             except zmq.ZMQError as error:
                 # The peer is gone or does not read: it asks again, by the same request id, when it is back.
                 log().info("undelivered", reply=envelope.message.type, reason=str(error))
+
+    def _shared(self, reply: Envelope) -> Mapping[str, Any] | None:
+        """Memory for a reply's arrays: only of who could enter the folder of an ipc endpoint, the server's own user."""
+        local = reply.memory and self._socket.getsockopt(zmq.LAST_ENDPOINT)[:4] == b"ipc:"  # type: ignore[index]
+        return reply.memory if local else None
 
     def _keep_time(self) -> None:
         """Collective requests that waited too long, the lease, the end of an idle process."""
@@ -273,23 +275,21 @@ def _count(reply: Message, frames: Sequence[Buffer]) -> None:
         TALLY.count("refused", label=reply.code)
 
 
-def main(arguments: list[str]) -> int:
-    """Import everything, then fork workers; in each of them serve."""
-    die_with_parent()
+def main(channel: Channel, level: str, *modules: str) -> int:
+    """Import everything that a session with such modules needs, then fork workers; in each of them serve."""
     offer_to_the_oom_killer()
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor ends it
-    descriptor, level, *modules = arguments
-    channel = Channel.inherited(int(descriptor))
     configure("worker", level)
     activate()
     failpoint("template.start")
+    gc.disable()  # a tenth of the time that imports take
     hosting = Hosting(*modules)
     hosts, stores = hosting.load_host(), hosting.load_store()
     importlib.import_module(hosting.numerics)
     failpoint("template.ready")
     channel.send({"event": "warm"})
-    gc.collect()
     gc.freeze()  # a worker's collections leave the pages alone that it shares with the others
+    gc.enable()
     while (line := channel.take_over()) is not None:
         try:
             in_worker = fork_from_template()
@@ -422,7 +422,3 @@ def _failure(error: Exception) -> dict[str, Any]:
     if len(msgpack.packb(details, default=str)) > _DETAILS_BYTES:
         details = {}
     return {"code": error.code, "message": brief(error.message), "hint": error.hint, "details": details}
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

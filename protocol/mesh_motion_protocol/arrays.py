@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.schema import ArraySpec
+from mesh_motion_protocol.shared_memory import SharedMemory
 
 __all__ = ["Buffer", "array_of", "declaration_of", "frame_count", "frames_of", "nbytes_of"]
 
@@ -75,18 +76,27 @@ def frame_count(nbytes: int) -> int:
     return -(-nbytes // FRAME_BYTES)
 
 
-def array_of(declared: dict[str, Any], frames: Sequence[Buffer], spec: ArraySpec) -> NDArray[Any]:
+def array_of(
+    declared: dict[str, Any], frames: Sequence[Buffer], spec: ArraySpec, memory: SharedMemory | None = None
+) -> NDArray[Any]:
     """Put an array together from its frames: aligned, writable, native, widened to 8 bytes an item or as ``spec`` says.
 
-    The memory of an only frame that is large, writable and aligned becomes the array's; all others are copied.
+    The memory of an only frame that is large, writable and aligned becomes the array's; all others are copied. An array
+    ``at`` a place of the shared ``memory`` stays there.
 
     Raises
     ------
     ProtocolError
-        INVALID_ARGUMENT.FRAMES if a chunk has not exactly the size it must have.
+        INVALID_ARGUMENT.FRAMES if a chunk has not exactly the size it must have; .HEADER for a wrong place.
     """
     shape, dtype = declared["shape"], declared["dtype"]
     items = math.prod(shape)
+    if memory is not None and "at" in declared:
+        if _ITEM_BYTES[dtype] != 8:
+            raise ProtocolError(
+                f"{spec.name} in shared memory must have 8 bytes an item", code="INVALID_ARGUMENT.HEADER"
+            )
+        return memory.array(declared["at"], items, dtype).reshape(shape)
     _check_sizes(frames, items * _ITEM_BYTES[dtype], spec)
     native = np.int32 if spec.narrow and dtype == "<i4" else _NATIVE[dtype]
     raw = _adopted(frames, dtype)

@@ -7,7 +7,7 @@ declarations in :mod:`.messages`; whether a request makes sense for a session is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from mesh_motion_protocol.header import pack, plain, unpack
 from mesh_motion_protocol.limits import MESSAGE_BYTES
 from mesh_motion_protocol.messages import MESSAGES, Message
 from mesh_motion_protocol.schema import ArraySpec, FieldSpec, MessageSchema, check_value, schema_of
+from mesh_motion_protocol.shared_memory import SharedMemory, written
 
 __all__ = ["decode", "encode"]
 
@@ -27,10 +28,16 @@ _ARRAY_KEYS = frozenset({"name", "dtype", "shape"})
 _DECLARATIONS = FieldSpec("arrays", list[dict[str, Any]], (), required=True)
 
 
-def encode(message: Message) -> list[Buffer]:
+def encode(message: Message, memory: Mapping[str, Any] | None = None) -> list[Buffer]:
     """Put a message into frames.
 
     Array frames are views of the message's arrays: leave these unchanged until the frames are sent.
+
+    Parameters
+    ----------
+    message : Message
+    memory : mapping, optional
+        What its receiver offers: large arrays are written there, if that is possible, and have no frames.
 
     Raises
     ------
@@ -40,7 +47,7 @@ def encode(message: Message) -> list[Buffer]:
     schema = schema_of(type(message))
     values = {spec.name: plain(getattr(message, spec.name)) for spec in (*schema.identity, *schema.fields)}
     _check_fields(values, (*schema.identity, *schema.fields), finite=schema.request)
-    declared, frames = _encode_arrays(message, schema)
+    declared, frames = _encode_arrays(message, schema, memory)
     header = {
         "v": PROTOCOL_VERSION[0],
         "type": schema.kind,
@@ -52,21 +59,26 @@ def encode(message: Message) -> list[Buffer]:
     return [pack(header), *frames]
 
 
-def _encode_arrays(message: Message, schema: MessageSchema) -> tuple[list[dict[str, Any]], list[Buffer]]:
+def _encode_arrays(
+    message: Message, schema: MessageSchema, memory: Mapping[str, Any] | None
+) -> tuple[list[dict[str, Any]], list[Buffer]]:
     """Declarations and frames of all arrays, in the order of the class."""
-    declared: list[dict[str, Any]] = []
+    given = [(spec, getattr(message, spec.name)) for spec in schema.arrays]
+    pairs = [(spec, np.asarray(value)) for spec, value in given if value is not None or spec.required]
+    declared = [declaration_of(array, spec) for spec, array in pairs]
+    places = written(memory, [array for _, array in pairs]) if memory else {}
     frames: list[Buffer] = []
-    for spec in schema.arrays:
-        value = getattr(message, spec.name)
-        if value is None and not spec.required:
-            continue
-        array = np.asarray(value)
-        declared.append(declaration_of(array, spec))
-        frames += frames_of(array)
+    for index, (_, array) in enumerate(pairs):
+        if index in places:
+            declared[index]["at"] = places[index]
+        else:
+            frames += frames_of(array)
     return declared, frames
 
 
-def decode(frames: Sequence[Buffer], *, message_bytes: int = MESSAGE_BYTES) -> Message:
+def decode(
+    frames: Sequence[Buffer], *, message_bytes: int = MESSAGE_BYTES, memory: SharedMemory | None = None
+) -> Message:
     """Read a message from frames; every array is aligned and writable, and the caller's.
 
     Parameters
@@ -75,6 +87,8 @@ def decode(frames: Sequence[Buffer], *, message_bytes: int = MESSAGE_BYTES) -> M
         Frame 0 and the arrays' frames. Writable ones are given away: a large one becomes its array's memory.
     message_bytes : int
         Limit on all arrays together.
+    memory : SharedMemory, optional
+        What was offered for the message's arrays: those that lie there stay there.
 
     Raises
     ------
@@ -85,13 +99,15 @@ def decode(frames: Sequence[Buffer], *, message_bytes: int = MESSAGE_BYTES) -> M
         raise _malformed("a message must have at least one frame, got none")
     header = unpack(memoryview(frames[0]))
     try:
-        return _decode(header, frames[1:], message_bytes)
+        return _decode(header, frames[1:], message_bytes, memory)
     except ProtocolError as error:
         error.client, error.sequence = _request_id(header)
         raise
 
 
-def _decode(header: dict[str, Any], frames: Sequence[Buffer], message_bytes: int) -> Message:
+def _decode(
+    header: dict[str, Any], frames: Sequence[Buffer], message_bytes: int, memory: SharedMemory | None
+) -> Message:
     schema = _schema(header)
     values = header["fields"]
     if not isinstance(values, dict):
@@ -105,7 +121,7 @@ def _decode(header: dict[str, Any], frames: Sequence[Buffer], message_bytes: int
         raise _malformed(f"{schema.kind} has no field {unknown[0]!r}", unknown[0])
     values = {name: value for name, value in values.items() if name in known}
     _check_fields(values, schema.fields, finite=schema.request)
-    arrays = _decode_arrays(header["arrays"], frames, schema, message_bytes)
+    arrays = _decode_arrays(header["arrays"], frames, schema, message_bytes, memory)
     return schema.cls(**identity, **values, **arrays)
 
 
@@ -137,12 +153,16 @@ def _check_fields(values: dict[str, Any], specs: Sequence[FieldSpec], *, finite:
 
 
 def _decode_arrays(
-    declared: Any, frames: Sequence[Buffer], schema: MessageSchema, message_bytes: int
+    declared: Any,
+    frames: Sequence[Buffer],
+    schema: MessageSchema,
+    message_bytes: int,
+    memory: SharedMemory | None,
 ) -> dict[str, Any]:
     """Match declarations with the class and frames with declarations."""
     check_value(declared, _DECLARATIONS, finite=True)
     specs = {spec.name: spec for spec in schema.arrays}
-    pairs = [_array_spec(item, specs, schema) for item in declared]
+    pairs = [_array_spec(item, specs, schema, shared=memory is not None) for item in declared]
     names = [spec.name for _, spec in pairs]
     if len(set(names)) < len(names):
         raise _malformed("an array is declared twice", "arrays")
@@ -154,23 +174,23 @@ def _decode_arrays(
         raise ProtocolError(
             f"the arrays of a message may have {message_bytes} bytes, got {sum(sizes)}", code="RESOURCE_EXHAUSTED.BYTES"
         )
-    counts = [frame_count(size) for size in sizes]
+    counts = [0 if "at" in item else frame_count(size) for size, (item, _) in zip(sizes, pairs, strict=True)]
     if sum(counts) != len(frames):
         raise ProtocolError(
             f"the declared arrays need {sum(counts)} frames, got {len(frames)}", code="INVALID_ARGUMENT.FRAMES"
         )
     arrays, start = {}, 0
     for (item, spec), count in zip(pairs, counts, strict=True):
-        arrays[spec.name] = array_of(item, frames[start : start + count], spec)
+        arrays[spec.name] = array_of(item, frames[start : start + count], spec, memory)
         start += count
     return arrays
 
 
 def _array_spec(
-    declared: dict[str, Any], specs: dict[str, ArraySpec], schema: MessageSchema
+    declared: dict[str, Any], specs: dict[str, ArraySpec], schema: MessageSchema, *, shared: bool
 ) -> tuple[dict[str, Any], ArraySpec]:
     """One entry of ``arrays`` with the declaration it must match."""
-    if declared.keys() != _ARRAY_KEYS:
+    if (declared.keys() - {"at"} if shared else declared.keys()) != _ARRAY_KEYS:
         raise _malformed("each entry of arrays must have exactly the keys name, dtype, shape", "arrays")
     name = declared["name"]
     if type(name) is not str or name not in specs:

@@ -21,7 +21,7 @@ pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
 from mesh_motion_server.monitor_page import connections
 from mesh_motion_server.monitor_page.live import MOST_LISTENERS
-from mesh_motion_server.prove.processes import alive, children_of, command_of
+from mesh_motion_server.prove.processes import alive, children_of, name_of
 from mesh_motion_server.prove.server_process import ServerProcess
 from mesh_motion_server.prove.waiting import wait_until
 
@@ -61,7 +61,7 @@ def get(server: ServerProcess, path: str) -> tuple[int, bytes]:
 
 
 def page_process(server: ServerProcess) -> int:
-    (pid,) = [pid for pid in children_of(server.process.pid) if "monitor_page" in command_of(pid)]
+    (pid,) = [pid for pid in children_of(server.process.pid) if name_of(pid) == "mesh-page"]
     return pid
 
 

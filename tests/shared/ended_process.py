@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from mesh_motion_server.transport.channel import Channel
+from mesh_motion_server.transport.processes import Child
 
-class EndedProcess:
-    """What takes the place of a subprocess.Popen; counts how often it was killed."""
 
-    pid = 2**22
+class EndedChild(Child):
+    """Counts how often it was killed."""
 
-    def __init__(self) -> None:
+    def __init__(self, channel: Channel) -> None:
+        super().__init__(2**22, channel)
         self.killed = 0
 
     def kill(self) -> None:
-        """See subprocess.Popen."""
+        """See Child."""
         self.killed += 1
 
-    def wait(self, timeout: float | None = None) -> int:
-        """See subprocess.Popen."""
+    def _status(self) -> int | None:
         return 0

@@ -243,7 +243,7 @@ DTYPES = ["O", "|O", "S2147483647", "V1000000000", ">f8", "f8", "<f2", "<M8[s]",
 def test_a_strangers_dtype_is_never_taken(target, victim, dtype):
     wire = victim["wire"]
     header = msgpack.unpackb(
-        encode(Move(client=wire.client, sequence=99, **victim["at"], step=1, frame="committed", displacement=ONES))[0]
+        encode(Move(client=wire.client, sequence=99, **victim["at"], step=1, frame="reference", displacement=ONES))[0]
     )
     header["arrays"][0]["dtype"] = dtype
     wire.send_frames(msgpack.packb(header), ONES.tobytes())

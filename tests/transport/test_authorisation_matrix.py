@@ -12,7 +12,7 @@ ROWS = np.zeros((2, 2))
 FIELDS = {
     "OPEN": {"dimension": 2},
     "UPLOAD": {"item": "nodes", "rows": ROWS},
-    "MOVE": {"step": 1, "displacement": ROWS},
+    "MOVE": {"step": 1, "frame": "reference", "displacement": ROWS},
     "COMMIT": {"step": 1},
     "ROLLBACK": {"step": 1},
 }

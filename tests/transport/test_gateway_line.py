@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from ended_process import EndedProcess
+from ended_process import EndedChild
 
 from mesh_motion_server.transport import gateway_line as module
 from mesh_motion_server.transport.channel import Channel
@@ -40,7 +40,7 @@ class Script:
             raise self.refusal
         channel, line = Channel.pair()
         self.theirs.append(Channel(line))
-        self.children.append(Child(EndedProcess(), channel))  # type: ignore[arg-type]
+        self.children.append(EndedChild(channel))
         word = self.words.pop(0) if self.words else None
         if word is not None:
             self.theirs[-1].send({"endpoint": endpoint.replace(":0", ":7")} | word)
@@ -116,8 +116,8 @@ def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(
     started.line.reply(b"p", b"r")
     started.line.keep_time(time.monotonic() + module._START_SECONDS + 1)
     assert time.monotonic() - began < module._START_SECONDS / 2
-    hung = started.children[1].process
-    assert isinstance(hung, EndedProcess)
+    hung = started.children[1]
+    assert isinstance(hung, EndedChild)
     assert hung.killed == 1
     started.theirs[1].close()
     started.words = [BOUND]

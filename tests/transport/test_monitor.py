@@ -43,7 +43,7 @@ def test_ready_comes_and_goes_with_the_drain(start, open_session):
     wait_until(lambda: get(server, "/readyz") == (200, "ok\n"), "ready")
     assert get(server, "/healthz") == (200, "ok\n")
     opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, displacement=[[1.0, 1.0]] * 2)
+    data.send(Move, **at, step=1, frame="reference", displacement=[[1.0, 1.0]] * 2)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     server.process.send_signal(signal.SIGTERM)
     wait_until(lambda: get(server, "/readyz") == (503, "draining: the server is stopping\n"), "not ready")

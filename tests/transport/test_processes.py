@@ -1,30 +1,87 @@
 """What a child of the supervisor starts with."""
 
 import os
+import signal
+import socket
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.transport.processes import spawn
 
 MODULE = """
-import os, sys
+import os, signal, sys
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.transport.channel import Channel
-Channel.inherited(int(sys.argv[1])).send({"names": {name: os.environ.get(name, "") for name in sys.argv[2:]}})
+
+def main(channel, *names):
+    channel.send({
+        "names": {name: os.environ.get(name, "") for name in names},
+        "counted": bool(TALLY),
+        "sigterm": signal.getsignal(signal.SIGTERM) is signal.SIG_DFL,
+        "blocked": len(signal.pthread_sigmask(signal.SIG_BLOCK, ())),
+        "parent": "only_the_parent_has" in sys.modules,
+        "descriptors": len(os.listdir("/dev/fd")),
+    })
+    return 7
+
+if __name__ == "__main__":
+    sys.exit(main(Channel.inherited(int(sys.argv[1])), *sys.argv[2:]))
 """
 
 
-def environment(folder: Path, *names: str) -> dict[str, str]:
-    (folder / "says_environment.py").write_text(MODULE, encoding="utf-8")
-    child = spawn("says_environment", *names, threads=1)
-    told = child.channel.receive()
-    child.reap()
-    assert told is not None
-    values: dict[str, str] = told["names"]
-    return values
-
-
-def test_the_threads_of_loops_and_of_blas_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True)
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "says.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    told = environment(tmp_path, "MESH_MOTION_THREADS", "OPENBLAS_NUM_THREADS")
-    assert told == {"MESH_MOTION_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    monkeypatch.setitem(sys.modules, "only_the_parent_has", os)
+
+
+def told(*names: str, **options: Any) -> dict[str, Any]:
+    """What a child says, which then ends with 7."""
+    child = spawn("says", *names, **options)
+    said = child.channel.receive(30.0)
+    assert child.reap() == 7
+    assert said is not None
+    return said
+
+
+@pytest.mark.parametrize("anew", [False, True])
+def test_the_threads_of_loops_and_of_blas_are_told(anew: bool) -> None:
+    names = told("MESH_MOTION_THREADS", "OPENBLAS_NUM_THREADS", threads=3, anew=anew)["names"]
+    assert names == {"MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def test_a_child_has_its_own_counts_signals_and_descriptors() -> None:
+    """0 to 2, its line, /dev/null and the listing."""
+    TALLY.count("worker_starts")
+    before = signal.signal(signal.SIGTERM, lambda *_: None)
+    ours, theirs = socket.socketpair()
+    try:
+        said = told()
+        assert TALLY
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        TALLY.take()
+        ours.close()
+        theirs.close()
+    assert (said["counted"], said["sigterm"], said["blocked"], said["parent"]) == (False, True, 0, True)
+    assert said["descriptors"] <= 6
+
+
+def test_what_listens_to_other_machines_has_none_of_the_supervisors_memory() -> None:
+    assert not told(anew=True)["parent"]
+
+
+def test_a_module_that_cannot_be_imported_is_a_failure_of_the_child_alone(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    child = spawn("no_such_module")
+    assert child.channel.receive(30.0) is None
+    assert child.reap() == 1
+    assert "no_such_module" in capfd.readouterr().err

@@ -86,7 +86,9 @@ def test_the_largest_frames_pass(keyed, connect):
     at = {"session": opened.session, "epoch": 1}
     data.ask(Join, **at, token=opened.token)
     displacement = np.arange(FRAME_BYTES // 16 + 3, dtype=float).repeat(2).reshape(-1, 2)  # one whole chunk and a rest
-    assert (data.ask(Move, **at, step=1, displacement=displacement).displacement == 2 * displacement).all()
+    assert (
+        data.ask(Move, **at, step=1, frame="reference", displacement=displacement).displacement == 2 * displacement
+    ).all()
 
 
 def test_a_strangers_session_is_as_one_that_does_not_exist(keyed, connect):

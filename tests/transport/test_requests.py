@@ -57,7 +57,7 @@ def test_hello_of_another_major_version_is_told_ours(server, connect):
 def test_large_arrays_go_both_ways(server, open_session):
     _, data, at = open_session(server)
     displacement = np.random.default_rng(1).random((1_500_000, 3))
-    moved = data.ask(Move, **at, step=1, displacement=displacement)
+    moved = data.ask(Move, **at, step=1, frame="reference", displacement=displacement)
     assert (moved.displacement == 2 * displacement).all()
 
 
@@ -71,7 +71,7 @@ def test_a_stranger_learns_nothing(server, connect, open_session):
 
 def test_probe_answers_while_the_worker_computes(server, connect, open_session):
     opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, displacement=ONES)
+    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
     control = connect(server.endpoint)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     probed = control.ask(Probe, session=opened.session, token=opened.token)
@@ -92,7 +92,7 @@ def test_resume_of_a_live_session_fences_the_old_holder(server, connect, open_se
 
 def test_a_reply_that_cannot_be_encoded_is_an_error_and_not_the_end(server, open_session):
     _, data, at = open_session(server, label="bad-reply")
-    assert data.ask(Move, **at, step=1, displacement=ONES).code == "INTERNAL"
+    assert data.ask(Move, **at, step=1, frame="reference", displacement=ONES).code == "INTERNAL"
     assert data.ask(Commit, **at, step=1).type == "COMMITTED"
 
 
@@ -111,11 +111,11 @@ def test_a_killed_worker_shows_at_once_and_resumes(server, connect, open_session
 def test_a_crash_in_the_middle_of_a_move_hurts_one_session(server, connect, open_session):
     opened, crashing, at = open_session(server, label="crash")
     _, other, other_at = open_session(server)
-    crashing.send(Move, **at, step=1, displacement=ONES)
+    crashing.send(Move, **at, step=1, frame="reference", displacement=ONES)
     control = connect(server.endpoint)
     probe = {"session": opened.session, "token": opened.token}
     wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells", seconds=5)
-    assert (other.ask(Move, **other_at, step=1, displacement=ONES).displacement == 2).all()
+    assert (other.ask(Move, **other_at, step=1, frame="reference", displacement=ONES).displacement == 2).all()
 
 
 @pytest.mark.parametrize("endpoint", ["control", "data"])

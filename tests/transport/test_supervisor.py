@@ -41,7 +41,7 @@ def test_a_session_from_open_to_close(start, connect, open_session, scheme, tmp_
     opened, data, at = open_session(server, label="beam")
     assert opened.endpoint.startswith(scheme)
     assert data.ask(Ping).type == "PONG"
-    moved = data.ask(Move, **at, step=1, displacement=ONES)
+    moved = data.ask(Move, **at, step=1, frame="reference", displacement=ONES)
     assert (moved.displacement == 2).all()
     assert data.ask(Commit, **at, step=1).step == 1
     control = connect(server.endpoint)
@@ -84,7 +84,7 @@ def test_what_cannot_be_opened_says_why(start, connect):
 def test_resume_does_not_wait_for_a_computation_nobody_wants(start, connect, open_session):
     server = start()
     opened, old, at = open_session(server, label="slow")
-    old.send(Move, **at, step=1, displacement=ONES)
+    old.send(Move, **at, step=1, frame="reference", displacement=ONES)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     first, second = connect(server.endpoint), connect(server.endpoint)
     for control in (first, second):
@@ -97,7 +97,7 @@ def test_kill_9_of_the_server_leaves_no_process_and_no_lost_step(start, connect,
     server = start()
     opened, data, at = open_session(server, label="slow")
     data.ask(Commit, **at, step=5)
-    data.send(Move, **at, step=6, displacement=ONES)
+    data.send(Move, **at, step=6, frame="reference", displacement=ONES)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     children = server.children()
     assert len(children) == 3
@@ -132,7 +132,7 @@ def test_sigterm_drains_a_server_that_has_just_said_that_it_is_ready(start):
 def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, open_session):
     server = start()
     opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, displacement=ONES)
+    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     server.process.send_signal(signal.SIGTERM)
     wait_until(lambda: server.events("draining"), "draining")
@@ -148,7 +148,7 @@ def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, 
 def test_a_drain_is_bounded(start, open_session):
     server = start(drain_seconds=0.5)
     opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, displacement=ONES)
+    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     began = time.monotonic()
     server.process.send_signal(signal.SIGTERM)
@@ -160,7 +160,7 @@ def test_a_drain_is_bounded(start, open_session):
 def test_a_second_signal_does_not_wait(start, open_session):
     server = start()
     opened, data, at = open_session(server, label="slow")
-    data.send(Move, **at, step=1, displacement=ONES)
+    data.send(Move, **at, step=1, frame="reference", displacement=ONES)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
     server.process.send_signal(signal.SIGTERM)
     wait_until(lambda: server.events("draining"), "draining")

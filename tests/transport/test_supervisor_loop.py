@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,10 +11,11 @@ from typing import Any
 
 import msgpack
 import pytest
-from ended_process import EndedProcess
+from ended_process import EndedChild
 
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import attendant as attendant_module
+from mesh_motion_server.transport import processes
 from mesh_motion_server.transport import supervisor as supervisor_module
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.hosting import Hosting
@@ -26,9 +26,8 @@ from mesh_motion_server.transport.supervisor import Supervisor
 
 def killed(child: Child) -> int:
     """How often a child was killed."""
-    process = child.process
-    assert isinstance(process, EndedProcess)
-    return process.killed
+    assert isinstance(child, EndedChild)
+    return child.killed
 
 
 class Scripted:
@@ -48,7 +47,7 @@ class Scripted:
             raise BlockingIOError(11, "Resource temporarily unavailable")
         channel, theirs = Channel.pair()
         self.theirs.append(theirs)
-        self.children.append(Child(EndedProcess(), channel))  # type: ignore[arg-type]
+        self.children.append(EndedChild(channel))
         return self.children[-1]
 
     def close(self) -> None:
@@ -183,17 +182,13 @@ def test_a_monitor_that_hangs_while_it_starts_again_holds_nobody_up(scripted: Sc
     assert (watched.address, killed(another)) == ("tcp://127.0.0.1:9", 0)
 
 
-def test_a_process_that_not_even_sigkill_ends_is_left_to_the_kernel() -> None:
+def test_a_process_that_not_even_sigkill_ends_is_left_to_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     """It waits for a disk that does not answer; the supervisor does not."""
-    waits: list[float | None] = []
-
-    class Stuck(EndedProcess):
-        def wait(self, timeout: float | None = None) -> int:
-            waits.append(timeout)
-            assert timeout is not None
-            raise subprocess.TimeoutExpired("stuck", timeout)
-
+    monkeypatch.setattr(processes, "_END_SECONDS", 0.01)
+    monkeypatch.setattr(os, "waitpid", lambda _pid, _flags: (0, 0))
+    kills: list[int] = []
+    monkeypatch.setattr(os, "kill", lambda _pid, number: kills.append(number))
     channel, line = Channel.pair()
-    assert Child(Stuck(), channel).reap() == -signal.SIGKILL  # type: ignore[arg-type]
+    assert Child(2**22, channel).reap() == -signal.SIGKILL
     line.close()
-    assert len(waits) == 2
+    assert kills == [signal.SIGKILL]

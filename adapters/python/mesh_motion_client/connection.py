@@ -6,15 +6,16 @@ socket's own events are watched: :class:`ConnectionLost` says that the request m
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
 
 import zmq
-import zmq.utils.monitor
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import REPLIES, ErrorReply, Message
+from mesh_motion_protocol.shared_memory import SharedMemory
 
 from mesh_motion_client.errors import (
     InvalidInput,
@@ -75,7 +76,13 @@ class Connection:
             self.close()
             raise _no_endpoint(endpoint) from error
 
-    def request(self, message: Message, deadline: float, watch: Callable[[], None] | None = None) -> Message:
+    def request(
+        self,
+        message: Message,
+        deadline: float,
+        watch: Callable[[], None] | None = None,
+        memory: SharedMemory | None = None,
+    ) -> Message:
         """Send a request and wait for its reply.
 
         Parameters
@@ -86,6 +93,8 @@ class Connection:
             On the monotonic clock.
         watch : callable, optional
             Called in each second of silence; raises to end the wait.
+        memory : SharedMemory, optional
+            What the request offers for the reply's arrays.
 
         Raises
         ------
@@ -98,7 +107,7 @@ class Connection:
         except ProtocolError as error:
             raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from None
         while True:
-            reply = self._receive(message, deadline, watch)
+            reply = self._receive(message, deadline, watch, memory)
             if (reply.client, reply.sequence) != (message.client, message.sequence):
                 continue  # the late reply to an earlier request
             if isinstance(reply, ErrorReply):
@@ -107,7 +116,9 @@ class Connection:
                 raise ServerFault(f"the reply to {message.type} must be {REPLIES[message.type]}, got {reply.type}")
             return reply
 
-    def _receive(self, message: Message, deadline: float, watch: Callable[[], None] | None) -> Message:
+    def _receive(
+        self, message: Message, deadline: float, watch: Callable[[], None] | None, memory: SharedMemory | None
+    ) -> Message:
         """The next message of whatever kind."""
         while not self._socket.poll(0):
             self._wait(min(seconds_left(deadline), _WATCH_SECONDS))
@@ -119,7 +130,7 @@ class Connection:
             if watch is not None:
                 watch()
         try:
-            return decode([frame.buffer for frame in self._socket.recv_multipart(copy=False)])
+            return decode([frame.buffer for frame in self._socket.recv_multipart(copy=False)], memory=memory)
         except ProtocolError as error:
             self.close()  # what follows on it cannot be trusted either
             raise DamagedReply(f"the server's reply is no message: {error.message}", code=error.code) from None
@@ -134,8 +145,8 @@ class Connection:
     def _check_connected(self) -> None:
         lost = False
         while self._events.poll(0):
-            news = zmq.utils.monitor.recv_monitor_message(self._events)
-            self._check_admitted(news["event"], news["value"])
+            # as zmq.utils.monitor would read it, whose import is asyncio's
+            self._check_admitted(*struct.unpack("=Hi", self._events.recv_multipart()[0]))
             lost = True
         if lost:
             raise ConnectionLost(f"the connection to {self.endpoint} ended")

@@ -30,6 +30,7 @@ from mesh_motion_client.connection import Connection, ConnectionLost, DamagedRep
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.errors import MeshMotionError, SessionError, StepsLost, Timeout, Unavailable
+from mesh_motion_client.reply_memory import ReplyMemory
 
 __all__ = ["Courier"]
 
@@ -52,6 +53,8 @@ class Courier:
         For PROBE and RESUME.
     credentials : Credentials
     partition : int
+    shares_memory : bool
+        Whether the server writes large arrays to memory that a MOVE offers.
 
     Attributes
     ----------
@@ -64,7 +67,9 @@ class Courier:
         takes part.
     """
 
-    def __init__(self, control: Control, credentials: Credentials, partition: int) -> None:
+    def __init__(
+        self, control: Control, credentials: Credentials, partition: int, *, shares_memory: bool = False
+    ) -> None:
         self.step = self.iteration = 0
         self.trial: Move | None = None
         self.may_resume = False
@@ -74,6 +79,7 @@ class Courier:
         self._client = uuid.uuid4().bytes
         self._sequence = 0
         self._epoch = 0
+        self._memory = ReplyMemory() if shares_memory else None
         self._data: Connection | None = None
         self._unanswered: SessionMessage | None = None
         self._resuming = False
@@ -169,7 +175,15 @@ class Courier:
             self._recover(deadline)
         if self._data is None:
             raise ConnectionLost("there is no connection")
-        return self._data.request(replace(message, epoch=self._epoch), deadline, partial(self._watch, deadline))
+        message, watch = replace(message, epoch=self._epoch), partial(self._watch, deadline)
+        if self._memory is None or not isinstance(message, Move):
+            return self._data.request(message, deadline, watch)
+        memory = self._memory.take()
+        if memory is not None:
+            message = replace(message, memory=memory.offer)
+        reply = self._data.request(message, deadline, watch, memory)
+        self._memory.give_back(memory, reply)
+        return reply
 
     def _repeat_trial(self, deadline: float) -> ConnectionLost | None:
         """Make the lost trial again: a MOVE is a pure function of the committed state."""

@@ -21,6 +21,7 @@ from mesh_motion_protocol.messages import (
     Resumed,
     Welcome,
 )
+from mesh_motion_protocol.shared_memory import FEATURE, SUPPORTED
 
 from mesh_motion_client.connection import ConnectionLost, seconds_left
 from mesh_motion_client.control import Control
@@ -62,7 +63,8 @@ class Server:
         self._embedded: EmbeddedServer | None = None
         self._closed = False
         try:
-            self.welcome = self._control.ask(Hello, Welcome, timeout, agent=AGENT)
+            features = [FEATURE] if SUPPORTED else []
+            self.welcome = self._control.ask(Hello, Welcome, timeout, agent=AGENT, features=features)
         except (Timeout, ConnectionLost) as error:
             self._control.close()
             raise Unavailable(
@@ -222,6 +224,7 @@ class Server:
             partition=partition,
             timeout=self._timeout,
             compute_timeout=self._compute_timeout,
+            shares_memory=FEATURE in self.welcome.features,
         )
 
     @classmethod

@@ -63,7 +63,14 @@ class Session:
     """
 
     def __init__(
-        self, control: Control, credentials: Credentials, *, partition: int, timeout: float, compute_timeout: float
+        self,
+        control: Control,
+        credentials: Credentials,
+        *,
+        partition: int,
+        timeout: float,
+        compute_timeout: float,
+        shares_memory: bool = False,
     ) -> None:
         self.credentials = credentials
         self.partition = partition
@@ -75,7 +82,7 @@ class Session:
         self.quality: dict[str, Any] = {}
         self._patches: dict[str, NDArray[np.int64]] = {}
         self._control = control
-        self._courier = Courier(control, credentials, partition)
+        self._courier = Courier(control, credentials, partition, shares_memory=shares_memory)
         self._timeout = timeout
         self._compute_timeout = compute_timeout
         self._closed = False

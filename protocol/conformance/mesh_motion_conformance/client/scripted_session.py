@@ -163,6 +163,6 @@ class ScriptedSession:
 
 
 def _content(request: Message) -> tuple[Any, ...]:
-    """Type, fields and arrays, without ``epoch``."""
-    fields = sorted((name, repr(value)) for name, value in request.fields.items() if name != "epoch")
+    """Type, fields and arrays, without ``epoch`` and ``memory``."""
+    fields = sorted((name, repr(value)) for name, value in request.fields.items() if name not in ("epoch", "memory"))
     return request.kind, tuple(fields), tuple((name, a.shape, a.tobytes()) for name, a in request.arrays.items())

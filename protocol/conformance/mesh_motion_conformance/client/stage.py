@@ -132,7 +132,7 @@ def _judge_ids(seen: list[Seen]) -> None:
     for entry in seen:
         message = entry.message
         key = entry.endpoint, message.client, message.sequence
-        fields = {name: value for name, value in message.fields.items() if name != "epoch"}
+        fields = {name: value for name, value in message.fields.items() if name not in ("epoch", "memory")}
         content = f"{message.kind} {fields} {[array.tobytes() for array in message.arrays.values()]}"
         if contents.setdefault(key, content) != content:
             raise Unmet("one id for one request (SPEC 4)", f"{message.sequence} for another: {show(message)}")
