@@ -27,7 +27,7 @@ from mesh_motion_server.numerics.polynomial import LinearBasis, Polynomial
 from mesh_motion_server.numerics.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.two_scale.nested_grid import NestedSpline
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(900)]
 
 SOURCE = Path(__file__).resolve().parents[2] / "kernels"
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
