@@ -1,6 +1,6 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
-# make test   runs the tests, two files at a time (JOBS=4 for more), in twenty minutes
-# make test-all runs those too that repeat whole runs: each page of the documentation, each proof in small, in half an hour
+# make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in six minutes
+# make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour
 # make manual writes docs/man anew after a change of a command
 # make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
 # make lock   writes the exact versions and hashes of all packages anew (requirements/)
@@ -66,7 +66,7 @@ test: $(VENV)/.development
 	$(BIN)/pytest -m "not nightly" $(PYTEST)
 
 test-all: $(VENV)/.development
-	$(BIN)/pytest $(PYTEST)
+	$(BIN)/pytest --hypothesis-profile many $(PYTEST)
 
 test-fast: $(VENV)/.development
 	$(BIN)/pytest -m "not slow"
@@ -100,10 +100,10 @@ format: $(VENV)/.development
 	$(BIN)/ruff format .
 
 prove: $(VENV)/.runtime drivers
-	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/mesh-motion prove --out out/prove
+	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m proofs --out out/prove
 
 prove-full: $(VENV)/.runtime drivers
-	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/mesh-motion prove --full --out out/prove-full
+	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m proofs --full --out out/prove-full
 
 # The row of conformance drives the clients in C, C++ and Fortran too, where their tools are installed.
 drivers:

@@ -1,4 +1,4 @@
-"""What shows that the server keeps its promises: ``mesh-motion prove``.
+"""What shows that the server keeps its promises: ``python -m proofs``.
 
 :mod:`~proofs.check` says what a check is, :mod:`~proofs.table` lists them all,
 :mod:`~proofs.runner` runs them. Each check has a module of its own; the tests call the same code with

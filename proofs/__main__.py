@@ -1,4 +1,4 @@
-"""``mesh-motion prove``: the server's promises, shown."""
+"""``python -m proofs``: the server's promises, shown."""
 
 # ruff: noqa: PLC0415  (each import when it is needed, so that --help is quick)
 
@@ -14,17 +14,16 @@ from typing import Annotated
 import typer
 
 from mesh_motion_server.commands.cli import ExitStatus, complain, status_of
-from mesh_motion_server.commands.completions import promises
 from mesh_motion_server.errors import MeshMotionError
 
-__all__ = ["prove"]
+__all__ = ["main"]
 
 
 def prove(
     full: Annotated[bool, typer.Option("--full", help="The counts of a night instead of some minutes.")] = False,
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="A check's name; may be given several times.", autocompletion=promises),
+        typer.Option(metavar="NAME", help="A check's name; may be given several times."),
     ] = None,
     list_checks: Annotated[bool, typer.Option("--list", help="List the checks and do nothing.")] = False,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="The same one does the same.")] = 1,
@@ -39,8 +38,8 @@ def prove(
     has every figure, with the machine and all versions.
 
     \b
-    mesh-motion prove
-    mesh-motion prove --only power-loss --seed 7 --minutes 10
+    python -m proofs
+    python -m proofs --only power-loss --seed 7 --minutes 10
     """
     from mesh_motion_server.files.replace import require_folder_place
     from proofs.runner import Plan, chosen
@@ -93,3 +92,14 @@ def _progress() -> Iterator[Callable[[str], None]]:
 
     with Console(stderr=True, highlight=False).status("") as status:
         yield status.update
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    app = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None, add_completion=False)
+    app.command()(prove)
+    app(prog_name="python -m proofs")
+
+
+if __name__ == "__main__":
+    main()

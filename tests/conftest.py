@@ -9,8 +9,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from mesh_motion_server import failpoints
+
+#: Examples that hypothesis draws for a test: `make test` takes the first, `make test-all` the second.
+settings.register_profile("few", max_examples=25, deadline=None)
+settings.register_profile("many", max_examples=200, deadline=None)
+settings.load_profile("few")
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses among them

@@ -20,8 +20,12 @@ PACKAGES = {
     "mesh_motion_fsi": ROOT / "adapters" / "fsi" / "mesh_motion_fsi",
     "mesh_motion_precice": ROOT / "adapters" / "precice" / "mesh_motion_precice",
 }
+#: The rooms of numerics: each may import those before it.
+ROOMS = ["mesh", "interpolation", "quality", "correction", "reduction", "motion"]
 LAYERS = ["numerics", "distributed", "session", "service", "transport"]
 ENGINE = ("dask", "distributed")
+#: Folders of the checkout that are in no wheel.
+APART_FROM_ALL = ("proofs", "benchmarks", "docs", "tools", "tests")
 #: Packages that stand without the server, and what else they may not import.
 APART = {
     "mesh_motion_protocol": ("zmq", "mesh_motion_client", "mesh_motion_conformance"),
@@ -43,17 +47,19 @@ def forbidden(module: str) -> tuple[str, ...]:
     """Prefixes that the module may not import."""
     package, *inner = module.split(".")
     if package == "mesh_motion_precice":  # of the server it takes the readers of mesh files, which need numpy alone
-        return (*HEAVY[:-1], "zmq", *(f"mesh_motion_server.{part}" for part in (*LAYERS, "cases", "cli", "commands")))
+        return (*HEAVY[:-1], "zmq", *(f"mesh_motion_server.{part}" for part in (*LAYERS, "cases", "commands")))
     if package in APART:
         return (*HEAVY, *APART[package])
     if not inner or inner[0] not in (*LAYERS, "files"):
-        return OBSERVATION if inner[:1] == ["observation"] else ()
+        return (*OBSERVATION, *APART_FROM_ALL) if inner[:2] == ["watch", "observation"] else APART_FROM_ALL
     if inner[0] == "files":
         return tuple(f"{package}.{layer}" for layer in LAYERS[1:])
     engine = () if inner[0] == "distributed" else ENGINE
     above = [f"{package}.{layer}" for layer in LAYERS[LAYERS.index(inner[0]) + 1 :]]
-    beside = [f"{package}.files", f"{package}.cases", f"{package}.cli", "mesh_motion_client"]
+    beside = [f"{package}.files", f"{package}.cases", f"{package}.commands", "mesh_motion_client", *APART_FROM_ALL]
     if inner[0] == "numerics":
+        rooms = ROOMS[ROOMS.index(inner[1]) + 1 :] if inner[1] in ROOMS else ROOMS
+        above += [f"{package}.numerics.{room}" for room in rooms]
         return (*above, *beside, *engine, "zmq", "msgpack", "pydantic", "logging", "mesh_motion_protocol")
     return (*above, *beside, *engine) if inner[0] == "transport" else (*above, *beside, *engine, "zmq")
 
@@ -94,11 +100,14 @@ def test_imports_point_to_the_left(module: str, path: Path) -> None:
     [
         ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.numerics.seeded", "def f():\n    import zmq"),
+        ("mesh_motion_server.numerics.mesh.seeded", "from mesh_motion_server.numerics.quality import metrics"),
+        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.numerics.mesh import cells"),
+        ("mesh_motion_server.session.seeded", "from proofs import wire"),
         ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.distributed import crew"),
         ("mesh_motion_server.distributed.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),
         ("mesh_motion_server.service.seeded", "from ..transport import gateway"),
-        ("mesh_motion_server.watch.observation.seeded", "from ..transport import gateway"),
+        ("mesh_motion_server.watch.observation.seeded", "from ...transport import gateway"),
         ("mesh_motion_protocol.seeded", "from scipy.spatial import cKDTree"),
         ("mesh_motion_conformance.seeded", "from mesh_motion_protocol.codec import decode"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),

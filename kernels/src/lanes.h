@@ -8,6 +8,15 @@ namespace mesh_motion {
 /// Partial sums of a reduction: one register of AVX-512, two of AVX, four of SSE2.
 inline constexpr Index lanes = 8;
 
+/// Numbers in one vector register. No result may depend on it.
+#if defined(__AVX512F__)
+inline constexpr Index register_lanes = 8;
+#elif defined(__AVX__)
+inline constexpr Index register_lanes = 4;
+#else
+inline constexpr Index register_lanes = 2;
+#endif
+
 /// Eight partial sums.
 struct Lanes {
     double part[lanes] = {};

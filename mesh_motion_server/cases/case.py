@@ -5,7 +5,10 @@ All lengths are in the mesh's unit, angles in degrees. Every boundary patch of t
 
 from __future__ import annotations
 
+import difflib
+import math
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
@@ -16,7 +19,19 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.settings import MethodSettings
 
-__all__ = ["Case", "CaseFile", "MotionSection", "RigidMotion", "StepsSection", "read_case"]
+__all__ = [
+    "Case",
+    "CaseFile",
+    "MotionSection",
+    "Oscillation",
+    "RigidMotion",
+    "StepsSection",
+    "case_name",
+    "meant",
+    "read_case",
+    "toml_key",
+    "toml_text",
+]
 
 Role = Literal["moving", "fixed", "slip", "symmetry", "periodic"]
 Vector = Annotated[list[float], Field(min_length=1, max_length=3)]
@@ -57,17 +72,54 @@ class RigidMotion(_Section):
         return self
 
 
+class Oscillation(_Section):
+    """``oscillation``: along ``direction``, or about ``centre`` (and ``axis``, in 3D).
+
+    After step s the amplitude is multiplied by sin(2π frequency s + phase) − sin(phase): a case begins at rest.
+    """
+
+    amplitude: float
+    frequency: Annotated[float, Field(gt=0)]
+    phase: float = 0.0
+    direction: Vector | None = None
+    centre: Vector | None = None
+    axis: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        if not self.amplitude:
+            raise ValueError("'amplitude' must not be zero")
+        if (self.direction is None) == (self.centre is None):
+            raise ValueError("give either 'direction' or 'centre'")
+        for name in ("direction", "axis"):
+            vector = getattr(self, name)
+            if vector is not None and not any(vector):
+                raise ValueError(f"'{name}' must not be zero")
+        return self
+
+    @property
+    def rigid(self) -> RigidMotion:
+        """The motion of one amplitude."""
+        if self.direction is None:
+            return RigidMotion(rotation=self.amplitude, centre=self.centre, axis=self.axis)
+        length = math.hypot(*self.direction)
+        return RigidMotion(translation=[self.amplitude * entry / length for entry in self.direction])
+
+
 class MotionSection(_Section):
     """One ``[[motion]]``: the total motion of one patch over the whole case."""
 
     patch: str
     rigid: RigidMotion | None = None
+    oscillation: Oscillation | None = None
     table: str | None = None
+    function: Annotated[str, Field(pattern=r"^[^:]+\.py:[A-Za-z_]\w*$")] | None = None
 
     @model_validator(mode="after")
     def _has_one_kind(self) -> Self:
-        if (self.rigid is None) == (self.table is None):
-            raise ValueError("give exactly one of 'rigid' and 'table'")
+        kinds = ("rigid", "oscillation", "table", "function")
+        if sum(getattr(self, kind) is not None for kind in kinds) != 1:
+            raise ValueError("give exactly one of 'rigid', 'oscillation', 'table' and 'function'")
         return self
 
 
@@ -97,8 +149,8 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The folder's name for a case.toml, the file's name for any other."""
-        return self.path.resolve().parent.name if self.path.stem == "case" else self.path.stem
+        """See :func:`case_name`."""
+        return case_name(self.path)
 
     @property
     def mesh_path(self) -> Path:
@@ -116,19 +168,29 @@ class Case:
         """
         mesh = read_mesh(self.mesh_path, self.content.mesh.zone)
         roles = self.content.patches
-        if missing := [name for name in mesh.patches if name not in roles]:
+        missing = [name for name in mesh.patches if name not in roles]
+        unknown = [name for name in roles if name not in mesh.patches]
+        if unknown and (not missing or meant(unknown[0], missing)):
+            known = ", ".join(map(repr, mesh.patches)) or "none"
+            raise InvalidInput(
+                f"{self.path}: {mesh.path.name} has no patch {unknown[0]!r}; its patches are {known}",
+                hint=meant(unknown[0], missing or mesh.patches),
+            )
+        if missing:
             raise InvalidInput(
                 f"{self.path}: patch {missing[0]!r} of {mesh.path.name} has no role",
-                hint=f'add  {_key(missing[0])} = "fixed"  to [patches]; roles are {", ".join(get_args(Role))}',
+                hint=f'add  {toml_key(missing[0])} = "fixed"  to [patches]; roles are {", ".join(get_args(Role))}',
             )
-        if unknown := [name for name in roles if name not in mesh.patches]:
-            known = ", ".join(map(repr, mesh.patches)) or "none"
-            raise InvalidInput(f"{self.path}: {mesh.path.name} has no patch {unknown[0]!r}; its patches are {known}")
         if empty := [name for name, nodes in mesh.patches.items() if not len(nodes)]:
             raise InvalidInput(f"{self.path}: patch {empty[0]!r} of {mesh.path.name} has no nodes")
         for number, motion in enumerate(self.content.motion, start=1):
-            _check_vectors(self.path, number, motion.rigid, mesh.dimension)
+            _check_vectors(self.path, number, motion.rigid or motion.oscillation, mesh.dimension)
         return mesh
+
+
+def case_name(path: Path) -> str:
+    """The folder's name for a case.toml, the file's name for any other."""
+    return path.resolve().parent.name if path.stem == "case" else path.stem
 
 
 def read_case(path: Path | str) -> Case:
@@ -159,23 +221,27 @@ def _check_motions(path: Path, content: CaseFile) -> None:
         role = content.patches.get(motion.patch)
         if role is None:
             known = ", ".join(map(repr, content.patches))
-            raise InvalidInput(f"{path}: motion {number}: unknown patch {motion.patch!r}; [patches] has {known}")
+            raise InvalidInput(
+                f"{path}: motion {number}: unknown patch {motion.patch!r}; [patches] has {known}",
+                hint=meant(motion.patch, content.patches),
+            )
         if role != "moving":
             raise InvalidInput(
                 f"{path}: motion {number}: patch {motion.patch!r} has the role {role!r}; only moving patches move"
             )
 
 
-def _check_vectors(path: Path, number: int, rigid: RigidMotion | None, dimension: int) -> None:
+def _check_vectors(path: Path, number: int, motion: RigidMotion | Oscillation | None, dimension: int) -> None:
     """The vectors of a rigid motion have the mesh's dimension."""
-    if rigid is None:
+    if motion is None:
         return
-    for name in ("translation", "centre"):
-        vector = getattr(rigid, name)
+    for name in ("translation", "direction", "centre"):
+        vector = getattr(motion, name, None)
         if vector is not None and len(vector) != dimension:
             raise InvalidInput(
                 f"{path}: motion {number}: {name} has {len(vector)} entries, but the mesh is {dimension}D"
             )
+    rigid = motion.rigid if isinstance(motion, Oscillation) else motion
     if rigid.rotation and dimension == 1:
         raise InvalidInput(f"{path}: motion {number}: nothing rotates in a 1D mesh")
     if rigid.rotation and dimension == 3 and rigid.axis is None:
@@ -201,13 +267,20 @@ def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
     place = [part for part in first["loc"] if part != "[key]"]
     where = _place(place) or "the file"
     if first["type"] == "extra_forbidden":
-        known = ", ".join(_known_keys(place[:-1]))
-        return InvalidInput(f"{path}: unknown key {where}; known here are {known}", details={"key": where})
+        known = _known_keys(place[:-1])
+        text = f"{path}: unknown key {where}; known here are {', '.join(known)}"
+        return InvalidInput(text, hint=meant(str(place[-1]), known), details={"key": where})
     if first["type"] == "missing":
         return InvalidInput(f"{path}: {where} is missing", hint=_WAYS_OUT.get(where, ""), details={"key": where})
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     got = "" if isinstance(first["input"], dict | list | BaseModel) else f", got {first['input']!r}"
     return InvalidInput(f"{path}: {where}: expected {message}{got}", details={"key": where})
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """ "did you mean …?", of the known words that look alike; empty without one."""
+    alike = difflib.get_close_matches(word, list(known), n=1)
+    return f"did you mean {alike[0]!r}?" if alike else ""
 
 
 def _place(location: list[Any]) -> str:
@@ -229,7 +302,12 @@ def _known_keys(location: list[Any]) -> list[str]:
     return list(model.model_fields)
 
 
-def _key(name: str) -> str:
+def toml_key(name: str) -> str:
     """A TOML key: bare if possible, quoted otherwise."""
     bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if bare else '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return name if bare else toml_text(name)
+
+
+def toml_text(text: str) -> str:
+    """A TOML string."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

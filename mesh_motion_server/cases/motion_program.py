@@ -4,7 +4,8 @@ A rigid motion with the total angle θ about c and the total translation t displ
 
     u_s(X) = s/S t + (R(s/S θ) - I) (X - c),
 
-so the angle is interpolated, not the matrix, and a body stays rigid in every step. Several motions of one patch add
+so the angle is interpolated, not the matrix, and a body stays rigid in every step. An oscillation of frequency f and
+phase φ has sin(2π f s + φ) - sin φ in place of s/S, which is 0 at the reference mesh. Several motions of one patch add
 their displacements, each taken from the reference coordinates. A node on two moving patches must be told the same by
 both (within 1e-9 of the mesh's extent; the later patch of the case file is then taken at its word), since a mesh cannot
 tear: otherwise the case is refused and the node named.
@@ -12,7 +13,8 @@ tear: otherwise the case is refused and the node named.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import runpy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -20,12 +22,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.cases.case import Case, RigidMotion
+from mesh_motion_server.cases.case import Case, Oscillation, RigidMotion, meant
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
 from mesh_motion_server.files.npz import read_archive
 
-__all__ = ["MotionProgram", "RigidProgram", "TableProgram"]
+__all__ = ["FunctionProgram", "MotionProgram", "RigidProgram", "TableProgram"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -43,15 +45,15 @@ class PatchProgram(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RigidProgram:
-    """A rigid motion of the nodes at ``points`` (p, d) over ``count`` steps."""
+    """A rigid motion of the nodes at ``points`` (p, d), of which ``fraction`` (of a step) has been made."""
 
     points: FloatArray
     motion: RigidMotion
-    count: int
+    fraction: Callable[[int], float]
 
     def displacement(self, step: int) -> FloatArray:
         dimension = self.points.shape[1]
-        fraction = step / self.count
+        fraction = self.fraction(step)
         total = np.zeros_like(self.points)
         if self.motion.translation is not None:
             total += fraction * np.array(self.motion.translation)
@@ -69,6 +71,28 @@ class TableProgram:
 
     def displacement(self, step: int) -> FloatArray:
         return self.table[step - 1] if step else np.zeros_like(self.table[0])
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionProgram:
+    """What a Python function says: (points (p, d), step) → total displacement (p, d)."""
+
+    points: FloatArray
+    function: Callable[[FloatArray, int], FloatArray]
+    name: str
+
+    def displacement(self, step: int) -> FloatArray:
+        if not step:
+            return np.zeros_like(self.points)
+        try:
+            told = np.asarray(self.function(self.points.copy(), step), dtype=np.float64)
+        except Exception as error:
+            raise InvalidInput(f"{self.name}: in step {step}: {type(error).__name__}: {error}") from error
+        if told.shape != self.points.shape or not np.isfinite(told).all():
+            raise InvalidInput(
+                f"{self.name}: in step {step}: expected finite displacements {self.points.shape}, got {told.shape}"
+            )
+        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,10 +169,38 @@ def _programs(case: Case, mesh: MeshFile, patch: str) -> tuple[PatchProgram, ...
         if motion.patch != patch:
             continue
         if motion.rigid is not None:
-            programs.append(RigidProgram(mesh.points[nodes], motion.rigid, count))
+            programs.append(RigidProgram(mesh.points[nodes], motion.rigid, lambda step: step / count))
+        elif motion.oscillation is not None:
+            programs.append(RigidProgram(mesh.points[nodes], motion.oscillation.rigid, _swing(motion.oscillation)))
+        elif motion.function is not None:
+            programs.append(_load_function(case.path.parent, motion.function, mesh.points[nodes]))
         elif motion.table is not None:
             programs.append(_read_table(case.path.parent / motion.table, patch, nodes, (count, mesh.dimension)))
     return tuple(programs)
+
+
+def _swing(oscillation: Oscillation) -> Callable[[int], float]:
+    """How many amplitudes a step is away from the reference."""
+    phase = np.deg2rad(oscillation.phase)
+    turn = 2 * np.pi * oscillation.frequency
+    return lambda step: float(np.sin(turn * step + phase) - np.sin(phase))
+
+
+def _load_function(folder: Path, named: str, points: FloatArray) -> FunctionProgram:
+    """The function FILE.py:NAME beside the case file."""
+    file, _, name = named.partition(":")
+    try:
+        values = runpy.run_path(str(folder / file))
+    except OSError as error:
+        raise InvalidInput(
+            f"{folder / file}: no such motion function: {error.strerror}",
+            hint="paths in a case file are relative to the case file",
+        ) from None
+    except Exception as error:
+        raise InvalidInput(f"{folder / file}: {type(error).__name__}: {error}") from error
+    if not callable(values.get(name)):
+        raise InvalidInput(f"{folder / file}: it has no function {name!r}", hint=meant(name, values))
+    return FunctionProgram(points, values[name], f"{folder / file}: {name}")
 
 
 def _read_table(path: Path, patch: str, nodes: IntArray, expected: tuple[int, int]) -> TableProgram:

@@ -16,13 +16,13 @@ from mesh_motion_server.commands.cli import ExitStatus, complain
 from mesh_motion_server.commands.completions import session_folders
 from mesh_motion_server.commands.convert import convert
 from mesh_motion_server.commands.expected_errors import expected_errors
+from mesh_motion_server.commands.init import init
 from mesh_motion_server.commands.keys import keys as keys_app
 from mesh_motion_server.commands.monitor import monitor
 from mesh_motion_server.commands.options import EndpointOption, KeyOption, ServerKeyOption, keys_of_options
 from mesh_motion_server.commands.play import play
 from mesh_motion_server.commands.plot import plot
 from mesh_motion_server.commands.serve import serve
-from proofs.__main__ import prove
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 _EPILOGUE = (
-    "Exit status: 0 done, 1 a demand not met (conform, prove) or a session that came out otherwise (play "
+    "Exit status: 0 done, 1 a demand not met (conform) or a session that came out otherwise (play "
     "--from-journal), 2 usage or invalid input, 3 refused (no acceptable mesh), 4 session, limit or storage, 69 nobody "
     "answers or not installed, 70 defect, 78 wrong or unsafe server settings, 130 interrupted."
 )
@@ -48,11 +48,26 @@ app = typer.Typer(
 )
 app.add_typer(keys_app, name="keys")
 app.command(short_help="Write a mesh in another format.")(convert)
+app.command(short_help="Write a case file for a mesh.")(init)
 app.command(short_help="Draw runs and meshes for a paper.")(plot)
 app.command(short_help="Watch sessions from a terminal.")(monitor)
-app.command(short_help="Show that the server keeps its promises.")(prove)
 app.command(short_help="Serve sessions until SIGTERM.")(serve)
 app.command(short_help="Drive a session through a case.")(play)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"mesh-motion-server {__version__}, protocol 1.0")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
 
 
 def _show(table: RenderableType) -> None:

@@ -4,7 +4,7 @@
 status  meaning
 ======  =============================================================================================
 0       done; warnings, if any, were printed
-1       not met: a demand of SPEC.md (`conform`), a promise (`prove`), the same states again (`play --from-journal`)
+1       not met: a demand of SPEC.md (`conform`), the same states again (`play --from-journal`)
 2       usage, or an invalid case, mesh, table or setting
 3       refused: no acceptable mesh was found for a motion
 4       the session or the server's limits or storage do not allow it, or results cannot be written

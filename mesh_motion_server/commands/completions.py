@@ -9,12 +9,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["beginning_with", "log_levels", "promises", "roles", "session_folders"]
+__all__ = ["beginning_with", "log_levels", "roles", "session_folders"]
 
 #: What ``serve`` keeps its sessions in, if no setting says otherwise.
 _STATE = Path("~/.local/state/mesh-motion")
 _SESSION = re.compile(r"[0-9a-f]{32}")
-_CHECK = re.compile(r"\bCHECK = Check\(\s*(?:name=)?\"([\w-]+)\"")
 
 
 def beginning_with(incomplete: str, *words: str) -> list[str]:
@@ -30,12 +29,6 @@ def log_levels(incomplete: str) -> list[str]:
 def roles(incomplete: str) -> list[str]:
     """Of ``keys allow --role``."""
     return beginning_with(incomplete, "owner", "monitor", "admin")
-
-
-def promises(incomplete: str) -> list[str]:
-    """The checks of ``prove --only``, read from their sources: importing them takes seconds."""
-    texts = (path.read_text(encoding="utf-8") for path in Path(__file__).with_name("prove").glob("*.py"))
-    return beginning_with(incomplete, *sorted(name for text in texts for name in _CHECK.findall(text)))
 
 
 def session_folders(incomplete: str) -> list[str]:

@@ -30,12 +30,15 @@ if TYPE_CHECKING:
 __all__ = ["play"]
 
 CaseArgument = Annotated[Path | None, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
-OutOption = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Receives the results; made if missing.")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="DIR", help="Receives the results; by default out/NAME beside the case."),
+]
 
 
 def play(
-    out: OutOption,
     case: CaseArgument = None,
+    out: OutOption = None,
     from_journal: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Replay the stored session in FOLDER instead of a case.")
     ] = None,
@@ -80,6 +83,7 @@ def play(
     mesh-motion play --from-journal ~/.local/state/mesh-motion/sessions/0123… -o out/again
     mesh-motion play --from-journal ~/.local/state/mesh-motion/sessions/0123… -o out/tuned --set support_radius=0.8
     """
+    from mesh_motion_server.cases.case import case_name
     from mesh_motion_server.cases.faces import faces_line
     from mesh_motion_server.cases.play import play as play_case
     from mesh_motion_server.cases.records import drawn
@@ -92,6 +96,10 @@ def play(
         raise typer.BadParameter("a stored session has no mesh file; convert the mesh with --points DIR/points.npy")
     if distributed is not None and (endpoint is not None or from_journal is not None):
         raise typer.BadParameter("only a private server that plays a case computes with --distributed")
+    if out is None:
+        if case is None:
+            raise typer.BadParameter("a replay needs a folder for its results", param_hint="--out")
+        out = case.parent / "out" / case_name(case)
     if case is None:
         with expected_errors(), _progress(quiet) as advance:
             comparison = replay_session(

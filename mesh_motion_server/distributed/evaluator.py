@@ -34,10 +34,10 @@ from mesh_motion_server.distributed.split import Split, mesh_digest
 from mesh_motion_server.distributed.summaries import Questions, by_question, joined
 from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.distributed.versions import Told, Version, Versions
-from mesh_motion_server.numerics.interpolation.centres import bounding_box
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.spacing import bounding_box
 from mesh_motion_server.numerics.quality.metrics import QualitySummary
 
 __all__ = ["DistributedEvaluator"]

@@ -176,8 +176,7 @@ def _merge_cells(
             continue
         tables[name], order, again = sorted_cells([(node_maps[p], piece) for p, piece in pieces], nodes)
         origins.append(_origin(name, [(p, len(piece)) for p, piece in pieces], order))
-        if again >= 0:
-            raise _repeated(again, origins[-1])
+        _check_no_duplicate(again, origins[-1])
     return CellTable.from_arrays(tables), tuple(origins)
 
 
@@ -194,11 +193,13 @@ def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.int
     return CellOrigin(name, partition[order], local[order])
 
 
-def _repeated(again: int, origin: CellOrigin) -> InvalidInput:
-    """The error for a row that equals the one before it."""
+def _check_no_duplicate(again: int, origin: CellOrigin) -> None:
+    """No row that equals the one before it; ``again`` is the first that does, or negative."""
+    if again < 0:
+        return
     places = [(int(origin.partition[row]), int(origin.local[row])) for row in (again - 1, again)]
     (p, a), (q, b) = places
-    return InvalidInput(
+    raise InvalidInput(
         f"cell {a} of type {origin.type_name!r} in partition {p} is also cell {b} in partition {q}",
         code="INVALID_ARGUMENT.MESH" if p == q else "INVALID_ARGUMENT.PARTITION",
         hint="send every cell once, from the partition that owns it",

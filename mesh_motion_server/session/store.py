@@ -39,6 +39,8 @@ from mesh_motion_server.session.spec import SessionSpec, StoredSpec
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
 
 _MESH, _LOCK = "mesh.bin", "lock"
+#: A mesh of so many bytes of coordinates is worth a thread that writes it.
+_LARGE_MESH = 4 << 20
 _SESSION_ID = re.compile(r"[0-9a-f]{32}")
 
 
@@ -62,7 +64,10 @@ class SessionFolder:
 
     @contextlib.contextmanager
     def writing_mesh(self, partitions: Sequence[PartitionMesh]) -> Iterator[None]:
-        """Write the mesh while it is checked, for :meth:`build`; one that is refused is removed again."""
+        """Write a large mesh while it is checked, for :meth:`build`; one that is refused is removed again."""
+        if sum(partition.points.nbytes for partition in partitions) < _LARGE_MESH:
+            yield
+            return
         self._mesh = Beside(partial(write_mesh, self.path / _MESH, self._files, partitions))
         try:
             yield

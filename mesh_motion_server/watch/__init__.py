@@ -1,0 +1,1 @@
+"""Looking at sessions: what their folders say, the page, the terminal, pictures."""

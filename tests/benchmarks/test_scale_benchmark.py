@@ -56,6 +56,7 @@ def test_a_correction_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert library.measured(Case("M1", "large"), folder, repeat=1).corrected
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))), reason="no C++ compiler is installed")
 def test_the_machine_is_measured() -> None:
     limits = machine_limits(numbers=100_000)

@@ -53,6 +53,9 @@ def test_whole_numbers_serve_as_lengths_and_iterations_default_to_one(make_case)
     assert case.content.steps.iterations == 1
 
 
+RIGID = "rigid = { translation = [0.05, 0.02], rotation = 10.0, centre = [0.5, 0.5] }"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -82,8 +85,14 @@ def test_whole_numbers_serve_as_lengths_and_iterations_default_to_one(make_case)
             "unknown key motion.1..rigid.center; known here are translation",
         ),
         (", centre = [0.5, 0.5]", "", "a rotation needs 'centre'"),
-        ("rigid = {", "table = 'm.npz'\nrigid = {", "exactly one of 'rigid' and 'table'"),
+        ("rigid = {", "table = 'm.npz'\nrigid = {", "exactly one of 'rigid', 'oscillation', 'table' and 'function'"),
         ("[mesh]", "[mesh", "not a TOML file"),
+        ("count = 2", "count = 2\niteration = 3", r"unknown key steps.iteration; .* \(did you mean 'iterations'\?\)"),
+        ('patch = "block"', 'patch = "blok"', r"unknown patch 'blok'; .* \(did you mean 'block'\?\)"),
+        (RIGID, "oscillation = { amplitude = 0.1, frequency = 0.1 }", "give either 'direction' or 'centre'"),
+        (RIGID, "oscillation = { amplitude = 0, frequency = 1, direction = [1, 0] }", "'amplitude' must not be zero"),
+        (RIGID, "oscillation = { amplitude = 1, frequency = 1, direction = [0, 0] }", "'direction' must not be zero"),
+        (RIGID, 'function = "motion.py"', "function: expected"),
         ('file = "mesh.npz"', "", "mesh.file is missing"),
         ('file = "mesh.npz"', 'file = ""', "mesh.file: expected"),
         ('file = "mesh.npz"', "file = 3", "mesh.file: expected a valid string, got 3"),
@@ -108,6 +117,8 @@ def test_what_does_not_fit_is_named_in_one_line(make_case, old: str, new: str, m
         ("centre = [0.5, 0.5]", "centre = [0.5]", "centre has 1 entries"),
         ("rotation = 10.0", "rotation = 10.0, axis = [1, 0, 0]", "in 2D the only axis"),
         ("mesh.npz", "none.npz", "no such mesh file"),
+        ('outer = "fixed"', 'outr = "fixed"', r"no patch 'outr'; .* \(did you mean 'outer'\?\)"),
+        (RIGID, "oscillation = { amplitude = 1, frequency = 1, direction = [1, 0, 0] }", "direction has 3 entries"),
     ],
 )
 def test_the_case_has_to_fit_its_mesh(make_case, old: str, new: str, message: str) -> None:

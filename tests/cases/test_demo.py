@@ -27,7 +27,7 @@ def test_the_demo_shows_the_examples(case, tmp_path: Path) -> None:
     MotionProgram.of(ours, ours.read_mesh())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_demo_corrects_what_plain_interpolation_inverts(tmp_path: Path) -> None:
     outcomes: list[Outcome] = play_demo(tmp_path)
     assert {p.name for p in tmp_path.glob("*.png")} == {"overview.png", "flag.png"}

@@ -38,15 +38,15 @@ def test_a_rigid_motion_interpolates_angle_and_translation(make_case) -> None:
 
 def test_in_3d_the_axis_counts_not_its_length() -> None:
     points = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 5.0]])
-    about_z = RigidProgram(points, RigidMotion(rotation=90.0, centre=[0, 0, 0], axis=[0, 0, 3]), 1)
+    about_z = RigidProgram(points, RigidMotion(rotation=90.0, centre=[0, 0, 0], axis=[0, 0, 3]), float)
     np.testing.assert_allclose(points + about_z.displacement(1), [[0, 1, 0], [-2, 0, 5]], atol=1e-15)
-    cyclic = RigidProgram(points, RigidMotion(rotation=120.0, centre=[0, 0, 0], axis=[1, 1, 1]), 1)
+    cyclic = RigidProgram(points, RigidMotion(rotation=120.0, centre=[0, 0, 0], axis=[1, 1, 1]), float)
     np.testing.assert_allclose(points + cyclic.displacement(1), [[0, 1, 0], [5, 0, 2]], atol=1e-15)
 
 
 def test_in_2d_an_axis_along_minus_z_turns_the_other_way() -> None:
     points = np.array([[1.0, 0.0]])
-    turned = RigidProgram(points, RigidMotion(rotation=90.0, centre=[0, 0], axis=[0, 0, -1]), 1)
+    turned = RigidProgram(points, RigidMotion(rotation=90.0, centre=[0, 0], axis=[0, 0, -1]), float)
     np.testing.assert_allclose(points + turned.displacement(1), [[0, -1]], atol=1e-15)
 
 
@@ -133,3 +133,53 @@ def test_a_moving_patch_without_a_motion_stays(make_case) -> None:
     assert motion.still == ("outer",)
     outer = read_mesh(path.parent / "mesh.npz").patches["outer"]
     np.testing.assert_array_equal(motion.displacement(2)[np.searchsorted(motion.nodes, outer)], 0)
+
+
+RIGID = "rigid = { translation = [0.05, 0.02], rotation = 10.0, centre = [0.5, 0.5] }"
+
+
+def test_an_oscillation_begins_and_ends_its_period_at_rest(make_case) -> None:
+    along = "oscillation = { amplitude = 0.1, frequency = 0.125, phase = 30.0, direction = [0.0, 2.0] }"
+    motion = program(make_case((RIGID, along), ("count = 2", "count = 8")))
+    for step in range(9):
+        expected = [0.0, 0.1 * (np.sin(np.deg2rad(45.0 * step + 30.0)) - 0.5)]
+        np.testing.assert_allclose(motion.displacement(step), np.tile(expected, (len(motion.nodes), 1)), atol=1e-15)
+
+
+def test_an_oscillation_about_an_axis_turns(make_case) -> None:
+    about = "oscillation = { amplitude = 20.0, frequency = 0.25, centre = [0.5, 0.5] }"
+    path = make_case((RIGID, about))
+    motion = program(path)
+    points = read_mesh(path.parent / "mesh.npz").points[motion.nodes]
+    for step, degrees in ((0, 0.0), (1, 20.0), (2, 0.0)):
+        turned = (points - 0.5) @ rotation(degrees).T + 0.5
+        np.testing.assert_allclose(points + motion.displacement(step), turned, atol=1e-15)
+
+
+def function_case(make_case, body: str, named: str = "motion.py:bend") -> Path:
+    path = make_case((RIGID, f'function = "{named}"'))
+    (path.parent / "motion.py").write_text(f"def bend(points, step):\n    {body}\n", encoding="utf-8")
+    return path
+
+
+def test_a_function_says_where_its_patch_goes(make_case) -> None:
+    motion = program(function_case(make_case, "return [[0.0, 0.01 * step * x**2] for x, _ in points]"))
+    points = read_mesh(make_case().parent / "mesh.npz").points[motion.nodes]
+    np.testing.assert_array_equal(motion.displacement(0), 0.0)
+    np.testing.assert_allclose(motion.displacement(2)[:, 1], 0.02 * points[:, 0] ** 2)
+
+
+@pytest.mark.parametrize(
+    ("body", "named", "message"),
+    [
+        ("return points[1:]", "motion.py:bend", "motion.py: bend: in step 1: expected finite displacements"),
+        ("return points * float('nan')", "motion.py:bend", "expected finite displacements"),
+        ("return points.missing", "motion.py:bend", "in step 1: AttributeError"),
+        ("return points", "motion.py:bends", "no function 'bends' .did you mean 'bend'"),
+        ("return (", "motion.py:bend", "motion.py: SyntaxError"),
+        ("return points", "other.py:bend", "other.py: no such motion function"),
+    ],
+)
+def test_a_function_that_does_not_fit_is_named(make_case, body: str, named: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        program(function_case(make_case, body, named)).displacement(1)

@@ -49,6 +49,7 @@ def play(server, mesh, disturb):
         return replies, session.points(), session.step
 
 
+@pytest.mark.nightly
 def test_killed_again_and_again_it_ends_where_an_undisturbed_run_ends(command_line_server):
     server, mesh = command_line_server, square()
     replies, points, _ = play(server, mesh, lambda session, step: None)

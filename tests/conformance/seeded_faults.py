@@ -80,6 +80,11 @@ def takes_the_epoch_for_content(patch):
     patch.setattr(execution, "request_digest", with_epoch)
 
 
+@fault("22.7-memory-is-no-content")
+def takes_memory_for_content(patch):
+    patch.setattr(digests, "_NO_CONTENT", {"epoch"})
+
+
 @fault("10.2-MOVE-other-displacement", "10.2-MOVE-one-bit-of-it")
 def passes_over_arrays_in_the_content(patch):
     patch.setattr(digests, "_blocks", lambda array, dtype: [])

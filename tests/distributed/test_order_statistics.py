@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.distributed.order_statistics import BINS, WHOLE, Way, content, merged_counts, narrowed
@@ -45,7 +45,6 @@ def test_every_rank_is_found(name: str, machines: int) -> None:
         assert rounds <= 8
 
 
-@settings(deadline=None, max_examples=40)
 @given(st.lists(st.floats(-1, 1), min_size=1, max_size=60), st.integers(1, 4), st.data())
 def test_small_sets_take_one_round(values: list[float], machines: int, data: st.DataObject) -> None:
     rank = data.draw(st.integers(0, len(values) - 1))

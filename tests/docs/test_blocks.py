@@ -41,9 +41,15 @@ BLOCKS = {
 HERE = [page for page, blocks in BLOCKS.items() if told(blocks) and not runner_of(page)]
 
 
-#: Pages whose commands take twenty seconds and more; docs/start.md, which everybody follows, is played each time.
+#: Pages whose commands take ten seconds and more.
 LONG = {
-    *("docs/files.md", "docs/watching.md", "docs/tutorials/flag.md", "docs/tutorials/own_code_in_c.md"),
+    *(
+        "docs/start.md",
+        "docs/files.md",
+        "docs/watching.md",
+        "docs/tutorials/flag.md",
+        "docs/tutorials/own_code_in_c.md",
+    ),
     *("docs/tutorials/wing.md", "docs/howto/cluster.md", "docs/howto/refusals.md", "docs/howto/restart.md"),
 }
 

@@ -28,6 +28,7 @@ def options(line: str) -> set[str]:
     return set(re.findall(r"(?<=\s)--[\w-]+", line))
 
 
+@pytest.mark.nightly
 @pytest.mark.slow  # starts worker processes
 def test_the_lines_of_python_run(tmp_path: Path) -> None:
     pytest.importorskip("distributed")

@@ -28,6 +28,7 @@ def endpoint() -> str:
         return f"tcp://127.0.0.1:{free.getsockname()[1]}"
 
 
+@pytest.mark.nightly
 def test_the_ten_lines_and_the_client_run(tmp_path: Path, endpoint: str) -> None:
     lines = here(block("sh"), endpoint).splitlines()
     assert len(lines) <= 10

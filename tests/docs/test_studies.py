@@ -26,6 +26,7 @@ LONG = {
     *("fig_2_3_displacement_drift", "fig_4_11_boundary_nodes", "fig_4_14_worst_quality", "table_2_3_reduction_cost"),
     *("section_2_2_reductions_compared", "section_3_4_three_dimensions", "question_4_reduction_with_enrichment"),
     *("table_5_3_parametric_study", "table_5_5_explicit_iterations"),
+    *("any_boundary", "table_2_1_basis_functions"),
 }
 
 

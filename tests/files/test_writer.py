@@ -123,7 +123,9 @@ def same(mesh: MeshFile, again: MeshFile, *, exactly: bool) -> None:
 
 
 @pytest.mark.parametrize("suffix", EXACT)
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=settings.default.max_examples // 16 + 3, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(mesh=meshes(NAMES))
 def test_files_come_back_to_the_bit(tmp_path: Path, suffix: str, mesh: MeshFile) -> None:
     path = tmp_path / f"mesh{suffix}"
@@ -139,7 +141,9 @@ def test_files_come_back_to_the_bit(tmp_path: Path, suffix: str, mesh: MeshFile)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=settings.default.max_examples // 9 + 3, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(mesh=meshes(["wall", "outlet", "x"]))
 def test_a_polymesh_comes_back(tmp_path: Path, mesh: MeshFile) -> None:
     shutil.rmtree(tmp_path / "case", ignore_errors=True)

@@ -25,7 +25,7 @@ def counts(lines: str) -> dict[str, tuple[int, int]]:
     return {name: (int(used), int(calls)) for name, used, calls in (line.split("\t") for line in lines.splitlines())}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_loops_have_the_same_bits_on_another_processor(tmp_path: Path) -> None:
     for tool in ("cmake", EMULATOR, *COMPILERS.values()):

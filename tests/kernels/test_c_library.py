@@ -33,7 +33,7 @@ from mesh_motion_server.numerics.quality.metrics import (
     judged,
 )
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(900)]
 
 SOURCE = Path(__file__).resolve().parents[2] / "kernels"
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]

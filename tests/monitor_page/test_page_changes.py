@@ -18,7 +18,7 @@ pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
 from proofs.server_process import ServerProcess
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
 
 FLAG, WING, AGAIN = ("2" * 32, "3" * 32, "4" * 32)
 
@@ -43,7 +43,6 @@ def await_list(tab: Browser, *names: str) -> None:
 SELECTED = "return [...document.querySelectorAll('#sessions [aria-selected=true]')].map((row) => row.dataset.session)"
 
 
-@pytest.mark.nightly
 def test_a_session_that_is_discarded_is_told_and_not_swapped(
     tab: Browser, server: ServerProcess, tmp_path: Path
 ) -> None:
@@ -70,7 +69,6 @@ def test_a_session_that_is_discarded_is_told_and_not_swapped(
     shutil.move(kept, folder_of(server, FLAG))
 
 
-@pytest.mark.nightly
 def test_a_run_that_was_begun_again_is_offered_under_its_label(tab: Browser, server: ServerProcess) -> None:
     stored(server.state, AGAIN, "flag", 30)
     show(tab, server, AGAIN)
@@ -154,7 +152,6 @@ return [...others, ...line.filter((text, k) => k && text === line[k - 1])];
 """
 
 
-@pytest.mark.nightly
 def test_news_is_announced_once_and_nothing_that_was_there(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, WING)
     happens(server, WING, refused(41, "the first"))

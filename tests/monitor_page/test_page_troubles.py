@@ -17,7 +17,7 @@ pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 from mesh_motion_server.watch.page.live import MOST_LISTENERS
 from proofs.server_process import ServerProcess
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
 
 SHORT, THIRD = ("2" * 32, "3" * 32)
 
@@ -49,7 +49,6 @@ m.refresh();
 """
 
 
-@pytest.mark.nightly
 def test_a_look_elsewhere_while_the_mesh_comes_does_not_break_it(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     tab.run(HELD)
@@ -76,9 +75,7 @@ globalThis.fetch = async (path, options) => {
 """
 
 
-@pytest.mark.parametrize(
-    ("kind", "where"), [("/series", "#trouble"), pytest.param("/mesh", "#mesh-note", marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize(("kind", "where"), [("/series", "#trouble"), ("/mesh", "#mesh-note")])
 def test_what_failed_is_asked_again(tab: Browser, server: ServerProcess, kind: str, where: str) -> None:
     show(tab, server, SHORT)
     tab.run(FAILING, kind)
@@ -165,7 +162,6 @@ def test_an_inverted_cell_is_pink_whatever_its_quality(tab: Browser, server: Ser
     assert tab.run(PAINTED)[colour] > 50
 
 
-@pytest.mark.nightly
 def test_more_tabs_than_a_browser_has_lines_are_all_filled(tab: Browser, server: ServerProcess) -> None:
     first = tab.driver.current_window_handle
     try:

@@ -106,7 +106,10 @@ class Trial:
         """Properties: the same examples each time, and no search for the simplest one."""
         from hypothesis import Phase, settings  # noqa: PLC0415  pytest loads it first
 
-        settings.register_profile("mutation", derandomize=True, database=None, phases=(Phase.explicit, Phase.generate))
+        phases = (Phase.explicit, Phase.generate)
+        settings.register_profile(
+            "mutation", max_examples=200, deadline=None, derandomize=True, database=None, phases=phases
+        )
         settings.load_profile("mutation")
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:

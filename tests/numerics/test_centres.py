@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout, bounding_box, padded
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.kernels import BASES
+from mesh_motion_server.numerics.mesh.spacing import bounding_box, padded
 
 C2 = BASES["wendland-c2"]
 

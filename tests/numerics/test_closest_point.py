@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.numerics.mesh.closest_point import FacetSet, nearest_within
@@ -51,7 +51,6 @@ def test_facets_without_extent():
     assert np.allclose(closest, [[0.7, 0, 0], [2, 2, 2]], rtol=0, atol=1e-15)
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 500))
 def test_the_closest_point_is_its_own_closest_point(seed):
     rng = np.random.default_rng(seed)

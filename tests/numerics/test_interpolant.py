@@ -4,7 +4,7 @@ import sys
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 
@@ -146,7 +146,6 @@ def test_a_smooth_function_is_approached_at_the_basis_order(name, order):
     assert np.log2(error(17) / error(33)) > order
 
 
-@settings(deadline=None, max_examples=25)
 @given(
     shift=st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
     scale=st.floats(1e-4, 1e4),
@@ -162,7 +161,6 @@ def test_the_interpolant_goes_with_the_mesh(shift, scale, seed):
     assert np.allclose(evaluate(moved, places * scale + shift), here, rtol=0, atol=max(1e-10, 1e7 * lost))
 
 
-@settings(deadline=None, max_examples=25)
 @given(seed=st.integers(0, 1000))
 def test_solutions_are_linear_in_the_data(seed):
     rng = np.random.default_rng(seed)

@@ -3,7 +3,7 @@
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tiny_meshes import tiny_mesh, tiny_meshes
 
@@ -41,7 +41,6 @@ def test_every_cell_type_and_metric(name, metric):
         assert_same(moved, cells, sizes, metric)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     sizes=st.tuples(st.floats(0.0, 0.06), st.floats(0.0, 0.03)),
@@ -59,7 +58,6 @@ def test_pairs_of_motions_of_many_tetrahedra(seed, sizes, scale):
             assert_same(scale * points, cells, cells_at_rest(scale * TETRA[0], cells), "relative-size-skew")
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), stretch=st.floats(1.0, 3.0), metric=st.sampled_from(["size-skew", RELATIVE]))
 def test_no_cell_at_or_below_the_limit_is_passed_over(seed, stretch, metric):
     rng = np.random.default_rng(seed)

@@ -3,7 +3,7 @@
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
@@ -69,7 +69,6 @@ def test_the_ideal_cell_is_perfect(name):
 
 
 @ALL_TYPES
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1e-6, 1e6))
 def test_position_and_angle_do_not_matter_and_scale_matters_only_for_size(name, seed, scale):
     rng = np.random.default_rng(seed)

@@ -96,7 +96,7 @@ def test_the_fraction_of_a_refusal_is_accepted(
     assert accepted.corrected.metric.min >= (0.2 if refuse_below_threshold else 0.0)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=settings.default.max_examples // 16)
 @given(
     seed=st.integers(0, 2**32 - 1),
     frame=st.sampled_from(["reference", "committed"]),

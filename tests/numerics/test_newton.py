@@ -1,8 +1,11 @@
 """The Newton iterations: descent, held nodes, both linear solvers, convergence."""
 
+import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from scipy.sparse import csr_matrix, diags, eye, kron
+from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.numerics.correction.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region
@@ -50,6 +53,38 @@ def test_the_stationary_point_has_no_gradient() -> None:
     _, weights = mean_distortion(result.points, region.simplices, norm)
     gradient = region.adjacency.gather(distortion_gradient(result.points, region.simplices, weights, norm))
     assert np.abs(gradient).max() < 1e-4
+
+
+def grid_laplacian(n: int) -> csr_matrix:
+    """Of n × n nodes with a held border, the diagonal first in a row."""
+    line = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
+    matrix = (kron(line, eye(n)) + kron(eye(n), line)).tocoo()
+    order = np.lexsort((matrix.col != matrix.row, matrix.row))
+    starts = np.concatenate([[0], np.cumsum(np.bincount(matrix.row, minlength=n * n))])
+    return csr_matrix((matrix.data[order], matrix.col[order], starts), shape=matrix.shape)
+
+
+def test_aggregates_are_neighbours_of_about_the_size() -> None:
+    matrix = grid_laplacian(60)
+    found = kernels.node_aggregates(matrix.indptr.astype(np.int64), matrix.indices.astype(np.int32), 64)
+    within = matrix.multiply(found[:, None] == found[None, :]).tocsr()
+    within.eliminate_zeros()
+    sizes = np.bincount(found)
+    assert connected_components(within)[0] == len(sizes)
+    assert 64 // 4 <= sizes.min() <= 64 <= sizes.max() <= 3 * 64
+
+
+def test_the_coarse_level_spares_most_iterations() -> None:
+    matrix = grid_laplacian(60)
+    starts, columns = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int32)
+    right, step = np.random.default_rng(1).normal(size=(matrix.shape[0], 1)), np.empty((matrix.shape[0], 1))
+    system = starts, columns, matrix.data[:, None, None]
+    made = []
+    for size in (64, len(step)):
+        aggregates = kernels.node_aggregates(starts, columns, size)
+        made.append(kernels.block_conjugate_gradients(*system, aggregates, right, 1e-8, 1000, step))
+        np.testing.assert_allclose(matrix @ step, right, atol=1e-6)
+    assert made[0] < 0.6 * made[1]
 
 
 def quadratic(region: FreeRegion, rest: np.ndarray, weight: float) -> QuadraticTerm:

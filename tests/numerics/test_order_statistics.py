@@ -3,7 +3,7 @@
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -26,13 +26,11 @@ def assert_exact(values: np.ndarray) -> None:
         np.testing.assert_array_equal(smallest(values, count), np.argsort(values, kind="stable")[:count])
 
 
-@settings(max_examples=100, deadline=None)
 @given(values=VALUES)
 def test_few_values(values):
     assert_exact(np.array(values))
 
 
-@settings(max_examples=30, deadline=None)
 @given(values=VALUES, seed=st.integers(0, 2**32 - 1), shares=st.integers(1, 8))
 def test_many_values_of_few_kinds(values, seed, shares):
     rng = np.random.default_rng(seed)

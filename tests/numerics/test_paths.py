@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -24,7 +24,6 @@ def distances(points):
 angles = st.one_of(st.sampled_from([0.0, 1e-8, 1e-4, 90.0, 179.0, 179.999999, 180.0]), st.floats(0.0, 180.0))
 
 
-@settings(deadline=None)
 @given(
     d=st.sampled_from([1, 2, 3]),
     degrees=angles,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
@@ -15,7 +15,6 @@ VALUES = st.lists(
 )
 
 
-@settings(max_examples=80, deadline=None)
 @given(values=VALUES)
 def test_percentiles_are_order_statistics(values):
     values = np.array(values)
@@ -26,7 +25,6 @@ def test_percentiles_are_order_statistics(values):
     assert found.mean == pytest.approx(values.mean(), abs=1e-15)
 
 
-@settings(max_examples=80, deadline=None)
 @given(values=VALUES, count=st.integers(0, 12))
 def test_the_smallest_come_worst_first_and_ties_by_number(values, count):
     values = np.array(values)

@@ -89,6 +89,7 @@ def test_a_motion_through_sub_steps_is_smooth_too() -> None:
     assert np.array_equal(motions[-1].points, model.points)
 
 
+@pytest.mark.nightly
 def test_the_flag_that_bends_and_returns() -> None:
     mesh = read_mesh(FLAG / "mesh.npz")
     patches = {name: Patch("moving" if name == "flag" else "fixed", nodes) for name, nodes in mesh.patches.items()}

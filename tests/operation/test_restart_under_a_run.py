@@ -46,7 +46,7 @@ def couple(server: Served, out: Path, restarts: tuple[int, ...]) -> str:
     return (out / "fsi.csv").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_coupled_run_is_bitwise_the_same_across_two_restarts(serve: Any, tmp_path: Path) -> None:
     server = serve(real=True)
     undisturbed = couple(server, tmp_path / "undisturbed", ())

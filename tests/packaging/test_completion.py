@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from mesh_motion_server.commands.completions import log_levels, promises, roles, session_folders
+from mesh_motion_server.commands.completions import log_levels, roles, session_folders
 from mesh_motion_server.security.authorisation import ROLES
-from proofs.table import CHECKS
 
 SESSION = "0123456789abcdef" * 2
 
@@ -41,14 +40,14 @@ def home(tmp_path: Path) -> dict[str, str]:
 
 
 def test_bash_completes_commands_options_and_values(home: dict[str, str]) -> None:
-    lines = ["mesh-motion pro", "mesh-motion play --ev", "mesh-motion serve --log-level ",
+    lines = ["mesh-motion conf", "mesh-motion play --ev", "mesh-motion serve --log-level ",
              "mesh-motion inspect ", "mesh-motion play "]  # fmt: skip
     command = ["bash", "--norc", "-c", _BASH, "bash", *lines]
     run = subprocess.run(command, env=home, capture_output=True, text=True, timeout=60, check=False)
     state = f"{home['HOME']}/.local/state/mesh-motion"
     assert run.stderr == ""
     assert run.stdout.splitlines() == [
-        "prove",
+        "conform",
         "--every",
         "debug info warning error",
         f"{state} {state}/sessions/{SESSION}",
@@ -70,7 +69,6 @@ def test_the_other_shells_have_their_script_and_answers(home: dict[str, str], sh
 
 
 def test_the_words_are_those_that_are_taken() -> None:
-    assert sorted(check.name for check in CHECKS) == promises("")
     assert set(roles("")) == ROLES
     assert log_levels("w") == ["warning"]
     assert session_folders("/nowhere") == []

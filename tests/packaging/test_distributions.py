@@ -61,6 +61,7 @@ def test_the_wheel_tells_its_licence_version_and_commands(wheel: Path) -> None:
     assert "mesh-motion = mesh_motion_server.commands.cli:main" in entries
 
 
+@pytest.mark.nightly
 def test_the_sdist_is_the_checkout_and_builds_the_same_wheel(sdist: Path, wheel: Path, tmp_path: Path) -> None:
     with tarfile.open(sdist) as archive:
         files = {member.name.partition("/")[2] for member in archive if member.isfile()}

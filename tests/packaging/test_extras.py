@@ -63,10 +63,8 @@ def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Ins
     told(run("mesh-motion", "play", ROTATION, "--out", "out", "--distributed", "tcp://127.0.0.1:1"), "dask")
 
 
-def test_the_server_of_an_installation_keeps_a_promise_and_conforms(installed: Installed) -> None:
+def test_an_installation_conforms(installed: Installed) -> None:
     run = installed("server")
-    proved = run("mesh-motion", "prove", "--only", "power-loss", "--minutes", "0.01", "--out", "proof")
-    assert proved.returncode == 0, proved.stderr
     conformed = run("mesh-motion", "conform", "--client", "python -m mesh_motion_client.conformance", "--only", "18.1")
     assert conformed.returncode == 0, conformed.stdout + conformed.stderr
 

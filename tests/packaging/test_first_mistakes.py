@@ -213,7 +213,6 @@ LINES: dict[str, tuple[str, int, str]] = {
     "a path to serve at": ("serve --endpoint /tmp/socket --state state", 78, r"got '/tmp/socket'"),
     "no folder of keys": ("serve --keys nowhere --state state", 78, r"nowhere.*mesh-motion keys server"),
     "settings that are none": ("serve --settings case.toml --state state", 78, r"case\.toml: unknown setting"),
-    "a check that is none": ("prove --only power", 2, r"power-loss"),
 }
 
 

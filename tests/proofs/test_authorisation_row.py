@@ -79,7 +79,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
         assert "tells places" in found(made, Cell(("monitor",), "STATUS", "data", True))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_tells_strangers_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("no delay of not found", "another hint where there is a session")
     with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:

@@ -1,4 +1,4 @@
-"""The frame of `mesh-motion prove`: lines, statuses, proof.json."""
+"""The frame of `python -m proofs`: lines, statuses, proof.json."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from typing import Any
 import psutil
 import pytest
 
-from mesh_motion_server.commands.cli import ExitStatus, main
+from mesh_motion_server.commands.cli import ExitStatus
 from mesh_motion_server.errors import InvalidInput
 from proofs import table
+from proofs.__main__ import main
 from proofs.check import BrokenPromise, Budget, Check, Result, require
 from proofs.runner import HEADING, Plan, chosen, prove
 from proofs.waiting import wait_until
@@ -109,7 +110,7 @@ def command_of(process: psutil.Process) -> str:
     ("how", "status"), [(signal.SIGTERM, ExitStatus.INTERRUPTED), (signal.SIGKILL, -signal.SIGKILL)]
 )
 def test_a_proof_that_is_told_to_end_leaves_no_process_behind(tmp_path: Path, how: int, status: int) -> None:
-    proof = psutil.Popen([sys.executable, "-m", "mesh_motion_server", "prove", "--only", "soak", "-o", str(tmp_path)])
+    proof = psutil.Popen([sys.executable, "-m", "proofs", "--only", "soak", "-o", str(tmp_path)])
 
     def soaking() -> list[psutil.Process]:
         started: list[psutil.Process] = proof.children(recursive=True)
@@ -168,7 +169,7 @@ def test_the_table() -> None:
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["mesh-motion", "prove", *map(str, arguments)])
+    monkeypatch.setattr(sys, "argv", ["proofs", *map(str, arguments)])
     with pytest.raises(SystemExit) as ended:
         main()
     return int(ended.value.code or 0)

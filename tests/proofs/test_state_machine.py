@@ -99,10 +99,13 @@ def test_hypothesis_finds_no_difference(protection: Protection) -> None:
     run_state_machine_as_test(
         Sessions,
         settings=settings(
-            max_examples=60, stateful_step_count=40, deadline=None, derandomize=True, database=None,
+            max_examples=settings.default.max_examples // 3,
+            stateful_step_count=40,
+            derandomize=True,
+            database=None,
             suppress_health_check=list(HealthCheck),
         ),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("between", ["STOP/1//5 ", ""])

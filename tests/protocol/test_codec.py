@@ -6,7 +6,7 @@ import hypothesis.extra.numpy as hnp
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ProtocolError
@@ -36,7 +36,6 @@ def over_the_wire(message):
 
 
 @given(hnp.arrays("<f8", hnp.array_shapes(min_dims=2, max_dims=2, min_side=0, max_side=3).filter(lambda s: s[1] >= 1)))
-@settings(max_examples=200, deadline=None)
 def test_displacements_come_back_bitwise(displacement):
     moved = over_the_wire(Move(**AT, frame="committed", step=1, displacement=displacement))
     assert moved.displacement.dtype == np.float64
@@ -45,20 +44,17 @@ def test_displacements_come_back_bitwise(displacement):
 
 
 @given(st.dictionaries(st.text(max_size=8), PLAIN, max_size=5))
-@settings(max_examples=200, deadline=None)
 def test_maps_come_back(report):
     status = StatusReport(state="READY", step=1, iteration=0, waiting_for=[1, 2], report=report)
     assert over_the_wire(status).report == report
 
 
 @given(st.binary(max_size=200))
-@settings(max_examples=500, deadline=None)
 def test_any_bytes_are_a_message_or_a_protocol_error(frame):
     assert outcome([frame]) != "INTERNAL"
 
 
 @given(st.sampled_from(load("valid")), st.data())
-@settings(max_examples=500, deadline=None)
 def test_any_flipped_byte_is_a_message_or_a_protocol_error(case, data):
     frames = [bytearray.fromhex(frame) for frame in case["frames"]]
     position = data.draw(st.integers(0, len(frames[0]) - 1))

@@ -1,4 +1,4 @@
-"""A disk that fails at any operation: the campaign of `mesh-motion prove`, and seeded bugs that it must find."""
+"""A disk that fails at any operation: the campaign of `python -m proofs`, and seeded bugs that it must find."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ def test_failures_of_states_that_are_synced_ahead(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("mesh_motion_server.session.journal._LARGE_STATE", 0)
     endings = fail_each_call(errno.EIO, for_ever=True)
     assert endings["FROZEN"] > before["FROZEN"]  # one more sync in each commit
+
+
+def test_failures_of_a_mesh_that_is_written_while_it_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = fail_each_call(errno.ENOSPC, for_ever=True)
+    monkeypatch.setattr("mesh_motion_server.session.store._LARGE_MESH", 0)
+    assert fail_each_call(errno.ENOSPC, for_ever=True) == before
 
 
 def test_failures_where_commits_are_logged() -> None:

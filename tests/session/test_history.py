@@ -522,7 +522,7 @@ LINES = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lines=st.lists(st.tuples(LINES, st.integers(0, 40)), max_size=8), block=st.sampled_from([1, 2, 7, 64, 1 << 16]))
 def test_reading_backwards_finds_what_reading_all_finds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lines: list[tuple[bytes, int]], block: int

@@ -1,4 +1,4 @@
-"""kill -9 of a process that commits: the campaign of `mesh-motion prove` with a few kills; one process a session."""
+"""kill -9 of a process that commits: the campaign of `python -m proofs` with a few kills; one process a session."""
 
 from __future__ import annotations
 

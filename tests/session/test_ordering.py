@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.session.ordering import canonical_order, morton_codes
@@ -34,7 +34,6 @@ def test_four_quadrants_in_z_order() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 60), dimension=st.integers(1, 3))
-@settings(max_examples=60, deadline=None)
 def test_the_order_does_not_depend_on_the_input_order(seed: int, count: int, dimension: int) -> None:
     random = np.random.default_rng(seed)
     points = np.round(random.random((count, dimension)), 1)  # many coincide: ties by id

@@ -1,4 +1,4 @@
-"""The real journal on a file system that loses power between any two operations: the campaign of `mesh-motion prove`.
+"""The real journal on a file system that loses power between any two operations: the campaign of `python -m proofs`.
 
 The tests of the test at the end seed a bug and demand that the same campaign finds it.
 """

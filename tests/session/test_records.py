@@ -6,7 +6,7 @@ import hashlib
 import struct
 
 import msgpack
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.session.records import FAMILY, PAGE, find_record, pack_record, unpack_record
@@ -31,7 +31,6 @@ def test_what_is_packed_is_unpacked() -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=200, deadline=None)
 def test_no_damaged_record_is_read(data: st.DataObject) -> None:
     packed = pack_record(1, bytes(32), {"kind": "epoch", "epoch": 9})
     used = len(packed.rstrip(b"\0"))

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.errors import InvalidInput, JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
@@ -99,6 +100,27 @@ def test_closing_a_session_that_was_never_built_removes_it(kit: Any, store: Sess
     driver = kit.make_driver(store, [kit.grid_mesh()])
     driver.host.close()
     assert list((store.root / "sessions").iterdir()) == []
+
+
+def test_a_large_mesh_is_written_beside_its_check(
+    kit: Any, store: SessionStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build(kit, store).host.close()
+    written = (store.root / "sessions" / kit.SESSION / "mesh.bin").read_bytes()
+    monkeypatch.setattr(store_module, "_LARGE_MESH", 0)
+    beside = SessionStore(tmp_path / "beside")
+    build(kit, beside).host.close()
+    folder = beside.root / "sessions" / kit.SESSION
+    assert (folder / "mesh.bin").read_bytes() == written
+
+    def refuse(*_: Any) -> None:
+        raise InvalidInput("unusable")
+
+    monkeypatch.setattr("mesh_motion_server.session.session.checked_model", refuse)
+    refused = kit.make_driver(beside, [kit.grid_mesh()], session=OTHER)
+    assert refused.open()[-1].message == "unusable"
+    assert not (beside.root / "sessions" / OTHER / "mesh.bin").exists()
+    refused.host.close()
 
 
 def test_a_discarded_session_is_gone(kit: Any, store: SessionStore) -> None:

@@ -9,7 +9,7 @@ import pytest
 import zmq
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.key_files import PublicKey, SecretKey
-from mesh_motion_protocol.messages import Join, Move, Open
+from mesh_motion_protocol.messages import Join, Open
 
 from mesh_motion_server.security.key_folder import make_client_keys
 from proofs.server_process import ServerProcess
@@ -54,8 +54,7 @@ class Wire:
     def send(self, kind, **fields):
         if "sequence" not in fields:
             self.sequence += 1
-        frame = {"frame": "committed"} if kind is Move else {}
-        message = kind(**({"client": self.client, "sequence": self.sequence} | frame | fields))
+        message = kind(**({"client": self.client, "sequence": self.sequence} | fields))
         self.socket.send_multipart(encode(message))
 
     def send_frames(self, *frames):

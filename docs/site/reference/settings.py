@@ -49,6 +49,7 @@ def case_file() -> str:
         "[mesh]": case.MeshSection,
         "[[motion]]": case.MotionSection,
         "rigid = { … } of a [[motion]]": case.RigidMotion,
+        "oscillation = { … } of a [[motion]]": case.Oscillation,
         "[steps]": case.StepsSection,
     }
     parts = []

@@ -23,6 +23,7 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "gather_shares", gather_shares);
     bind(m, "linked_pattern", linked_pattern);
     bind(m, "node_adjacency", node_adjacency);
+    bind(m, "node_aggregates", node_aggregates);
     bind(m, "p_mean", p_mean);
     bind(m, "touched_cells", touched_cells);
 }

@@ -1,8 +1,10 @@
 #include "correction/newton.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
+#include "lanes.h"
 #include "parallel.h"
 
 namespace mesh_motion {
@@ -72,46 +74,160 @@ struct System {
             return out;
         }
     }
-
-    int solve(Vector<const double> right, double tolerance, int most, double* x) const {
-        std::vector<double> residual(right.begin(), right.end()), z(right.size()), p(right.size()), hp(right.size());
-        std::vector<Block<d>> inverses(size());
-        for_ranges(size(), rows_of_task, [&](Index first, Index last) {
-            for (Index i = first; i < last; ++i) inverses[i] = inverse(i);
-        });
-        /// x += α p, residual −= α H p, z = the preconditioned residual; returns residual · z.
-        const auto advance = [&](double alpha) {
-            return sum_of_blocks(size(), [&](Index first, Index last) {
-                double sum = 0.0;
-                for (Index k = first * d; k < last * d; ++k) {
-                    x[k] += alpha * p[k];
-                    residual[k] -= alpha * hp[k];
-                }
-                for (Index i = first; i < last; ++i)
-                    for (int r = 0; r < d; ++r) {
-                        double value = 0.0;
-                        for (int k = 0; k < d; ++k) value += inverses[i][r][k] * residual[i * d + k];
-                        z[i * d + r] = value;
-                        sum += value * residual[i * d + r];
-                    }
-                return sum;
-            });
-        };
-        double rho = advance(0.0);
-        const double stop = tolerance * tolerance * rho;
-        p = z;
-        for (int done = 1; done <= most; ++done) {
-            const double bend = multiply(p.data(), hp.data());
-            if (!(bend > 0.0)) return done - 1;
-            const double previous = std::exchange(rho, advance(rho / bend));
-            if (!(rho > stop)) return done;
-            for_ranges(right.size(), rows_of_task * d, [&](Index first, Index last) {
-                for (Index k = first; k < last; ++k) p[k] = z[k] + rho / previous * p[k];
-            });
-        }
-        return most;
-    }
 };
+
+/// What aggregates of nodes feel when each moves as one, Pᵀ H P = L Lᵀ: what lies far apart is told to the conjugate
+/// gradients at once. Rows of L begin with their first entry.
+template <int d>
+class Coarse {
+public:
+    Coarse(const System<d>& system, Vector<const std::int32_t> aggregates) : aggregates_(aggregates) {
+        const Index f = system.size(), m = f ? *std::max_element(aggregates.begin(), aggregates.end()) + 1 : 0;
+        starts_.resize(m + 1);
+        members_.resize(f);
+        for (std::int32_t k : aggregates) ++starts_[k + 1];
+        std::partial_sum(starts_.begin(), starts_.end(), starts_.begin());
+        std::vector<Index> next(starts_.begin(), starts_.end() - 1), lowest(next);
+        for (Index i = 0; i < f; ++i) members_[next[aggregates[i]]++] = i;
+        for_ranges(m, aggregates_of_task, [&](Index first, Index last) {
+            for (Index k = first; k < last; ++k) {
+                Index least = k;
+                of_blocks(system, k, [&](Index other, const double*) { least = std::min(least, other); });
+                lowest[k] = least;
+            }
+        });
+        Index entries = 0;
+        for (Index r = 0; r < m * d; ++r) {
+            first_.push_back(lowest[r / d] * d);
+            place_.push_back(entries - first_[r]);
+            entries += r + 1 - first_[r];
+        }
+        factor_.resize(entries);
+        inverses_.resize(m * d);
+        sums_.resize(m * d);
+        for_ranges(m, aggregates_of_task, [&](Index first, Index last) {
+            for (Index k = first; k < last; ++k) {
+                Block<d> own{};
+                of_blocks(system, k, [&](Index other, const double* block) {
+                    if (other == k) {
+                        for (int r = 0; r < d; ++r)
+                            for (int q = 0; q < d; ++q) own[r][q] += block[r * d + q];
+                    } else if (other < k) {
+                        for (int r = 0; r < d; ++r) {
+                            double* out = factor_.data() + (place_[k * d + r] + other * d);
+                            for (int q = 0; q < d; ++q) out[q] += block[r * d + q];
+                        }
+                    }
+                });
+                for (int r = 0; r < d; ++r) std::copy_n(own[r].begin(), r + 1, &factor_[place_[k * d + r] + k * d]);
+            }
+        });
+        factorize();
+    }
+
+    /// The aggregates' steps of the residual, L Lᵀ c = Pᵀ residual; returns cᵀ Pᵀ residual.
+    double solve(const double* residual) {
+        for_ranges(starts_.size() - 1, aggregates_of_task, [&](Index first, Index last) {
+            for (Index k = first; k < last; ++k) {
+                std::array<double, d> sum{};
+                for (Index e = starts_[k]; e < starts_[k + 1]; ++e)
+                    for (int r = 0; r < d; ++r) sum[r] += residual[members_[e] * d + r];
+                std::copy(sum.begin(), sum.end(), &sums_[k * d]);
+            }
+        });
+        const auto n = static_cast<Index>(sums_.size());
+        double energy = 0.0;
+        for (Index r = 0; r < n; ++r) {
+            const double* row = factor_.data() + place_[r];
+            const double known = sum_in_lanes(first_[r], r, [&](Index k) { return row[k] * sums_[k]; });
+            sums_[r] = (sums_[r] - known) * inverses_[r];
+            energy += sums_[r] * sums_[r];
+        }
+        for (Index r = n - 1; r >= 0; --r) {
+            const double* row = factor_.data() + place_[r];
+            sums_[r] *= inverses_[r];
+            for (Index k = first_[r]; k < r; ++k) sums_[k] -= row[k] * sums_[r];
+        }
+        return energy;
+    }
+
+    /// The step of node i's aggregate.
+    const double* step(Index i) const { return sums_.data() + Index{aggregates_[i]} * d; }
+
+private:
+    static constexpr Index aggregates_of_task = 16;
+    static constexpr double nothing = 1e-12;  // of the diagonal: a pivot that is rounding only
+
+    template <class F>
+    void of_blocks(const System<d>& system, Index k, F&& f) const {
+        for (Index m = starts_[k]; m < starts_[k + 1]; ++m)
+            for (Index e = system.row_starts[members_[m]]; e < system.row_starts[members_[m] + 1]; ++e)
+                f(Index{aggregates_[system.columns[e]]}, system.blocks.data() + e * d * d);
+    }
+
+    void factorize() {
+        for (Index r = 0; r < static_cast<Index>(first_.size()); ++r) {
+            double* row = factor_.data() + place_[r];
+            for (Index c = first_[r]; c <= r; ++c) {
+                const double* other = factor_.data() + place_[c];
+                const double left = row[c] - sum_in_lanes(std::max(first_[r], first_[c]), c,
+                                                          [&](Index k) { return row[k] * other[k]; });
+                if (c < r)
+                    row[c] = left * inverses_[c];
+                else
+                    inverses_[r] = left > nothing * row[r] ? 1.0 / std::sqrt(left) : 0.0;
+            }
+        }
+    }
+
+    Vector<const std::int32_t> aggregates_;
+    std::vector<Index> starts_, members_, first_, place_;
+    std::vector<double> factor_, inverses_, sums_;
+};
+
+template <int d>
+int conjugate_gradients(const System<d>& system, Coarse<d> coarse, Vector<const double> right, double tolerance,
+                        int most, double* x) {
+    const Index n = system.size();
+    std::vector<double> residual(right.begin(), right.end()), z(right.size()), p(right.size()), hp(right.size());
+    std::vector<Block<d>> inverses(n);
+    for_ranges(n, rows_of_task, [&](Index first, Index last) {
+        for (Index i = first; i < last; ++i) inverses[i] = system.inverse(i);
+    });
+    /// x += α p, residual −= α H p, z and the coarse steps: the preconditioned residual; returns residual · that.
+    const auto advance = [&](double alpha) {
+        const double fine = sum_of_blocks(n, [&](Index first, Index last) {
+            double sum = 0.0;
+            for (Index k = first * d; k < last * d; ++k) {
+                x[k] += alpha * p[k];
+                residual[k] -= alpha * hp[k];
+            }
+            for (Index i = first; i < last; ++i)
+                for (int r = 0; r < d; ++r) {
+                    double value = 0.0;
+                    for (int k = 0; k < d; ++k) value += inverses[i][r][k] * residual[i * d + k];
+                    z[i * d + r] = value;
+                    sum += value * residual[i * d + r];
+                }
+            return sum;
+        });
+        return fine + coarse.solve(residual.data());
+    };
+    double rho = advance(0.0), beta = 0.0;
+    const double stop = tolerance * tolerance * rho;
+    for (int done = 1; done <= most; ++done) {
+        for_ranges(n, rows_of_task, [&](Index first, Index last) {
+            for (Index i = first; i < last; ++i)
+                for (int r = 0; r < d; ++r) p[i * d + r] = z[i * d + r] + coarse.step(i)[r] + beta * p[i * d + r];
+        });
+        const double bend = system.multiply(p.data(), hp.data());
+        if (!(bend > 0.0)) return done - 1;
+        const double previous = std::exchange(rho, advance(rho / bend));
+        if (!(rho > stop)) return done;
+        beta = rho / previous;
+    }
+    return most;
+}
 
 /// f(system) of the right dimension.
 template <class F>
@@ -132,13 +248,61 @@ double block_product(Vector<const Index> row_starts, Vector<const std::int32_t> 
                        [&](const auto& system) { return system.multiply(x.data(), product.data()); });
 }
 
+Owned<std::int32_t, 1> node_aggregates(Vector<const Index> row_starts, Vector<const std::int32_t> columns,
+                                       Index size) {
+    const Index n = row_starts.size() - 1;
+    require(size > 0, "size: expected a positive number");
+    require(n >= 0 && row_starts[0] == 0 && row_starts[n] == columns.size() &&
+                std::is_sorted(row_starts.begin(), row_starts.end()),
+            "row_starts: expected to ascend from 0 to all columns");
+    require(std::all_of(columns.begin(), columns.end(), [&](Index i) { return 0 <= i && i < n; }),
+            "columns: expected numbers of nodes");
+    std::vector<std::int32_t> found(n, -1);
+    std::vector<Index> seeds, members;
+    std::int32_t count = 0;
+    const auto for_neighbours = [&](Index i, auto&& f) {
+        for (Index e = row_starts[i]; e < row_starts[i + 1]; ++e) f(Index{columns[e]});
+    };
+    const auto grow = [&](Index seed) {
+        members.assign(1, seed);
+        found[seed] = count;
+        for (std::size_t at = 0; at < members.size(); ++at)
+            for_neighbours(members[at], [&](Index j) {
+                if (found[j] >= 0 || static_cast<Index>(members.size()) == size) return;
+                found[j] = count;
+                members.push_back(j);
+            });
+        std::int32_t beside = -1;
+        for (Index i : members)
+            for_neighbours(i, [&](Index j) {
+                if (found[j] < 0) seeds.push_back(j);
+                if (found[j] >= 0 && found[j] != count) beside = found[j];
+            });
+        if (static_cast<Index>(members.size()) < size / 4 && beside >= 0)
+            for (Index i : members) found[i] = beside;  // what was left between others
+        else
+            ++count;
+    };
+    std::size_t next = 0;
+    for (Index i = 0; i < n; ++i) {
+        if (found[i] < 0) seeds.push_back(i);
+        for (; next < seeds.size(); ++next)
+            if (found[seeds[next]] < 0) grow(seeds[next]);
+    }
+    return owned(std::move(found));
+}
+
 int block_conjugate_gradients(Vector<const Index> row_starts, Vector<const std::int32_t> columns,
-                              Cube<const double> blocks, Matrix<const double> right, double tolerance, int most,
-                              Matrix<double> x) {
+                              Cube<const double> blocks, Vector<const std::int32_t> aggregates,
+                              Matrix<const double> right, double tolerance, int most, Matrix<double> x) {
     require(x.shape() == right.shape(), "x: expected the shape of right");
+    require(aggregates.size() == x.shape(0) &&
+                std::all_of(aggregates.begin(), aggregates.end(), [&](Index k) { return 0 <= k && k < x.shape(0); }),
+            "aggregates: expected a number of one for each node");
     std::fill(x.begin(), x.end(), 0.0);
     return with_system(row_starts, columns, blocks, x.shape(), [&](const auto& system) {
-        return system.solve({right.data(), {right.size()}}, tolerance, most, x.data());
+        const Vector<const double> flat(right.data(), {right.size()});
+        return conjugate_gradients(system, {system, aggregates}, flat, tolerance, most, x.data());
     });
 }
 

@@ -12,11 +12,17 @@ namespace mesh_motion {
 double block_product(Vector<const Index> row_starts, Vector<const std::int32_t> columns, Cube<const double> blocks,
                      Matrix<const double> x, Matrix<double> product);
 
-/// Conjugate gradients from x (f, d) = 0, preconditioned with the diagonal's blocks, until the preconditioned residual
-/// has fallen by the tolerance or the curvature is lost; returns how many iterations.
+/// For each node (f) the number of its aggregate: some `size` neighbours, grown beside those that there are, so that
+/// the numbers of neighbouring aggregates are near.
+Owned<std::int32_t, 1> node_aggregates(Vector<const Index> row_starts, Vector<const std::int32_t> columns,
+                                       Index size);
+
+/// Conjugate gradients from x (f, d) = 0, until the preconditioned residual has fallen by the tolerance or the
+/// curvature is lost; returns how many iterations. The preconditioner adds the diagonal's blocks inverted, and the
+/// system inverted in which every one of the aggregates (f) moves as one.
 int block_conjugate_gradients(Vector<const Index> row_starts, Vector<const std::int32_t> columns,
-                              Cube<const double> blocks, Matrix<const double> right, double tolerance, int most,
-                              Matrix<double> x);
+                              Cube<const double> blocks, Vector<const std::int32_t> aggregates,
+                              Matrix<const double> right, double tolerance, int most, Matrix<double> x);
 
 /// (row_starts, columns, slots) of the r representatives: node i of the pattern belongs to targets[i] (f), order (f)
 /// has the nodes by their targets, and slots (b) says where each block goes.

@@ -36,6 +36,7 @@ void bind_far_field(nanobind::module_& m) {
     bind(m, "spline_values", spline_values);
     bind(m, "spline_gradients", spline_gradients);
     bind(m, "quasi_interpolate", quasi_interpolate);
+    bind(m, "blend_with_parent", blend_with_parent);
 }
 
 }  // namespace mesh_motion

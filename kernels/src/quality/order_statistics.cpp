@@ -20,6 +20,9 @@ constexpr Index few = 1 << 14;      // values that are all kept
 constexpr Index block = 1 << 15;    // values of one task, a multiple of the lanes
 constexpr Index piece = 128;        // values that are looked at together
 
+using Register [[gnu::vector_size(register_lanes * sizeof(double))]] = double;
+using Counts [[gnu::vector_size(register_lanes * sizeof(Index))]] = Index;
+
 /// Bin of a value; not falling in the value, whatever is rounded. −∞ goes to the first.
 inline Index bin_of(double value, double low, double scale, Index bins) {
     const double place = (value - low) * scale;
@@ -102,58 +105,61 @@ void Tally::add(const double* values, Index count, const Brackets* brackets) {
 }
 
 void Tally::add_piece(const double* values, Index count, const Brackets* brackets) {
-    // the compiler does not make vectors of so many sums and choices by itself
-    using Eight [[gnu::vector_size(lanes * sizeof(double))]] = double;
-    using Counts [[gnu::vector_size(lanes * sizeof(Index))]] = Index;
-    using Bytes [[gnu::vector_size(lanes)]] = char;
+    // the compiler makes slow code of vectors wider than a register, and none of so many sums and choices by itself
     const Bracket none{-infinity, -infinity, false};
     const auto [a, b, c] = brackets ? *brackets : Brackets{none, none, none};
-    Eight sum{}, low;
-    std::memcpy(&low, least.data(), sizeof low);
-    Counts below_a{}, below_b{}, below_c{};
-    const auto note = [&](const double* at, const Eight& value) {
-        low = value < low ? value : low;
-        const Counts less_a = value < a.low, less_b = value < b.low, less_c = value < c.low;
-        below_a -= less_a;  // where it holds a comparison is −1
-        below_b -= less_b;
-        below_c -= less_c;
-        const Counts inside =
-            (~less_a & (value < a.high)) | (~less_b & (value < b.high)) | (~less_c & (value < c.high));
-        const Bytes marks = __builtin_convertvector(inside, Bytes);
-        std::uint64_t word;
-        std::memcpy(&word, &marks, sizeof word);
-        for (word &= 0x0101010101010101u; word; word &= word - 1) near.push_back(at[std::countr_zero(word) / 8]);
-    };
-    Index first = 0;
-    for (; first + lanes <= count; first += lanes) {
-        Eight value;
-        std::memcpy(&value, values + first, sizeof value);
-        sum += value;
-        note(values + first, value);
+    const Index whole = count / lanes, rest = count % lanes, end = whole + (rest > 0);
+    alignas(64) double last[lanes] = {}, padded[lanes];  // what is left of the piece; no value is below an infinity
+    std::copy_n(values + whole * lanes, rest, last);
+    std::fill(std::copy_n(last, rest, padded), padded + lanes, infinity);
+    Lanes sums;
+    std::array<std::uint64_t, lanes> inside;  // of each lane, whether its values are in a bracket, the last one at bit 0
+    for (Index lane = 0; lane < lanes; lane += register_lanes) {
+        Register sum{}, low;
+        Counts below_a{}, below_b{}, below_c{}, marks{};
+        std::memcpy(&low, &least[lane], sizeof low);
+        const auto note = [&](const double* at, const double* summed) {
+            Register value, term;
+            std::memcpy(&value, at + lane, sizeof value);
+            std::memcpy(&term, summed + lane, sizeof term);
+            sum += term;
+            low = value < low ? value : low;
+            const Counts less_a = value < a.low, less_b = value < b.low, less_c = value < c.low;
+            below_a -= less_a;  // where it holds a comparison is −1
+            below_b -= less_b;
+            below_c -= less_c;
+            const Counts upto_a = value < a.high, upto_b = value < b.high, upto_c = value < c.high;
+            marks += marks - ((~less_a & upto_a) | (~less_b & upto_b) | (~less_c & upto_c));
+        };
+        for (Index v = 0; v < whole; ++v) note(values + v * lanes, values + v * lanes);
+        if (rest) note(padded, last);
+        std::memcpy(&sums.part[lane], &sum, sizeof sum);
+        std::memcpy(&least[lane], &low, sizeof low);
+        std::memcpy(&inside[lane], &marks, sizeof marks);
+        for (Index l = 0; l < register_lanes; ++l) {
+            below[0] += below_a[l];
+            below[1] += below_b[l];
+            below[2] += below_c[l];
+        }
     }
-    if (first < count) {
-        Eight value = Eight{} + infinity, own{};
-        std::memcpy(&value, values + first, (count - first) * sizeof(double));
-        std::memcpy(&own, values + first, (count - first) * sizeof(double));
-        sum += own;
-        note(values + first, value);
-    }
-    Lanes parts;
-    std::memcpy(parts.part, &sum, sizeof sum);
-    const double added = parts.total(), next = total + added;
+    const double added = sums.total(), next = total + added;
     lost += (total - next) + added;
     total = next;
-    std::memcpy(least.data(), &low, sizeof low);
-    for (Index l = 0; l < lanes; ++l) {
-        below[0] += below_a[l];
-        below[1] += below_b[l];
-        below[2] += below_c[l];
+    static_assert(piece == 16 * lanes);
+    double found[piece];
+    Index number = 0;
+    for (Index half = 0; brackets && half < lanes; half += lanes / 2) {  // two loops are better foreseen than eight
+        std::uint64_t left = 0;
+        for (Index l = 0; l < lanes / 2; ++l) left |= inside[half + l] << 16 * l;
+        for (; left; left &= left - 1) {
+            const int bit = std::countr_zero(left);
+            found[number++] = values[(end - 1 - bit % 16) * lanes + half + bit / 16];
+        }
     }
+    near.insert(near.end(), found, found + number);
     for (int p = 0; brackets && p < percentiles; ++p) {
         const Bracket bracket = (*brackets)[p];
-        Index number = 0;
-        for (Index s = 0; bracket.tied && s < count; ++s) number += values[s] <= bracket.high;
-        upto[p] += number;
+        for (Index s = 0; bracket.tied && s < count; ++s) upto[p] += values[s] <= bracket.high;
     }
 }
 

@@ -169,6 +169,30 @@ void for_stencils(Matrix<const double> points, const std::vector<Box<A>>& boxes,
     });
 }
 
+/// The parent's layers that a layer consists of: a spline of twice the spacing is one of this spacing, too.
+struct Subdivided {
+    Index first;
+    int count;
+    double weight[3] = {1.0};
+
+    /// Layer i of n, from the parent's layer `first` on.
+    Subdivided(Index i, Index n, Index first) : first(first + i / 2), count(n == 1 ? 1 : i % 2 ? 3 : 2) {
+        if (count == 3) weight[0] = weight[2] = 0.125, weight[1] = 0.75;
+        if (count == 2) weight[0] = weight[1] = 0.5;
+    }
+
+    /// out (length) of the layers in `from`, which are `stride` numbers apart.
+    void sum(const double* __restrict from, Index stride, Index length, double* __restrict out) const {
+        if (count == 3)
+            for (Index m = 0; m < length; ++m)
+                out[m] = (weight[0] * from[m] + weight[1] * from[m + stride]) + weight[2] * from[m + 2 * stride];
+        else if (count == 2)
+            for (Index m = 0; m < length; ++m) out[m] = weight[0] * from[m] + weight[1] * from[m + stride];
+        else
+            std::copy_n(from, length, out);
+    }
+};
+
 void check(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
            Matrix<const Index> cells, Vector<const Index> start) {
     require(points.shape(1) <= 3, "points: expected at most three coordinates");
@@ -233,6 +257,39 @@ void quasi_interpolate(Matrix<const double> values, Index stride, Matrix<double>
             for (Index i = begin; i < end; ++i)
                 c[i] = 8.0 * sixth * f[i + stride] - sixth * (f[i] + f[i + 2 * stride]);
             at = row * length + end;
+        }
+    });
+}
+
+void blend_with_parent(Cube<const double> parent, Vector<const Index> first, Vector<const double> share0,
+                       Vector<const double> share1, Vector<const double> share2, Cube<double> own) {
+    const std::array<Vector<const double>, 3> shares{share0, share1, share2};
+    const Index layers = share2.size(), k = layers ? own.shape(2) / layers : 0;
+    require(k > 0 && own.shape() == std::array{share0.size(), share1.size(), layers * k} && parent.shape(2) % k == 0,
+            "parent, own: expected (p0, p1, p2 k), (n0, n1, n2 k)");
+    require(first.size() == 3, "first: expected three layers");
+    const std::array<Index, 3> available{parent.shape(0), parent.shape(1), parent.shape(2) / k};
+    for (int axis = 0; axis < 3; ++axis) {
+        const Index n = shares[axis].size(), needed = n == 1 ? 1 : n / 2 + 2;
+        require(n % 2 == 1 && 0 <= first[axis] && first[axis] <= available[axis] - needed,
+                "parent, first: expected the parent's layers around the box");
+    }
+    const Index across = parent.shape(2), plane = parent.shape(1) * across;
+    for_blocks(share0.size(), [&](Index x) {
+        std::vector<double> layer(plane), row(across), inherited(k);
+        const Subdivided along0(x, share0.size(), first[0]);
+        along0.sum(parent.data() + along0.first * plane, plane, plane, layer.data());
+        for (Index y = 0; y < share1.size(); ++y) {
+            const Subdivided along1(y, share1.size(), first[1]);
+            along1.sum(layer.data() + along1.first * across, across, across, row.data());
+            const double share01 = share0[x] * share1[y];
+            double* coefficient = own[x][y].data();
+            for (Index z = 0; z < layers; ++z, coefficient += k) {
+                const Subdivided along2(z, layers, first[2]);
+                along2.sum(row.data() + along2.first * k, k, k, inherited.data());
+                const double share = share01 * share2[z];
+                for (Index c = 0; c < k; ++c) coefficient[c] = inherited[c] + share * (coefficient[c] - inherited[c]);
+            }
         }
     });
 }

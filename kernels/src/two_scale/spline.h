@@ -25,4 +25,11 @@ void spline_gradients(Matrix<const double> points, Matrix<const double> origin, 
 /// values (r, m), whose neighbours are `stride` apart.
 void quasi_interpolate(Matrix<const double> values, Index stride, Matrix<double> out);
 
+/// Passes the coefficients of a box, own (n0, n1, n2 k), into those of its parent (p0, p1, p2 k), of twice the spacing.
+///
+/// first (3): the parent's layer that is next below the box' first one along each axis. share0 (n0), share1 (n1),
+/// share2 (n2): along the axes, whose product is the share of a box' own coefficients. An axis of one layer has no cells.
+void blend_with_parent(Cube<const double> parent, Vector<const Index> first, Vector<const double> share0,
+                       Vector<const double> share1, Vector<const double> share2, Cube<double> own);
+
 }  // namespace mesh_motion

@@ -1,0 +1,1 @@
+"""Corrections of a predicted motion: freed nodes, enrichment functions, and what they lower."""

@@ -7,6 +7,7 @@ whatever the number of threads.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,8 @@ from mesh_motion_server.numerics.quality.metrics import AtRest
 __all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
 
 _DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
+_LEAST_AGGREGATE = 64  # nodes
+_AGGREGATES = {1: 800, 2: 800, 3: 200}  # at most, by the dimension: their factorization takes a few per cent of a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,13 @@ class NodeAdjacency:
     slots: NDArray[np.int32]
     row_starts: NDArray[np.int64]
     columns: NDArray[np.int32]
+
+    @cached_property
+    def aggregates(self) -> NDArray[np.int32]:
+        """For each free node (f) the group of neighbours that it moves with on the solver's coarse level."""
+        n_free, most = len(self.row_starts) - 1, _AGGREGATES[self.slots.shape[1] - 1]
+        size = max(_LEAST_AGGREGATE, math.ceil(n_free / most))
+        return np.asarray(kernels.node_aggregates(self.row_starts, self.columns, size))
 
     def gather(self, corner_values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum the corners' shares (c, d + 1, d) at the free nodes: (f, d)."""

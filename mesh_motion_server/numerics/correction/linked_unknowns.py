@@ -55,7 +55,7 @@ class LinkedUnknowns:
         starts, columns, slots = kernels.linked_pattern(
             adjacency.row_starts, adjacency.columns, targets, order, len(roots)
         )
-        none = np.empty((0, 1), dtype=np.int32)
+        none = adjacency.slots[:0]
         reduced = NodeAdjacency(np.zeros(len(roots) + 1, dtype=np.int64), none[:, 0], none, starts, columns)
         rows = np.repeat(np.arange(len(targets)), np.diff(adjacency.row_starts))
         return cls(targets, roots, reduced, rows, adjacency.columns.astype(np.int64), slots)

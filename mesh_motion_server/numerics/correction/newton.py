@@ -224,5 +224,5 @@ def _solve(
     step = np.empty_like(right)
     reduction, most = _UNTANGLING_CG if untangling else (accuracy.cg_reduction, accuracy.cg_iterations)
     pattern = adjacency.row_starts, adjacency.columns
-    kernels.block_conjugate_gradients(*pattern, hessian, right, reduction, most, step)
+    kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, reduction, most, step)
     return step

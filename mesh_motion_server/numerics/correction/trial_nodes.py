@@ -46,6 +46,7 @@ LAST_LEVEL = PNorm(1000, 100, of="cells")
 EXACTING = Accuracy(full_step_gain=1e-4, least_decrement=1e-4, least_gain=1e-6)
 """1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % where cells are no simplices."""
 
+_MILD_GAIN = 0.02  # over p: a full step that gains less ends a mild p-mean, from which sharper ones only start
 _LEVEL_ITERATIONS, _EXACTING_ITERATIONS = 12, 24
 _EXACTING_UNKNOWNS = 10_000  # twice the time: tetrahedra 1 s, hexahedra 7 s
 _UNTANGLED = 1e-2  # least determinant from which the barrier is used; nearer to 0 its steps stay short
@@ -180,6 +181,13 @@ class _Search:
         unknowns = self.region.n_free * self.points.shape[1]
         return self.solve is None and math.isinf(self.target) and unknowns <= _EXACTING_UNKNOWNS
 
+    def accuracy(self, norm: PNorm) -> Accuracy:
+        """Where the descent of one p-mean stops."""
+        if self.exacting and not norm.epsilon:
+            return EXACTING
+        rough = Accuracy()
+        return rough if norm.epsilon else replace(rough, full_step_gain=max(rough.full_step_gain, _MILD_GAIN / norm.p))
+
     def descend(self, points: NDArray[np.float64], norm: PNorm, iterations: int) -> NDArray[np.float64]:
         """Newton iterations with one p-mean; judged on the way and at the end."""
         norm = replace(norm, size_weight=SIZE_WEIGHTS[self.metric])
@@ -191,7 +199,7 @@ class _Search:
             good_enough=self.judge,
             solve=self.solve,
             constraint=self.constraint,
-            accuracy=EXACTING if self.exacting and not norm.epsilon else None,
+            accuracy=self.accuracy(norm),
             earlier=self.measure,
         )
         self.measure = result.measure

@@ -1,0 +1,1 @@
+"""Interpolation of boundary displacements by radial basis functions, and its values at many points."""

@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.centres import padded
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import require_gradient
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.interpolation.two_scale.near_operator import NearOperator
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_server.numerics.mesh.spacing import padded
 from mesh_motion_server.numerics.threads import checked_threads, limited_to
 
-__all__ = ["Evaluator", "Judge", "LocalEvaluator", "NearOperators", "Prepared", "PreparingEvaluator"]
+__all__ = ["Evaluator", "LocalEvaluator", "NearOperators", "Prepared", "PreparingEvaluator"]
 
 
 class Prepared(Protocol):
@@ -47,14 +46,6 @@ class Evaluator(Protocol):
 
     def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points."""
-        ...
-
-
-class Judge(Protocol):
-    """Says how good a mesh is whose nodes it may already have."""
-
-    def summary(self, points: NDArray[np.float64], metric: str) -> Judgement:
-        """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
         ...
 
 

@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, sparse_matrix
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout, padded
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
@@ -45,6 +45,7 @@ from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import (
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import SEPARATION
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, generated_group
+from mesh_motion_server.numerics.mesh.spacing import padded
 from mesh_motion_server.numerics.method import Method
 
 __all__ = ["PeriodicFactorization", "periodic_factorization_of"]

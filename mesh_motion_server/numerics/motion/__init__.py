@@ -1,0 +1,1 @@
+"""The Move: interpolate, predict, correct, accept; large motions in sub-steps."""

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.correction.correction_problem import check_placement
-from mesh_motion_server.numerics.interpolation.centres import bounding_box
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolation.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.mesh.coincidence import first_at_place
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_server.numerics.mesh.spacing import bounding_box
 from mesh_motion_server.numerics.method import Method
 
 __all__ = ["check_method"]

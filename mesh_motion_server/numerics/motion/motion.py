@@ -18,7 +18,7 @@ from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryC
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, Judge, LocalEvaluator
+from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.interpolation.far_field.evaluator import FarFieldEvaluator
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
@@ -51,7 +51,7 @@ from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
 from mesh_motion_server.numerics.quality.metrics import AtRest, QualitySummary, cells_at_rest, summarize
 from mesh_motion_server.numerics.quality.prediction import predict
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_server.numerics.quality.quality_summary import Judge, Judgement
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 __all__ = ["MotionModel"]

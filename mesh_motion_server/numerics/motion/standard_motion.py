@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.interpolation.centres import bounding_box
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.factor_source import (
     DeferredFactorization,
@@ -47,6 +46,7 @@ from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion, substeps
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.mesh.spacing import bounding_box
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.motion.motion_field import MotionField, Stage

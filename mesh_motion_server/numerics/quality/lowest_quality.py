@@ -72,7 +72,7 @@ def lowest_quality(
 
 @dataclass(frozen=True, eq=False)
 class LowestJudge:
-    """A :class:`~mesh_motion_server.numerics.interpolation.evaluation.Judge` that leaves the distributions out.
+    """A :class:`~mesh_motion_server.numerics.quality.quality_summary.Judge` that leaves the distributions out.
 
     Attributes
     ----------

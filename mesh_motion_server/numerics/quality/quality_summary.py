@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Distribution",
+    "Judge",
     "Judgement",
     "LowestQuality",
     "Minimum",
@@ -153,6 +154,13 @@ class QualitySummary:
 
 #: What is said of a mesh: all of it, or what decides.
 Judgement = QualitySummary | LowestQuality
+
+
+class Judge(Protocol):
+    """Says how good a mesh is whose nodes it may already have."""
+
+    def summary(self, points: NDArray[np.float64], metric: str) -> Judgement:
+        """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
 
 
 def reported_metrics(metric: str) -> list[str]:

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.assembly import dense_block
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout, padded
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
+from mesh_motion_server.numerics.mesh.spacing import padded
 
 __all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
 

@@ -71,6 +71,7 @@ def test_the_example_answers_as_the_python_client(compiler, check_example, tools
     check_example(compiler.program(*sources_of(tools, "examples", name)), env=options)
 
 
+@pytest.mark.nightly
 def test_valgrind_finds_nothing(installed, check_example, tools, tmp_path):
     tools["need"]("valgrind")
     source, program = tools["source"] / "examples" / "block.c", tmp_path / "block"

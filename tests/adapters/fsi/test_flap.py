@@ -78,6 +78,7 @@ def test_what_the_server_stored_can_be_looked_at(undisturbed):
     assert (done.returncode, "whole" in done.stdout) == (0, True), done.stdout + done.stderr
 
 
+@pytest.mark.nightly
 def test_openfoams_own_mesh_motion_gives_the_same_tip(flap, undisturbed, tmp_path):
     """While the flap moves little, the mesh behind it does not matter."""
     rows = play(flap, tmp_path, "--windows", "5", "--motion", "laplacian")
@@ -87,6 +88,7 @@ def test_openfoams_own_mesh_motion_gives_the_same_tip(flap, undisturbed, tmp_pat
         play(flap, tmp_path, "--windows", "6", "--motion", "laplacian")
 
 
+@pytest.mark.nightly
 def test_a_run_that_is_killed_goes_on_at_its_last_window(undisturbed, tmp_path):
     command = [sys.executable, str(EXAMPLE / "flap.py"), "--out", str(tmp_path), "--windows"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}

@@ -61,6 +61,7 @@ def test_the_result_is_in_the_space_and_the_boundary_held() -> None:
     np.testing.assert_allclose(fitted, change, atol=1e-8)
 
 
+@pytest.mark.nightly
 def test_more_points_reach_more() -> None:
     minima = [enriched("dx -0.3", count).minimum for count in (5, 10, 20, 40)]
     assert minima == sorted(minima)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
@@ -52,7 +52,6 @@ def test_at_the_point_the_gradient_is_a_multiple_of_the_identity(kind):
     assert (values(kind, centre[None], centre, 0.5) == 0).all()
 
 
-@settings(deadline=None)
 @given(
     kind=st.sampled_from(KINDS),
     radius=st.floats(1e-3, 1e3),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
@@ -40,7 +40,6 @@ def test_two_reversed_directions_are_half_a_turn_for_all_but_eigen() -> None:
     np.testing.assert_allclose(corrected("polar", B), np.diag([-0.5, -0.5]), atol=1e-15)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([2, 3]))
 def test_what_is_kept_and_what_grows(seed: int, d: int) -> None:
     B = np.eye(d) + np.random.default_rng(seed).normal(size=(d, d))
@@ -57,7 +56,6 @@ def test_what_is_kept_and_what_grows(seed: int, d: int) -> None:
     np.testing.assert_allclose(np.triu(again.triangle[0], 1), np.triu(split.triangle[0], 1), atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([2, 3]))
 @ALL
 def test_an_inverted_cell_becomes_valid(seed: int, d: int, name: str) -> None:
@@ -67,7 +65,6 @@ def test_an_inverted_cell_becomes_valid(seed: int, d: int, name: str) -> None:
     assert np.linalg.det(corrected(name, B)) > 0
 
 
-@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_polar_and_svd_do_not_depend_on_the_coordinates(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -2,6 +2,7 @@ import os
 
 import numpy as np
 import pytest
+from scipy.linalg import lapack
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
@@ -26,7 +27,7 @@ def test_solutions(n):
 
 def test_only_the_lower_triangle_is_stored():
     factor = PanelCholesky(1500, panels_of(random_definite(1500)))
-    assert factor.nbytes <= 0.65 * 8 * 1500**2
+    assert factor.nbytes <= 0.7 * 8 * 1500**2
 
 
 def test_the_right_hand_side_is_left_alone():
@@ -35,7 +36,7 @@ def test_the_right_hand_side_is_left_alone():
     assert (rhs == 1).all()
 
 
-@pytest.mark.parametrize("bad", [0, 383, 384, 700])
+@pytest.mark.parametrize("bad", [0, 511, 512, 700])
 def test_a_lost_pivot_is_an_error(bad):
     matrix = random_definite(800)
     matrix[bad] = matrix[:, bad] = 0.0
@@ -51,8 +52,8 @@ def test_a_pivot_of_rounding_is_an_error():
 
 def test_the_library_sees_small_blocks_only(monkeypatch):
     orders = []
-    library = np.linalg.cholesky
-    monkeypatch.setattr(np.linalg, "cholesky", lambda block: orders.append(len(block)) or library(block))
+    library = lapack.dpotrf
+    monkeypatch.setattr(lapack, "dpotrf", lambda block, **how: orders.append(len(block)) or library(block, **how))
     PanelCholesky(2000, panels_of(random_definite(2000)))
     assert sum(orders) == 2000
     assert max(orders) <= 512

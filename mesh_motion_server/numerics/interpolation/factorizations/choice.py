@@ -27,13 +27,14 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout, padded
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.interpolation.factorizations.iterative import ConjugateGradients
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense, check_sparse
 from mesh_motion_server.numerics.interpolation.factorizations.sparse import SparseFactor
 from mesh_motion_server.numerics.interpolation.kernels import Basis
+from mesh_motion_server.numerics.mesh.spacing import padded
 
 __all__ = ["SOLVERS", "choose_solver"]
 

@@ -19,10 +19,11 @@ from scipy.linalg import solve_triangular
 
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.interpolation.assembly import dense_block
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout, padded
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolation.kernels import Basis
+from mesh_motion_server.numerics.mesh.spacing import padded
 
 __all__ = ["NullSpaceCholesky"]
 

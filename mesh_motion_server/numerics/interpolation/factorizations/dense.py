@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack, solve_triangular
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.blas import for_each_tile, one_blas_thread
@@ -21,7 +21,7 @@ __all__ = ["PanelCholesky"]
 Array = NDArray[np.float64]
 
 #: Columns a panel: wide enough for full speed of the products, narrow enough that the diagonal blocks cost little.
-_PANEL = 384
+_PANEL = 512
 #: Rows a tile: one task of one thread.
 _TILE = 512
 #: A pivot this small against the diagonal carries no correct digit.
@@ -70,8 +70,7 @@ class PanelCholesky:
                 block[top:bottom] -= left[top:bottom] @ left[:width].T
 
         for_each_tile(subtract, len(block), _TILE)
-        diagonal = _factor_block(block[:width], _LOST * largest)
-        block[:width] = diagonal
+        diagonal = block[:width] = _factor_block(block[:width], _LOST * largest)
 
         def divide(top: int, bottom: int) -> None:
             rows = slice(width + top, width + bottom)
@@ -98,14 +97,14 @@ class PanelCholesky:
 
 
 def _factor_block(block: Array, smallest: float) -> Array:
-    """Lower Cholesky factor of a diagonal block whose pivots are all larger than ``smallest``."""
-    try:
-        factor = np.linalg.cholesky(block)
-    except np.linalg.LinAlgError:
-        raise _singular() from None
-    if float(np.min(np.diag(factor))) ** 2 <= smallest:
+    """Lower Cholesky factor, in place, of a diagonal block whose pivots are all larger than ``smallest``.
+
+    Above its diagonal the block stays what it was.
+    """
+    factor, failed = lapack.dpotrf(block.T, lower=0, clean=0, overwrite_a=1)  # its transpose, as LAPACK stores it
+    if failed or float(np.min(np.diag(factor))) ** 2 <= smallest:
         raise _singular()
-    return np.asarray(factor, dtype=np.float64)
+    return np.asarray(factor.T)
 
 
 def _singular() -> NumericalError:

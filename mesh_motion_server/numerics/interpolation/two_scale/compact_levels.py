@@ -26,13 +26,14 @@ from scipy.sparse import csr_array
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.interpolation.assembly import sparse_rows
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout, padded
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import basis_named
 from mesh_motion_server.numerics.interpolation.sparse_products import nbytes
 from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import separated_points
+from mesh_motion_server.numerics.mesh.spacing import padded
 
 __all__ = [
     "BASIS",

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.interpolation.centres import padded
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, factorize
@@ -40,7 +39,7 @@ from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import on_gri
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 from mesh_motion_server.numerics.mesh.coincidence import first_at_place
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
+from mesh_motion_server.numerics.mesh.spacing import local_spacing, padded
 
 __all__ = ["SEPARATION", "TwoScaleFactorization", "TwoScalePlan"]
 

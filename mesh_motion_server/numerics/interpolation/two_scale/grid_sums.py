@@ -42,22 +42,22 @@ _WORTHWHILE = 2e6
 
 def on_grid(interpolant: Interpolant, grid: NestedGrid, evaluator: Evaluator) -> Floats:
     """(n, k) values of an interpolant at the points of nested boxes, by blocks where that pays."""
-    parts = []
+    values = np.empty((sum(box.grid_points for box in grid.boxes), interpolant.components))
+    first = 0
     for box in grid.boxes:
-        low, counts = grid.corner(box), grid.counts(box)
-        values = grid_sums(interpolant, low, box.spacing, counts)
-        if values is None:
-            values = evaluator.displacement(interpolant, grid.points_of(box))
+        part = values[first : first + box.grid_points]
+        first += box.grid_points
+        if not grid_sums(interpolant, grid.corner(box), box.spacing, grid.counts(box), part):
+            part[:] = evaluator.displacement(interpolant, grid.points_of(box))
         elif interpolant.polynomial is not None:
-            values += interpolant.polynomial(grid.points_of(box))
-        parts.append(values)
-    return np.concatenate(parts) if len(parts) > 1 else parts[0]
+            part += interpolant.polynomial(grid.points_of(box))
+    return values
 
 
-def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tuple[int, ...]) -> Floats | None:
-    """``Σ_j w_j φ(|x − x_j| / R)`` at the points of a grid; None where blocks do not pay or do not suit.
+def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tuple[int, ...], out: Floats) -> bool:
+    """Fill ``out`` (n, k) with ``Σ_j w_j φ(|x − x_j| / R)`` at the points of a grid.
 
-    They suit in three dimensions, and where φ varies on the scale of its distance from a centre: up to the support
+    Blocks suit in three dimensions, and where φ varies on the scale of its distance from a centre: up to the support
     radius. Beyond it a compact function is zero, and any other one does not suit.
 
     Parameters
@@ -69,21 +69,22 @@ def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tup
     spacing : float, mesh length unit
     counts : tuple of int
         Points along each axis.
+    out : (n, k) array
+        x slowest.
 
     Returns
     -------
-    (n, k) array or None
-        x slowest.
+    bool
+        False where blocks do not pay or do not suit: ``out`` is left alone.
     """
     centres = interpolant.control_points
     if len(counts) != 3 or math.prod(counts) * len(centres) < _WORTHWHILE:
-        return None
+        return False
     high = low + spacing * (np.array(counts) - 1.0)
     reach = np.maximum(high, centres.max(axis=0)) - np.minimum(low, centres.min(axis=0))
     compact, radius = interpolant.basis.compact, interpolant.support_radius
     if float(np.sqrt(np.sum(reach**2))) > (_WIDE if compact else 1.0) * radius:
-        return None
-    out = np.empty((*counts, interpolant.weights.shape[1]))
+        return False
     kernels.sum_on_grid(
         interpolant.basis.code,
         np.ascontiguousarray(centres.T),
@@ -95,7 +96,7 @@ def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tup
         _ALL_HIGHEST if interpolant.basis.name in _SMOOTH else _DISTANCES,
         out.reshape(*counts[:2], -1),
     )
-    return out.reshape(-1, out.shape[-1])
+    return True
 
 
 def _distances() -> Floats:

@@ -107,62 +107,54 @@ class NestedGrid:
 
     def spline(self, values: Floats) -> NestedSpline:
         """The spline of values (g, k) at :meth:`points`."""
+        order = self.boxes[::-1]  # finest first: a point takes the first that holds it
+        sizes = [math.prod(int(n) + 3 for n in box.cells[: self.dimension]) for box in order]
+        start = np.cumsum([0, *sizes])
+        packed = np.empty((start[-1], values.shape[1]))
         coefficients: list[Floats] = []
         first = 0
-        for box in self.boxes:
+        for box, row, size in zip(self.boxes, start[-2::-1], sizes[::-1], strict=True):
             own = values[first : first + box.grid_points].reshape(*self.counts(box), -1)
             first += box.grid_points
             for axis in range(self.dimension):
-                own = _quasi_interpolated(own, axis)
+                out = packed[row : row + size] if axis == self.dimension - 1 else None
+                own = _quasi_interpolated(own, axis, out)
             if box.parent >= 0:
-                own = self._blended(own, box, coefficients[box.parent])
+                self._blend(own, box, coefficients[box.parent])
             coefficients.append(own)
-        return self._packed(coefficients)
-
-    def _blended(self, own: Floats, box: Box, parents: Floats) -> Floats:
-        """Coefficients that pass from the parent's at the rim to the box' own."""
-        parent = self.boxes[box.parent]
-        inherited = parents
-        for axis in range(self.dimension):
-            first = int(box.first[axis]) // 2 - int(parent.first[axis])
-            inherited = _subdivided(inherited, axis, first, int(box.cells[axis]))
-        share = np.ones(1)
-        for axis in range(self.dimension):
-            share = np.multiply.outer(share, _share(box, int(self.boxes[0].cells[axis]), axis))
-        share = share.reshape(own.shape[:-1])[..., None]
-        return np.ascontiguousarray(inherited + share * (own - inherited))
-
-    def _packed(self, coefficients: list[Floats]) -> NestedSpline:
-        """All boxes in one array, the finest first: a point takes the first that holds it."""
-        order = range(len(self.boxes) - 1, -1, -1)
-        rows = [coefficients[i].reshape(-1, coefficients[i].shape[-1]) for i in order]
-        boxes = [self.boxes[i] for i in order]
         return NestedSpline(
-            np.stack([self.low + box.spacing * box.first for box in boxes]),
-            np.array([1.0 / box.spacing for box in boxes]),
-            np.stack([box.cells for box in boxes]),
-            np.cumsum([0, *(len(part) for part in rows[:-1])]),
-            np.concatenate(rows) if len(rows) > 1 else np.ascontiguousarray(rows[0]),
+            np.stack([self.low + box.spacing * box.first for box in order]),
+            np.array([1.0 / box.spacing for box in order]),
+            np.stack([box.cells for box in order]),
+            start[:-1],
+            packed,
             self.dimension,
         )
 
+    def _blend(self, own: Floats, box: Box, parents: Floats) -> None:
+        """Pass a box' own coefficients into the parent's at the rim."""
+        missing, axes = 3 - self.dimension, range(self.dimension)
+        first = (box.first // 2 - self.boxes[box.parent].first)[: self.dimension]
+        shares = (_share(box, int(self.boxes[0].cells[axis]), axis) for axis in axes)
+        kernels.blend_with_parent(
+            _as_cube(parents), np.append(np.zeros(missing, int), first), *[np.ones(1)] * missing, *shares, _as_cube(own)
+        )
 
-def _quasi_interpolated(values: Floats, axis: int) -> Floats:
-    """(8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry."""
+
+def _as_cube(coefficients: Floats) -> Floats:
+    """Coefficients (…, n, k) as (n0, n1, n k), with one layer along each axis that they have not got."""
+    leading = coefficients.shape[:-2]
+    return coefficients.reshape(*(1,) * (2 - len(leading)), *leading, -1)
+
+
+def _quasi_interpolated(values: Floats, axis: int, out: Floats | None = None) -> Floats:
+    """(8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry, in the memory of ``out`` if there is."""
     before, after = values.shape[:axis], values.shape[axis + 1 :]
-    out = np.empty((*before, values.shape[axis] - 2, *after))
+    shape = (*before, values.shape[axis] - 2, *after)
+    out = np.empty(shape) if out is None else out.reshape(shape)
     rows, stride = math.prod(before), math.prod(after)
     kernels.quasi_interpolate(np.ascontiguousarray(values).reshape(rows, -1), stride, out.reshape(rows, -1))
     return out
-
-
-def _subdivided(coefficients: Floats, axis: int, first: int, cells: int) -> Floats:
-    """Coefficients −1 … cells + 1 of the halved spacing along an axis, from the parent's cell ``first`` on."""
-    c = np.moveaxis(coefficients, axis, 0)[first : first + cells // 2 + 3]  # parent's −1 … cells / 2 + 1
-    out = np.empty((cells + 3, *c.shape[1:]))
-    out[1::2] = (c[:-2] + 6.0 * c[1:-1] + c[2:]) / 8.0
-    out[0::2] = 0.5 * (c[:-1] + c[1:])
-    return np.moveaxis(out, 0, axis)
 
 
 def _share(box: Box, domain_cells: int, axis: int) -> Floats:

@@ -23,8 +23,8 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.interpolation.centres import padded
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
+from mesh_motion_server.numerics.mesh.spacing import padded
 
 __all__ = ["EXPANDABLE", "expand", "monomials", "radial_derivatives", "third_order_norms"]
 

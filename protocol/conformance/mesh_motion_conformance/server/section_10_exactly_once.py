@@ -179,6 +179,13 @@ def same_content() -> Iterator[Case]:
         "Fields in another order are the same content",
         run("COMMIT", lambda r: Request(r.kind, dict(reversed(r.fields.items())))),
     )
+    nowhere = {"process": 2**62, "descriptor": 3, "key": bytes(16)}
+    yield Case(
+        "22.7",
+        "memory-is-no-content",
+        "A repeat that offers memory is the same request; memory that cannot be used is no error",
+        run("MOVE", lambda r: r.having(memory=nowhere)),
+    )
 
 
 @suite("10.2")

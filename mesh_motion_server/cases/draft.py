@@ -1,0 +1,115 @@
+"""A case file to begin with: the mesh's patches, what each may be, and a small motion to try.
+
+A role is a guess. By its name a patch is a symmetry plane or a far boundary; otherwise one inside the mesh, which does
+not reach the sides of the box around all nodes, is a body that moves, and all else rests.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.cases.case import toml_key, toml_text
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import MeshFile
+
+__all__ = ["draft", "guessed_roles"]
+
+Floats = NDArray[np.float64]
+
+_SYMMETRY = ("sym",)
+_FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")
+#: Of the extent: a patch that comes so close to a side of the box reaches it.
+_TOUCH = 1e-3
+#: A first motion, of the extent of what moves.
+_SHARE = 0.05
+
+
+def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
+    """Role and reason for each patch; at least one moves.
+
+    Raises
+    ------
+    InvalidInput
+        For a mesh without patches.
+    """
+    if not mesh.patches:
+        raise InvalidInput(
+            f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
+            hint="name groups of boundary facets where the mesh is made (Gmsh: physical groups; SU2: markers)",
+        )
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    roles = {name: _guess(name, mesh.points[nodes], low, high) for name, nodes in mesh.patches.items()}
+    if all(role != "moving" for role, _ in roles.values()):
+        first = next((name for name, (role, _) in roles.items() if role == "fixed"), next(iter(roles)))
+        roles[first] = ("moving", "none is inside the mesh, and one has to move")
+    return roles
+
+
+def _guess(name: str, points: Floats, low: Floats, high: Floats) -> tuple[str, str]:
+    if any(word in name.lower() for word in _SYMMETRY):
+        return "symmetry", "by its name"
+    if any(word in name.lower() for word in _FAR):
+        return "fixed", "by its name"
+    near = _TOUCH * (high - low).max()
+    if len(points) and (points > low + near).all() and (points < high - near).all():
+        return "moving", "inside the mesh"
+    return "fixed", "at the outside"
+
+
+def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
+    """The text of a case file in ``folder`` that moves the guessed patches a little.
+
+    Raises
+    ------
+    InvalidInput
+        For a mesh without patches.
+    """
+    roles = guessed_roles(mesh)
+    patches = "\n".join(
+        f'{toml_key(name)} = "{role}"  # {len(mesh.patches[name])} nodes; {reason}'
+        for name, (role, reason) in roles.items()
+    )
+    moving = [name for name, (role, _) in roles.items() if role == "moving"]
+    body = mesh.points[np.unique(np.concatenate([mesh.patches[name] for name in moving]))]
+    centre = (body.min(axis=0) + body.max(axis=0)) / 2
+    direction = np.eye(mesh.dimension)[min(1, mesh.dimension - 1)]
+    length = _SHARE * float(np.ptp(body, axis=0).max() or np.ptp(mesh.points, axis=0).max())
+    about = f"centre = {_vector(centre)}" + (", axis = [0.0, 0.0, 1.0]" if mesh.dimension == 3 else "")
+    rigid = f"rigid = {{ translation = {_vector(length * direction)}, rotation = 0.0, {about} }}"
+    motions = "\n".join(f"[[motion]]\npatch = {toml_text(name)}\n{rigid}\n" for name in moving)
+    zoned = f"\nzone = {toml_text(zone)}" if zone else ""
+    return f"""# Roles are guesses: check them. Then `mesh-motion check` and `mesh-motion play` with this file.
+# All keys: docs/reference/case_file.md. Lengths are in the mesh's unit, angles in degrees.
+
+[mesh]
+file = {toml_text(os.path.relpath(mesh.path, folder))}{zoned}
+
+[patches]  # moving, fixed, slip, symmetry or periodic
+{patches}
+
+# The total motion of a patch over all steps; several of one patch add up. Instead of rigid:
+# oscillation = {{ amplitude = 5.0, frequency = 0.05, {about} }}  # degrees, periods a step
+# oscillation = {{ amplitude = {_number(length)}, frequency = 0.05, direction = {_vector(direction)} }}
+# table = "motion.npz"  # node_ids (n), displacement (steps, n, {mesh.dimension})
+# function = "motion.py:displacement"  # displacement(points, step) -> (n, {mesh.dimension})
+{motions}
+[steps]
+count = 10
+
+[method]  # what is left out is chosen for the mesh
+# quality_threshold = 0.2
+# refuse_below_threshold = true
+"""
+
+
+def _vector(values: Floats) -> str:
+    return "[" + ", ".join(map(_number, values)) + "]"
+
+
+def _number(value: float) -> str:
+    """Four digits are enough to begin with."""
+    return repr(float(f"{value:.4g}"))

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mesh_motion_server.cases.case import read_case
+from mesh_motion_server.cases.draft import draft, guessed_roles
+from mesh_motion_server.cases.motion_program import MotionProgram
+from mesh_motion_server.commands.app import app
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import read_mesh
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@pytest.mark.parametrize(
+    ("example", "roles"),
+    [
+        ("thesis_rotation", {"block": "moving", "outer": "fixed"}),
+        ("tapered_wing", {"wing": "moving", "far": "fixed", "symmetry": "symmetry"}),
+        ("sliding_piston", {"piston": "moving", "head": "fixed", "liner": "fixed"}),
+    ],
+)
+def test_roles_are_guessed_by_name_and_place(example: str, roles: dict[str, str], tmp_path: Path) -> None:
+    mesh = read_mesh(EXAMPLES / example / "mesh.npz")
+    assert {name: role for name, (role, _) in guessed_roles(mesh).items()} == roles
+    path = tmp_path / "case.toml"
+    path.write_text(draft(mesh, tmp_path), encoding="utf-8")
+    case = read_case(path)
+    moved = MotionProgram.of(case, case.read_mesh()).displacement(10)
+    assert np.abs(moved).max() > 0
+
+
+def test_the_motions_in_its_comments_are_motions_too(make_case) -> None:
+    path = make_case()
+    text = draft(read_mesh(path.parent / "mesh.npz"), path.parent)
+    lines = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("# oscillation")]
+    assert len(lines) == 2
+    rigid = next(line for line in text.splitlines() if line.startswith("rigid"))
+    for line in lines:
+        path.write_text(text.replace(rigid, line), encoding="utf-8")
+        case = read_case(path)
+        assert np.abs(MotionProgram.of(case, case.read_mesh()).displacement(1)).max() > 0
+
+
+def test_names_that_need_quotes_and_zones(make_case) -> None:
+    folder = make_case().parent
+    mesh = read_mesh(folder / "mesh.npz")
+    odd = replace(mesh, patches={'a "wall"': mesh.patches["block"], "far field": mesh.patches["outer"]})
+    values = tomllib.loads(draft(odd, folder, "2"))
+    assert values["patches"] == {'a "wall"': "moving", "far field": "fixed"}
+    assert values["motion"][0]["patch"] == 'a "wall"'
+    assert values["mesh"] == {"file": "mesh.npz", "zone": "2"}
+
+
+def test_a_mesh_without_patches_is_told_what_to_do(make_case) -> None:
+    mesh = read_mesh(make_case().parent / "mesh.npz")
+    with pytest.raises(InvalidInput, match=r"no boundary patches.*physical groups"):
+        draft(replace(mesh, patches={}), Path())
+
+
+def test_init_writes_beside_the_mesh_and_replaces_nothing(make_case) -> None:
+    path = make_case()
+    before = path.read_text(encoding="utf-8")
+    refused = CliRunner().invoke(app, ["init", str(path.parent / "mesh.npz")])
+    assert refused.exit_code == 2
+    assert path.read_text(encoding="utf-8") == before
+    path.unlink()
+    written = CliRunner().invoke(app, ["init", str(path.parent / "mesh.npz")])
+    assert written.exit_code == 0, written.output
+    assert f"mesh-motion play {path}" in written.output
+    assert os.listdir(path.parent).count("case.toml") == 1
+    assert read_case(path).content.mesh.file == "mesh.npz"
