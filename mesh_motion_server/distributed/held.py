@@ -23,7 +23,7 @@ from mesh_motion_server.distributed.split import MeshPartition
 from mesh_motion_server.distributed.summaries import PartialSummary, Questions, part_of
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.mesh.paths import RigidMotion
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.motion.motion_field import Stage
 from mesh_motion_server.numerics.quality.metrics import CellQuality, CellsAtRest, cell_quality, cells_at_rest
 

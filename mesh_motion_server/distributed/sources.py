@@ -19,7 +19,7 @@ from mesh_motion_server.distributed.held import HeldPartition
 from mesh_motion_server.distributed.split import MeshPartition, Split, mesh_digest
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
+from mesh_motion_server.numerics.mesh.points import bounding_box
 
 __all__ = ["BoundaryShare", "FileSource", "MeshSource", "PartitionSource", "ReadPartition", "write_partitions"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.held import Positions
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
+from mesh_motion_server.numerics.mesh.points import bounding_box
 
 __all__ = ["Told", "Version", "Versions"]
 

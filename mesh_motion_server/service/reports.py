@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.session.partitions import MergedMesh
 from mesh_motion_server.session.session import Session
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 
 __all__ = ["CellOrigin", "MergedMesh", "PartitionMesh"]

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.mesh.spacing import bounding_box, padded
+from mesh_motion_server.numerics.mesh.points import bounding_box, padded
 
 C2 = BASES["wendland-c2"]
 

@@ -8,7 +8,7 @@ from mesh_motion_server.numerics.interpolation.assembly import mean_row_entries,
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.mesh.hashed_cells import HashedCells
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 
 C2 = BASES["wendland-c2"]
 RADIUS = 0.004

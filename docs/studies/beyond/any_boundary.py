@@ -14,7 +14,8 @@ from mesh_motion_server.numerics.interpolation.assembly import dense_block
 from mesh_motion_server.numerics.interpolation.kernels import basis_named
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.spacing import local_spacing, padded
+from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_server.numerics.mesh.spacing import local_spacing
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 from mesh_motion_server.numerics.mesh.hashed_cells import HashedCells
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 from mesh_motion_server.numerics.threads import limited_to
 
 __all__ = ["CentreLayout"]

@@ -22,7 +22,7 @@ from mesh_motion_server.numerics.interpolation.kernels import require_gradient
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.interpolation.two_scale.near_operator import NearOperator
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 from mesh_motion_server.numerics.threads import checked_threads, limited_to
 
 __all__ = ["Evaluator", "LocalEvaluator", "NearOperators", "Prepared", "PreparingEvaluator"]

@@ -44,8 +44,8 @@ from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import (
 )
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import SEPARATION
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_server.numerics.mesh.points import padded
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, generated_group
-from mesh_motion_server.numerics.mesh.spacing import padded
 from mesh_motion_server.numerics.method import Method
 
 __all__ = ["PeriodicFactorization", "periodic_factorization_of"]

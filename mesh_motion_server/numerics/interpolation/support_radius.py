@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
 
 __all__ = ["candidate_support_radii", "suggest_enrichment_radius", "suggest_support_radius"]
 

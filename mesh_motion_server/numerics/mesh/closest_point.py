@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["FacetSet", "nearest_within"]
 

@@ -20,8 +20,8 @@ from mesh_motion_server.numerics.interpolation.factorizations.memory_bound impor
 from mesh_motion_server.numerics.interpolation.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.mesh.coincidence import first_at_place
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
 from mesh_motion_server.numerics.method import Method
 
 __all__ = ["check_method"]

@@ -44,9 +44,9 @@ from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePl
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion, substeps
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.motion.motion_field import MotionField, Stage

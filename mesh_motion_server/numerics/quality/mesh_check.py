@@ -23,8 +23,8 @@ from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.coincidence import first_at_place
 from mesh_motion_server.numerics.mesh.patch_check import check_patches, patch_warnings
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.mesh.spacing import bounding_box
 from mesh_motion_server.numerics.quality.metrics import cell_quality, quality_extremes, reference_sizes
 from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.interpolation.kernels import values
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_server.numerics.reduction.problem import Level, Reduced, ReductionProblem
 from mesh_motion_server.numerics.reduction.progress import Progress, lengths

@@ -34,7 +34,7 @@ from mesh_motion_server.numerics.interpolation.factorizations.iterative import C
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense, check_sparse
 from mesh_motion_server.numerics.interpolation.factorizations.sparse import SparseFactor
 from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["SOLVERS", "choose_solver"]
 

@@ -23,7 +23,7 @@ from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["NullSpaceCholesky"]
 

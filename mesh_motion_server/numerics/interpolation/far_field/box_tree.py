@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.mesh.morton import morton_codes
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["BoxTree"]
 

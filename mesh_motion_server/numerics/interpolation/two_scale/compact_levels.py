@@ -33,7 +33,7 @@ from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import basis_named
 from mesh_motion_server.numerics.interpolation.sparse_products import nbytes
 from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import separated_points
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = [
     "BASIS",

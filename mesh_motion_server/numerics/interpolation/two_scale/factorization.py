@@ -39,7 +39,8 @@ from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import on_gri
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 from mesh_motion_server.numerics.mesh.coincidence import first_at_place
-from mesh_motion_server.numerics.mesh.spacing import local_spacing, padded
+from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["SEPARATION", "TwoScaleFactorization", "TwoScalePlan"]
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.mesh.spacing import padded
+from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["EXPANDABLE", "expand", "monomials", "radial_derivatives", "third_order_norms"]
 
