@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mesh_motion_server import __version__, commands
-from mesh_motion_server import cli as cli_module
+from mesh_motion_server import __version__
+from mesh_motion_server.commands import app as commands
+from mesh_motion_server.commands import cli as cli_module
 from mesh_motion_server.commands.cli import ExitStatus, main, status_of
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -11,7 +11,7 @@ from mesh_motion_protocol.errors import ERROR_CODES
 from docs.site.index import INDEX, PAGES, toctrees
 from docs.site.links import faults
 from docs.site.reference import PARTS, filled
-from mesh_motion_server import cli
+from mesh_motion_server.commands import cli
 from mesh_motion_server.commands.cli import ExitStatus
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics import boundary_facets as module
+from mesh_motion_server.numerics.mesh import boundary_facets as module
 from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS, boundary_facets, boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.quality.metrics import reference_sizes

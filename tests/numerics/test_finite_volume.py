@@ -12,7 +12,7 @@ from box_meshes import CELL_KINDS, box_mesh
 from scipy.spatial.transform import Rotation
 
 from mesh_motion_server.files import MeshFile, write_moved
-from mesh_motion_server.numerics import finite_volume
+from mesh_motion_server.numerics.mesh import finite_volume
 from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.extrusion import extruded_cells, extruded_points

@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics import mesh_check, method_check, patch_check
+from mesh_motion_server.numerics.mesh import patch_check
+from mesh_motion_server.numerics.motion import method_check
+from mesh_motion_server.numerics.quality import mesh_check
 from mesh_motion_server.service import move
 from mesh_motion_server.session import merging, motions, partitions, session, uploads
 from proofs.bad_inputs import BAD_INPUTS, prove_bad_inputs

@@ -9,7 +9,7 @@ from mesh_motion_protocol.errors import ERROR_CODES
 from mesh_motion_protocol.message import ErrorReply
 
 from docs.site.reference.tables import code, table
-from mesh_motion_server import cli
+from mesh_motion_server.commands import cli
 
 __all__ = ["error_codes", "exit_statuses"]
 
