@@ -70,7 +70,9 @@ class Figures(_Read):
     brief : Seconds
         The same as it comes, with ``quality_report = "first-and-commit"``.
     solve, displace, predict : Seconds
-        Parts of ``step``.
+        Parts of ``step``; ``predict`` judges in full.
+    judge_brief : Seconds
+        Judging the mesh for its minimum alone.
     kept_bytes, peak_bytes : int
         Resident memory after the steps, and its largest value, less that with the mesh alone.
     resident_bytes : int
@@ -97,6 +99,7 @@ class Figures(_Read):
     solve: Seconds
     displace: Seconds
     predict: Seconds
+    judge_brief: Seconds
     kept_bytes: int
     peak_bytes: int
     resident_bytes: int

@@ -119,6 +119,7 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
         del motion
     kept, peak = memory.kept(), memory.peak()
     watches, trial = _phases(model, start, targets, repeat)
+    judge = model.without_distributions()
     quality = cell_quality(reached, model.cells, model.reference_sizes)
     values = quality.metric("size-skew")
     return Figures(
@@ -133,6 +134,7 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
         **{
             name: Seconds.shortest([watch.both(name) for watch in watches]) for name in ("solve", "displace", "predict")
         },
+        judge_brief=Seconds.shortest([timed(lambda: judge.summary(trial.points))[0] for _ in range(repeat)]),
         kept_bytes=kept,
         peak_bytes=peak,
         resident_bytes=memory.base + peak,
