@@ -296,7 +296,9 @@ class Session:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
         failpoint("session.commit.start")
         durable = np.take(trial.points, built.mesh.id_order, axis=0)
-        built.keeper.prepare(durable)  # the disk works while the state is hashed and judged
+        self._write(
+            lambda: built.keeper.prepare(durable), self._now
+        )  # the disk works while the state is hashed and judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
@@ -304,7 +306,12 @@ class Session:
         after = Standing(state, CommittedState(trial.step, trial.points))
         boundary = cache(partial(boundary_input, built.mesh, trial.origin))  # for history and journal
         self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
-        self._write(lambda: built.keeper.commit(entry, durable, boundary), after)
+
+        def store() -> None:
+            built.keeper.commit(entry, durable, boundary)
+            failpoint("session.commit.durable")
+
+        self._write(store, after)
         self.factors.next_step()
         return outcome
 
@@ -410,7 +417,6 @@ class Session:
         except BaseException:
             self.fail()
             raise
-        failpoint("session.commit.durable")
         self._now = after
 
 

@@ -24,8 +24,8 @@ def numbers_repeats_anew():
 def takes_any_reply():
     receive = Connection._receive
 
-    def blind(self, message, deadline, watch):
-        reply = receive(self, message, deadline, watch)
+    def blind(self, message, deadline, watch, memory):
+        reply = receive(self, message, deadline, watch, memory)
         return replace(reply, client=message.client, sequence=message.sequence) if isinstance(reply, Moved) else reply
 
     Connection._receive = blind

@@ -94,10 +94,10 @@ def test_without_keys_a_turned_bit_goes_in_unnoticed(lane: Lane) -> None:
 
 
 def test_a_client_that_takes_a_reply_with_another_id_is_found(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
-    def request(self: Any, message: Any, deadline: float, watch: Any = None) -> Any:
+    def request(self: Any, message: Any, deadline: float, watch: Any = None, memory: Any = None) -> Any:
         self._check_connected()
         self._socket.send_multipart(encode(message), copy=False)
-        reply = self._receive(message, deadline, watch)
+        reply = self._receive(message, deadline, watch, memory)
         if isinstance(reply, ErrorReply):
             raise error_from(reply)
         return reply

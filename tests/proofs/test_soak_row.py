@@ -67,7 +67,8 @@ class Still:
         self.moving_nodes, self.step = range(4), 0
         self.boundary, self._trial = np.zeros((4, 2)), np.zeros((4, 2))
 
-    def move(self, rows: np.ndarray) -> None:
+    def move(self, rows: np.ndarray, frame: str) -> None:
+        assert frame == "committed"
         self._trial = rows
 
     def rollback(self) -> None:
