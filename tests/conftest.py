@@ -43,10 +43,11 @@ def nothing_left_open() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def logs_of_their_own() -> Iterator[None]:
-    """A test that set logging up leaves handlers behind that write to its captured, by then closed, standard error."""
-    before = list(logging.getLogger().handlers)
-    yield
+    """A test that set logging up leaves a level, and handlers that write to its captured, by then closed, standard error."""
     root = logging.getLogger()
+    before, level = list(root.handlers), root.level
+    yield
+    root.setLevel(level)
     for handler in [handler for handler in root.handlers if handler not in before]:
         root.removeHandler(handler)
 
