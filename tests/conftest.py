@@ -43,7 +43,7 @@ def nothing_left_open() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def logs_of_their_own() -> Iterator[None]:
-    """A test that set logging up leaves a level, and handlers that write to its captured, by then closed, standard error."""
+    """A test that set logging up leaves a level, and handlers that write to its captured and closed standard error."""
     root = logging.getLogger()
     before, level = list(root.handlers), root.level
     yield
