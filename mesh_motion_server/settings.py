@@ -71,7 +71,6 @@ class MethodSettings(_Strict):
     max_control_points: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     volume_reduction: str = "none"
     volume_reduction_length: _Length | None = None
-    far_field_tolerance: Annotated[float, Field(ge=0, lt=1)] = 0.0
     boundary_layer_thickness: _Length | None = None
     refuse_below_threshold: bool = False
     allow_invalid: bool = False

@@ -203,10 +203,6 @@ _SETTINGS = {
         "float > 0 or nil",
         "the box's margin, the wall function's distance or the grid's spacing, mesh length unit; nil: chosen",
     ),
-    "far_field_tolerance": (
-        "float 0 … 1",
-        "largest error of taking far boundary nodes together, as a share of the largest displacement, below 1; 0: none",
-    ),
     "boundary_layer_thickness": (
         "float > 0 or nil",
         "nodes this near to a moving wall move with it, mesh length unit; nil: none",

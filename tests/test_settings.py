@@ -60,8 +60,6 @@ def test_every_choice_of_the_numerics_is_accepted(key: str, value: str) -> None:
         ("reduction", "greddy", "one of none, greedy, one-point"),
         ("reduction_tolerance", -1e-3, "greater than or equal to 0"),
         ("reduction_tolerance", 2.0, "less than or equal to 1"),
-        ("far_field_tolerance", -1e-6, "greater than or equal to 0"),
-        ("far_field_tolerance", 1.0, "less than 1"),
         ("max_control_points", -1, "greater than or equal to 0"),
         ("max_control_points", 10.0, "a valid integer"),
     ],

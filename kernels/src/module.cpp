@@ -9,6 +9,6 @@ NB_MODULE(_kernels, m) {
     bind_interpolation(m);
     bind_quality(m);
     bind_correction(m);
-    bind_far_field(m);
+    bind_two_scale(m);
     bind_mesh(m);
 }

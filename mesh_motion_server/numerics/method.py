@@ -106,9 +106,6 @@ class Method:
     volume_reduction_length : float or None
         The box's margin around the body, the wall function's D or the grid's spacing, mesh length unit; None: chosen
         from the mesh and the motion.
-    far_field_tolerance : float
-        Far centres may be taken together where that changes no displacement by more than this share of the largest
-        one (:mod:`~mesh_motion_server.numerics.interpolation.far_field`); 0: every sum is exact.
     boundary_layer_thickness : float or None
         Nodes this near to a moving wall move with it, mesh length unit; None: all nodes are interpolated.
     refuse_below_threshold : bool
@@ -146,7 +143,6 @@ class Method:
     max_control_points: int = 0
     volume_reduction: str = "none"
     volume_reduction_length: float | None = None
-    far_field_tolerance: float = 0.0
     boundary_layer_thickness: float | None = None
     refuse_below_threshold: bool = False
     allow_invalid: bool = False
@@ -169,10 +165,6 @@ class Method:
                 raise InvalidInput(f"{name} must be 0 or more, got {getattr(self, name)!r}")
         if not (math.isfinite(self.reduction_tolerance) and self.reduction_tolerance >= 0):
             raise InvalidInput(f"reduction_tolerance must be a number from 0 on, got {self.reduction_tolerance!r}")
-        if not 0.0 <= self.far_field_tolerance < 1.0:
-            raise InvalidInput(
-                f"far_field_tolerance must be a number from 0 to below 1, got {self.far_field_tolerance!r}"
-            )
 
     def as_dict(self) -> dict[str, object]:
         """The choices as plain values, in the order of the fields."""

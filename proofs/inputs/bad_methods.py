@@ -50,7 +50,6 @@ BAD_METHODS = (
     BadInput("a plane spline on a line of nodes", "build", _on_a_line, "INVALID_ARGUMENT.SETTINGS", ("polynomial",)),
     _unfit("solver", basis="tps", solver="sparse"),
     _unfit("solver", basis="tps", solver="two-scale"),
-    _unfit("far_field_tolerance", far_field_tolerance=1e-6, solver="two-scale"),
     _unfit("predictor", predictor="centre-gradient", volume_reduction="background-grid"),
     _unfit("predictor", predictor="centre-gradient", boundary_layer_thickness=0.1),
     _unfit("basis", predictor="edge-midpoint-gradient", basis="wendland-c0"),

@@ -74,7 +74,6 @@ BAD_OPENS = (
     *(_setting("max_enrichment_points", value) for value in (-1, 2**40, 2.5)),
     _setting("max_control_points", -1),
     *(_setting("reduction_tolerance", value) for value in (-1e-9, 1.1)),
-    *(_setting("far_field_tolerance", value) for value in (1.0, -0.5)),
     *(_setting("boundary_layer_thickness", value) for value in (0.0, -math.inf)),
     _setting("volume_reduction_length", -0.0),
     *(_setting("basis", value) for value in ("wendland-c3", "", 2, "qb")),

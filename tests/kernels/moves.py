@@ -33,7 +33,6 @@ CASES: dict[str, tuple[str, int, float, Method]] = {
         Method(support_radius=1.0, quality_threshold=0.5, correction_target="maximum"),
     ),
     "2D two scales": ("quad + triangle", 100, 20.0, Method(support_radius=1.5, solver="two-scale", correction="none")),
-    "2D far field": ("quad + triangle", 150, 20.0, Method(basis="tps", correction="none", far_field_tolerance=1e-3)),
     "2D reduced": ("quad + triangle", 60, 20.0, Method(support_radius=1.0, reduction="greedy", correction="none")),
     "3D dense": ("tetra", 15, 20.0, Method(support_radius=1.0, solver="dense", correction="none")),
     "3D corrected": ("tetra", 5, 60.0, Method(support_radius=1.0, quality_threshold=0.4)),

@@ -22,7 +22,7 @@ import fuzz
 import moves
 
 #: Where loops are called with what they are for: moves, and tests of what moves seldom do.
-_CASES = ("2D sparse", "2D corrected", "2D maximum", "2D far field", "2D reduced", "3D mixed", "3D two scales")
+_CASES = ("2D sparse", "2D corrected", "2D maximum", "2D reduced", "3D mixed", "3D two scales")
 _TESTS = (
     "factorizations/test_iterative.py", "reduction/test_farthest_first.py", "reduction/test_greedy_algorithms.py",
     "sampling/test_sampled_prediction.py",

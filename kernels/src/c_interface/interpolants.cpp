@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "c_interface/call.h"
-#include "far_field/cell_lists.h"
+#include "interpolation/cell_lists.h"
 #include "interpolation/assembly.h"
 #include "interpolation/sparse.h"
 #include "interpolation/summation.h"

@@ -5,7 +5,7 @@
 #include <numeric>
 #include <optional>
 
-#include "far_field/cell_lists.h"
+#include "interpolation/cell_lists.h"
 #include "interpolation/summation.h"
 #include "mesh/hashed_cells.h"
 #include "parallel.h"

@@ -1,6 +1,8 @@
 #include "bind.h"
 #include "interpolation/assembly.h"
+#include "interpolation/background_grid.h"
 #include "interpolation/basis.h"
+#include "interpolation/cell_lists.h"
 #include "interpolation/expansion.h"
 #include "interpolation/reduction.h"
 #include "interpolation/sparse.h"
@@ -9,6 +11,15 @@
 namespace mesh_motion {
 
 void bind_interpolation(nanobind::module_& m) {
+    bind(m, "lay_out_centres", [](Matrix<const double> points, double reach) {
+        CentreLayout made = lay_out_centres(points, reach);
+        return std::make_tuple(std::move(made.order), std::move(made.coordinates), std::move(made.origin),
+                               made.inverse_side, std::move(made.shape), std::move(made.starts), made.fraction);
+    });
+    bind(m, "mark_neighbours", mark_neighbours);
+    bind(m, "mark_reached", mark_reached);
+    bind(m, "mark_stencils", mark_stencils);
+    bind(m, "interpolate_on_grid", interpolate_on_grid);
     bind(m, "map_phi", map_phi);
     bind(m, "map_slope", map_slope);
     bind(m, "centre_runs", centre_runs);

@@ -1,7 +1,7 @@
 #include "two_scale/grid_sums.h"
 
-#include "far_field/chebyshev.h"
-#include "far_field/gathered.h"
+#include "interpolation/gathered.h"
+#include "two_scale/chebyshev.h"
 #include "parallel.h"
 
 namespace mesh_motion {

@@ -62,10 +62,10 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     InvalidInput
         On an unknown or unusable basis, a missing shape parameter, a radius that is both given and to be chosen, a
         polynomial that the basis or the control points do not admit, a reduction beside a polynomial, a placement of
-        the enrichment points that the correction has not, a far field beside two scales, a correction that cannot be
-        smooth in time, a boundary layer with a predictor that needs gradients, or sub-steps without a correction; with
-        periodic patches on a basis without compact support, a polynomial, a reduction, or the solvers "iterative" and
-        "two-scale". ``.MESH_DEGENERATE`` on boundary nodes at the same place, where only distinct ones will do.
+        the enrichment points that the correction has not, a correction that cannot be smooth in time, a boundary
+        layer with a predictor that needs gradients, or sub-steps without a correction; with periodic patches on a
+        basis without compact support, a polynomial, a reduction, or the solvers "iterative" and "two-scale".
+        ``.MESH_DEGENERATE`` on boundary nodes at the same place, where only distinct ones will do.
     ResourceError
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
@@ -105,18 +105,12 @@ def _checked_basis(method: Method, dimension: int) -> Basis:
 
 
 def _check_solver(method: Method, basis: Basis) -> None:
-    """Refuse a solver that the basis or the far field has not."""
+    """Refuse a solver that the basis has not."""
     if basis.needs_polynomial and method.solver not in _DENSE_SOLVERS:
         raise _unfit(
             "solver",
             f"solver = {method.solver!r}: the basis {basis.name!r} has only a dense one",
             hint="leave solver out, or take a basis with compact support",
-        )
-    if method.far_field_tolerance > 0.0 and method.solver == "two-scale":
-        raise _unfit(
-            "far_field_tolerance",
-            f"far_field_tolerance = {method.far_field_tolerance!r} is for sums in one scale, got solver 'two-scale'",
-            hint="leave far_field_tolerance out: two scales already take the far field from a grid",
         )
 
 

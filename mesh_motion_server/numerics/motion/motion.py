@@ -20,7 +20,6 @@ from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
-from mesh_motion_server.numerics.interpolation.far_field.evaluator import FarFieldEvaluator
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
@@ -131,9 +130,7 @@ class MotionModel:
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
         given, method = method, with_radii(method, points, roles)
-        if evaluator is None:
-            exact = method.far_field_tolerance == 0.0
-            evaluator = LocalEvaluator() if exact else FarFieldEvaluator(method.far_field_tolerance)
+        evaluator = evaluator or LocalEvaluator()
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True

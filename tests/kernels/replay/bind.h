@@ -142,7 +142,7 @@ void bind(nanobind::module_&, const char* name, Loop loop) {
 void bind_interpolation(nanobind::module_& m);
 void bind_quality(nanobind::module_& m);
 void bind_correction(nanobind::module_& m);
-void bind_far_field(nanobind::module_& m);
+void bind_two_scale(nanobind::module_& m);
 void bind_mesh(nanobind::module_& m);
 
 }  // namespace mesh_motion

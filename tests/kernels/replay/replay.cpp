@@ -68,7 +68,7 @@ int main() {
     bind_interpolation(m);
     bind_quality(m);
     bind_correction(m);
-    bind_far_field(m);
+    bind_two_scale(m);
     bind_mesh(m);
     while (std::cin.peek() != EOF) {
         const std::string name = read_text();

@@ -1,4 +1,4 @@
-#include "far_field/cell_lists.h"
+#include "interpolation/cell_lists.h"
 
 #include <cmath>
 #include <limits>

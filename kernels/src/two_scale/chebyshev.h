@@ -1,7 +1,4 @@
-// Polynomials in boxes by their values at Chebyshev points: from parent to child, to higher orders, and to the points.
-//
-// A polynomial of p points an axis is exact for those of fewer, so nothing is lost on the way down the tree: the
-// polynomials of a box and of those above it end as one, which is evaluated at the points of a leaf.
+// Polynomials by their values at Chebyshev points, taken to other points along an axis at a time.
 //
 // Values are (p^d, k), x slowest, components fastest.
 #pragma once
@@ -50,26 +47,5 @@ void add_resampled(const double* values, int p, const Resampling* const* matrice
         }
     }
 }
-
-/// The Chebyshev points of boxes box (g), order^d each, into out (r, 3) from row starts[g] (g + 1) on; low, high (b, 3)
-/// are the boxes' corners. A side without length has its points at its middle.
-void box_points(Vector<const Index> box, Vector<const Index> order, Vector<const Index> starts, int d,
-                Matrix<const double> low, Matrix<const double> high, Matrix<double> out);
-
-/// The polynomial of every box: those of its groups and its parent's.
-///
-/// levels (l + 1), parent (b), low and high (b, 3) of the tree; order (b): at least the parent's and those of the box's
-/// groups, 0 where there is no polynomial; starts (b + 1): first entry of each box in values (v), which are filled.
-/// first_group (b + 1), group_order (g), group_start (g + 1), group_values (r, k): of each box the groups, of these the
-/// order, and the values at the points of box_points.
-void carry_down(Vector<const Index> levels, Vector<const Index> parent, Matrix<const double> low,
-                Matrix<const double> high, Vector<const Index> order, Vector<const Index> starts,
-                Vector<const Index> first_group, Vector<const Index> group_order, Vector<const Index> group_start,
-                Matrix<const double> group_values, int d, Vector<double> values);
-
-/// Adds the polynomials of the leaves (l) to out (n, k) at their sorted points (n, 3); the rest as above.
-void add_polynomials(Vector<const Index> leaves, Matrix<const Index> points_of, Matrix<const double> points,
-                     Matrix<const double> low, Matrix<const double> high, Vector<const Index> order,
-                     Vector<const Index> starts, Vector<const double> values, int d, Matrix<double> out);
 
 }  // namespace mesh_motion

@@ -1,4 +1,4 @@
-#include "far_field/background_grid.h"
+#include "interpolation/background_grid.h"
 
 #include "parallel.h"
 
