@@ -294,7 +294,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.correct",
+        "mesh_motion_server.numerics.correction.correction.correct",
         "mesh_motion_server.numerics.motion.standard_motion.StandardMotion",
     ),
 )
