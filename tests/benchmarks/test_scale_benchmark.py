@@ -92,6 +92,7 @@ FIGURES = Figures(
     solve=Seconds(0.05, 0.05),
     displace=Seconds(0.0125, 0.012),
     predict=Seconds(0.011, 0.01),
+    judge_brief=Seconds(0.005, 0.004),
     kept_bytes=5_000_000,
     peak_bytes=10_000_000,
     resident_bytes=270_000_000,
