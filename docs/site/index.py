@@ -21,6 +21,7 @@ PAGES = (
     "docs/tutorials/*.md",
     "docs/howto/*.md",
     "docs/reference/*.md",
+    "kernels/README.md",
     "adapters/README.md",
     "adapters/*/README.md",
     "protocol/SPEC.md",
