@@ -11,6 +11,8 @@ from typing import Any
 
 from proofs.waiting import wait_until
 
+#: Seconds; the page waits for every process that computes, here the other tests.
+_PATIENCE = 200.0
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
 AXE = Path(__file__).parents[2] / "out" / "vendor" / "axe-core" / "axe.min.js"
@@ -96,7 +98,7 @@ class Browser:
     def wait(self, holds: Callable[[], Any], what: str) -> Any:
         """Until it holds; a page that complained meanwhile is told."""
         try:
-            return wait_until(holds, what)
+            return wait_until(holds, what, _PATIENCE)
         except Exception as error:
             raise AssertionError(f"{what}; the browser said: {self.complaints()}") from error
 
