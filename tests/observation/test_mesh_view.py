@@ -12,7 +12,7 @@ from mesh_motion_protocol.digests import state_digest
 from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.session.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation import mesh_view
