@@ -6,8 +6,8 @@ import numpy as np
 from mesh_motion_protocol.messages import Upload, Uploaded
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
-from mesh_motion_server.session.uploads import Part
 
 __all__ = ["answer"]
 
@@ -18,7 +18,7 @@ def answer(session: Session, request: Upload) -> Uploaded:
     Raises
     ------
     InvalidInput
-        Without rows, or as :meth:`~mesh_motion_server.session.uploads.MeshUpload.add`.
+        Without rows, or as :meth:`~mesh_motion_server.session.partitions.uploads.MeshUpload.add`.
     """
     if request.rows is None:
         raise InvalidInput(
