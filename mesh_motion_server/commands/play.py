@@ -62,13 +62,15 @@ def play(
         Path | None,
         typer.Option(metavar="MESH", help="Write the final mesh, too; of its file all else stays."),
     ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on behind the last step that is kept in DIR.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
     """Drive a session through a case, as a coupling code would.
 
     Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
-    mesh.pvd with its VTU files for ParaView (or mesh.vtkhdf), and quality.png; a case that is invalid or refused leaves
-    none of them.
+    mesh.pvd with its VTU files for ParaView (or mesh.vtkhdf), and quality.png. A run that is refused, interrupted or
+    killed keeps the steps it has made: accepted.npy instead of points.npy, the refused mesh in refused.vtu and
+    quality.png. Change what comes after them, or nothing, and --resume.
 
     \b
     mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
@@ -92,6 +94,8 @@ def play(
         raise typer.BadParameter("give either CASE.toml or --from-journal", param_hint="CASE.toml")
     if from_journal is None and (assignments or variants or until):
         raise typer.BadParameter("--set, --variant and --until need --from-journal; a case has its own settings")
+    if resume and case is None:
+        raise typer.BadParameter("a replay is not resumed; it begins again", param_hint="--resume")
     if write is not None and from_journal is not None:
         raise typer.BadParameter("a stored session has no mesh file; convert the mesh with --points DIR/points.npy")
     if distributed is not None and (endpoint is not None or from_journal is not None):
@@ -128,6 +132,7 @@ def play(
             keys=keys,
             series_format=series.value,
             final_mesh=write,
+            resume=resume,
         )
     for warning in played.warnings:
         complain(f"warning: {warning}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.vtkhdf import VtkHdfSeries
 from mesh_motion_server.files.vtu import VtuSeries
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -37,17 +38,31 @@ class Series(Protocol):
         """End the series."""
 
 
-#: Called with the folder, the stem of the files and the number of times.
-SERIES_FORMATS: dict[str, Callable[[Path, str, int], Series]] = {
-    "vtu": lambda folder, name, _: VtuSeries(folder, name),
-    "vtkhdf": VtkHdfSeries,
+def _vtkhdf(folder: Path, name: str, times: int, written: Sequence[float]) -> Series:
+    if written:
+        raise InvalidInput("a vtkhdf series cannot be resumed", hint="play again from the beginning, or with vtu")
+    return VtkHdfSeries(folder, name, times)
+
+
+#: Called with the folder, the stem of the files, the number of times and those that were written before.
+SERIES_FORMATS: dict[str, Callable[[Path, str, int, Sequence[float]], Series]] = {
+    "vtu": lambda folder, name, _, written: VtuSeries(folder, name, written),
+    "vtkhdf": _vtkhdf,
 }
 
 
 @contextmanager
-def open_series(format_name: str, folder: Path, name: str, times: int) -> Iterator[Series]:
-    """A series of at most ``times`` times in a folder; closed at the end of the block."""
-    series = SERIES_FORMATS[format_name](folder, name, times)
+def open_series(
+    format_name: str, folder: Path, name: str, times: int, written: Sequence[float] = ()
+) -> Iterator[Series]:
+    """A series of at most ``times`` times in a folder, behind those ``written``; closed at the end of the block.
+
+    Raises
+    ------
+    InvalidInput
+        If the format cannot go on behind what was written.
+    """
+    series = SERIES_FORMATS[format_name](folder, name, times, written)
     try:
         yield series
     finally:
