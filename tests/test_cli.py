@@ -210,7 +210,8 @@ def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> N
     assert status == ExitStatus.REFUSED
     one_line(err)
     assert out == ""
-    assert not list(folder.iterdir())  # the earlier results went, too
+    assert {"refused.vtu", "summary.json"} <= {path.name for path in folder.iterdir()}
+    assert not (folder / "points.npy").exists()  # that of the earlier run went, too
 
 
 def test_nobody_at_the_endpoint_is_status_69(run: Run, tmp_path: Path) -> None:
