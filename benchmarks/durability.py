@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from mesh_motion_server.session.durability import keeper_of, log_bytes
-from mesh_motion_server.session.filesystem import PosixFileSystem
-from mesh_motion_server.session.journal import Journal, record_area
-from mesh_motion_server.session.journal_files import KEPT_COMMITS
-from mesh_motion_server.session.keeper import Keeper
-from mesh_motion_server.session.ledger import BoundaryInput, Commit, Foundation
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal.durability import keeper_of, log_bytes
+from mesh_motion_server.session.journal.files import KEPT_COMMITS
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.journal import Journal, record_area
+from mesh_motion_server.session.journal.keeper import Keeper
+from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit, Foundation
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 
 __all__ = ["main", "measure"]

@@ -24,7 +24,7 @@ from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.service.telling import Teller
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.model import build_motion_model
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from proofs.driver import Driver, make_spec

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from mesh_motion_client import Mesh, Patch
 
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
 __all__ = ["client_mesh"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from mesh_motion_protocol.messages import Build, Commit, Join, Move, SessionMessage, Upload
 
 from mesh_motion_server.service.dispatch import Envelope, SessionHost
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
 from proofs.check import require

@@ -11,7 +11,7 @@ from mesh_motion_client import Keys
 from mesh_motion_protocol import messages as m
 from numpy.typing import NDArray
 
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from proofs.check import BrokenPromise, require
 from proofs.driver import Driver, parts_of, undisturbed_driver
 from proofs.stand_in import grid_mesh

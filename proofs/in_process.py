@@ -23,7 +23,7 @@ from mesh_motion_server.errors import JournalError
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.security.allow_list import Entry, write_entries
 from mesh_motion_server.service.dispatch import SessionHost
-from mesh_motion_server.session.relaxed import RelaxedKeeper
+from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from mesh_motion_server.session.replay import silent
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
@@ -261,8 +261,12 @@ class InProcessServer:
 
     def end_lease(self, session: str) -> Replies:
         """The lease of a session ends."""
-        worker = self._children[self._child(session)]
+        child = self._child(session)
+        worker = self._children[child]
         worker.end_lease()
+        if worker.host.closed:
+            self._over(child)
+        self._work()
         return worker.wire.take_sent()
 
     def wait(self, session: str, seconds: float) -> Replies:

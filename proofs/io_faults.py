@@ -180,7 +180,7 @@ def _life(files: Any, acknowledged: Digests, level: str) -> str:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """What a session logs where nobody waits for an answer is expected here."""
-    logger = logging.getLogger("mesh_motion_server.session.durability")
+    logger = logging.getLogger("mesh_motion_server.session.journal.durability")
     logger.disabled, before = True, logger.disabled
     try:
         yield

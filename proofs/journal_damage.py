@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.durability import ReplayKeeper
-from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.session.journal.durability import ReplayKeeper
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.settings import DURABILITY_LEVELS
 from proofs.check import Budget, Check, Result, require
 from proofs.model_files import ModelFiles

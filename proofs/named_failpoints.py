@@ -19,8 +19,8 @@ from pathlib import Path
 from random import Random
 
 from mesh_motion_server.failpoint_table import POINTS
-from mesh_motion_server.session.filesystem import PosixFileSystem
-from mesh_motion_server.session.journal_files import read_journal, verify_state
+from mesh_motion_server.session.journal.files import read_journal, verify_state
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from proofs.check import BrokenPromise, Budget, Check, Result, require
 from proofs.failing_server import FailingServer
 from proofs.persistent_holder import PARTITIONS

@@ -25,14 +25,14 @@ from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session import journal_files
-from mesh_motion_server.session.durability import ReplayKeeper
-from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.journal_files import KEPT_COMMITS
-from mesh_motion_server.session.ledger import BoundaryInput, Commit, Foundation
-from mesh_motion_server.session.records import PAGE
-from mesh_motion_server.session.relaxed import Backlog, RelaxedKeeper
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal import files as journal_files
+from mesh_motion_server.session.journal.durability import ReplayKeeper
+from mesh_motion_server.session.journal.files import KEPT_COMMITS
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit, Foundation
+from mesh_motion_server.session.journal.records import PAGE
+from mesh_motion_server.session.journal.relaxed import Backlog, RelaxedKeeper
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.settings import DURABILITY_LEVELS
 from proofs.check import Budget, Check, Result, require
 from proofs.model_files import FailingFiles, ModelFiles, PowerLoss

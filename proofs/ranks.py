@@ -9,7 +9,7 @@ import numpy as np
 from mesh_motion_protocol import messages as wire
 from numpy.typing import NDArray
 
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from proofs.actions import Action
 from proofs.expected import Asked, Share
 from proofs.session_model import SessionModel

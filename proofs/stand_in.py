@@ -14,7 +14,7 @@ from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
 __all__ = ["StandIn", "grid_mesh", "split_mesh"]
 

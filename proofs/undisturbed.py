@@ -11,7 +11,7 @@ from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Commit, Fetch, Message, Move
 from numpy.typing import NDArray
 
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from proofs.check import require
 from proofs.driver import undisturbed_driver
 

@@ -22,6 +22,8 @@ PACKAGES = {
 }
 #: The rooms of numerics: each may import those before it.
 ROOMS = ["mesh", "interpolation", "quality", "correction", "reduction", "motion"]
+#: The rooms of session: each may import those before it, and no module above them.
+SESSION_ROOMS = ["partitions", "journal", "history"]
 LAYERS = ["numerics", "distributed", "session", "service", "transport"]
 ENGINE = ("dask", "distributed")
 #: Folders of the checkout that are in no wheel.
@@ -61,7 +63,17 @@ def forbidden(module: str) -> tuple[str, ...]:
         rooms = ROOMS[ROOMS.index(inner[1]) + 1 :] if inner[1] in ROOMS else ROOMS
         above += [f"{package}.numerics.{room}" for room in rooms]
         return (*above, *beside, *engine, "zmq", "msgpack", "pydantic", "logging", "mesh_motion_protocol")
+    if inner[0] == "session" and inner[1] in SESSION_ROOMS:
+        above += session_above(inner[1])
     return (*above, *beside, *engine) if inner[0] == "transport" else (*above, *beside, *engine, "zmq")
+
+
+def session_above(room: str) -> list[str]:
+    """What a room of the session may not import: later rooms and the modules beside the rooms."""
+    folder = PACKAGES["mesh_motion_server"] / "session"
+    beside = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
+    later = SESSION_ROOMS[SESSION_ROOMS.index(room) + 1 :]
+    return [f"mesh_motion_server.session.{name}" for name in (*later, *beside)]
 
 
 def imported(module: str, tree: ast.AST) -> list[str]:
@@ -103,6 +115,8 @@ def test_imports_point_to_the_left(module: str, path: Path) -> None:
         ("mesh_motion_server.numerics.mesh.seeded", "from mesh_motion_server.numerics.quality import metrics"),
         ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.numerics.mesh import cells"),
         ("mesh_motion_server.session.seeded", "from proofs import wire"),
+        ("mesh_motion_server.session.journal.seeded", "from mesh_motion_server.session.state import State"),
+        ("mesh_motion_server.session.partitions.seeded", "from mesh_motion_server.session.journal import records"),
         ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.distributed import crew"),
         ("mesh_motion_server.distributed.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),

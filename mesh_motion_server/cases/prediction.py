@@ -13,7 +13,6 @@ from mesh_motion_server.cases.case import Case
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import MeshFile
-from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
@@ -67,9 +66,9 @@ class Prediction:
         kept = self.model.with_method(allow_invalid=True, refuse_below_threshold=False, sub_steps="never")
         targets = self.targets(step)
         try:
-            return kept.attempt(committed, targets, MakeEachTime()).points
+            return kept.move(committed, targets).points
         except NumericalError:
-            return kept.with_method(correction="none").attempt(committed, targets, MakeEachTime()).points
+            return kept.with_method(correction="none").move(committed, targets).points
 
     def worst(self, points: Floats) -> list[dict[str, Any]]:
         """The worst cells of the mesh at ``points`` (n, d), the worst first.

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError
-from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.history.events import read_events
-from mesh_motion_server.session.journal_files import read_ledger, read_stored_state
-from mesh_motion_server.session.ledger import Ledger
+from mesh_motion_server.session.journal.files import read_ledger, read_stored_state
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.ledger import Ledger
+from mesh_motion_server.session.journal.mesh_store import read_mesh
 from mesh_motion_server.session.listing import SPEC
-from mesh_motion_server.session.merging import merge
-from mesh_motion_server.session.mesh_store import read_mesh
-from mesh_motion_server.session.numbering import UploadView, upload_view
+from mesh_motion_server.session.partitions.merging import merge
+from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.watch.observation.fold import StepFold, is_corrected
 from mesh_motion_server.watch.observation.series import PHASES

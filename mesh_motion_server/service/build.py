@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from mesh_motion_protocol.messages import Build, Built
 
 from mesh_motion_server.service.reports import mesh_report, summary_report
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 

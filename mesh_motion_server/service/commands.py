@@ -8,7 +8,7 @@ from typing import Any
 
 from mesh_motion_protocol.messages import Message
 
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 
 __all__ = ["Collective", "Single"]

@@ -11,8 +11,8 @@ from mesh_motion_protocol.messages import Committed
 
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service.reports import summary_report
-from mesh_motion_server.session.ledger import Commit
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal.ledger import Commit
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.standing import CommitOutcome
 from mesh_motion_server.session.state import Operation, State

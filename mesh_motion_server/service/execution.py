@@ -20,7 +20,7 @@ from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.gathering import Arrival, Gathering
 from mesh_motion_server.service.telling import Teller
-from mesh_motion_server.session.replies import ReplyTable, RequestId
+from mesh_motion_server.session.journal.replies import ReplyTable, RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.settings import ServerSettings
 

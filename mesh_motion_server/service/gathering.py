@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from mesh_motion_protocol.messages import SessionMessage
 
 from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal.replies import RequestId
 
 __all__ = ["Arrival", "Gathering", "agreement"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service.reports import correction_report, faces_report, move_quality, shortened
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 

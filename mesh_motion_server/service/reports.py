@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.session import Session
 
 __all__ = ["correction_report", "faces_report", "mesh_report", "move_quality", "summary_report", "worst_places"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from mesh_motion_protocol.messages import Rollback, RolledBack
 
-from mesh_motion_server.session.replies import RequestId
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 

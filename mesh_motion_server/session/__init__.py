@@ -5,23 +5,17 @@
     session.py           one session: trial, commit, rollback, resume
     state.py, standing.py  its states as a table; the values that it swaps as a whole
     model.py, motions.py what it asks of the numerics; a Move as a function of values
+    replay.py            states that were logged, not stored, computed again
     factors.py           what depends on a state alone, kept for the iterations of a step
-    replies.py           exactly once: the stored replies
     spec.py              what OPEN fixes
-
-    uploads.py           the mesh while it comes in
-    partitions.py, merging.py, joining.py, ordering.py, numbering.py
-                         n partitions as one mesh in canonical order, and the way back
-
     store.py, listing.py the folders of all sessions, and what lists say of them
-    mesh_store.py        the mesh on disk
-    journal.py, next_manifest.py, ledger.py, records.py, journal_files.py
-                         the commits on disk: writing them, what their chain says, its records, reading them
-    recovery.py, witness.py, inspection.py
-                         a journal as a crash or damage left it; read only, for people
-    durability.py, keeper.py, relaxed.py, replay.py
-                         the levels: what a commit waits for, what is computed again
-    filesystem.py        all that this asks of a file system, which tests replace
+    inspection.py        a session's folder, read only, for people
+
+    journal/             the commits, the mesh and the replies on disk
+    partitions/          the mesh of n partitions as one mesh, and the way back
+    history/             what happened, for people who look at it
+
+The rooms import nothing of the modules above them; ``journal`` and ``history`` know ``partitions`` and ``journal``.
 
 No sockets, no processes: :mod:`mesh_motion_server.service` turns messages into its calls.
 """

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
-from mesh_motion_server.session.journal_files import read_journal, verify_state
+from mesh_motion_server.session.journal.files import read_journal, verify_state
+from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
+from mesh_motion_server.session.journal.mesh_store import read_mesh
+from mesh_motion_server.session.journal.records import Record
+from mesh_motion_server.session.journal.recovery import Findings
 from mesh_motion_server.session.listing import SPEC
-from mesh_motion_server.session.mesh_store import read_mesh
-from mesh_motion_server.session.records import Record
-from mesh_motion_server.session.recovery import Findings
 from mesh_motion_server.session.spec import StoredSpec
 
 __all__ = ["Check", "Inspection", "RecordLine", "inspect_session"]

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from mesh_motion_server.errors import MeshMotionError
-from mesh_motion_server.session.filesystem import FileSystem, read_whole, unreadable
-from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
+from mesh_motion_server.session.journal.files import MANIFEST, read_ledger
+from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import State
 

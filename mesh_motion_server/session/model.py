@@ -12,8 +12,8 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.session.numbering import UploadView, upload_view
-from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.partitions.meshes import MergedMesh
+from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
 from mesh_motion_server.settings import ServerSettings
 
 __all__ = [

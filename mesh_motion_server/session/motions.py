@@ -12,8 +12,8 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.motion.exact_displacements import settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
-from mesh_motion_server.session.numbering import in_senders_numbers
-from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.partitions.meshes import MergedMesh
+from mesh_motion_server.session.partitions.numbering import in_senders_numbers
 from mesh_motion_server.session.state import Origin
 
 __all__ = ["Computed", "compute"]

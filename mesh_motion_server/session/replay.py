@@ -4,7 +4,7 @@ The recomputation must give the digest that was journaled, bit for bit, or nothi
 the same bytes, so it does on the same machine with the same software. Another version of the server or of its numerical
 libraries, or a processor for which these choose other instructions, may round otherwise. Threads, caches and coupling
 iterations before the committed one do not matter; of a cluster's size this is not promised. The log says for each step
-what computed it, and a session that was closed needs no recomputation (:mod:`~mesh_motion_server.session.durability`).
+what computed it, and a session that was closed needs no recomputation (``journal.durability``).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from mesh_motion_server import __version__
 from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.session.factors import FactorCache
-from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.ledger import BoundaryInput, Commit
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.motions import compute
-from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.state import CommittedState, Origin
 
 __all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]

@@ -23,21 +23,21 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
-from mesh_motion_server.session.durability import keeper_of, logged_failure
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.history import History
-from mesh_motion_server.session.ledger import Commit
-from mesh_motion_server.session.merging import merge
+from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
+from mesh_motion_server.session.journal.ledger import Commit
+from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings, release
 from mesh_motion_server.session.motions import compute
-from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.partitions.merging import merge
+from mesh_motion_server.session.partitions.meshes import MergedMesh
+from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
-from mesh_motion_server.session.replies import RequestId
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.standing import Built, CommitOutcome, MoveOutcome, Standing
 from mesh_motion_server.session.state import CommittedState, Operation, Origin, State, Trial, admit
 from mesh_motion_server.session.store import SessionFolder
-from mesh_motion_server.session.uploads import MeshUpload, Part
 from mesh_motion_server.settings import ServerSettings
 
 __all__ = ["Session"]

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
-from mesh_motion_server.session.keeper import Keeper
+from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.model import Model
-from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.state import CommittedState, State, Trial
 
 __all__ = ["Built", "CommitOutcome", "MoveOutcome", "Standing"]

@@ -25,15 +25,15 @@ from pathlib import Path
 
 from mesh_motion_server.errors import JournalError, ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.beside import Beside
-from mesh_motion_server.session.durability import log_bytes
-from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem, read_whole, write_all
-from mesh_motion_server.session.journal import Journal, record_area
-from mesh_motion_server.session.journal_files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST, SLOTS
-from mesh_motion_server.session.ledger import Foundation
+from mesh_motion_server.session.journal.beside import Beside
+from mesh_motion_server.session.journal.durability import log_bytes
+from mesh_motion_server.session.journal.files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST, SLOTS
+from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem, read_whole, write_all
+from mesh_motion_server.session.journal.journal import Journal, record_area
+from mesh_motion_server.session.journal.ledger import Foundation
+from mesh_motion_server.session.journal.mesh_store import read_mesh, write_mesh
 from mesh_motion_server.session.listing import SPEC, Listing, Remembered, StoredSession
-from mesh_motion_server.session.mesh_store import read_mesh, write_mesh
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.spec import SessionSpec, StoredSpec
 
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]

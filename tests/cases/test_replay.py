@@ -21,12 +21,12 @@ from mesh_motion_server.commands.replay import changes_of, replay_session
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
-from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.history.boundary import BoundaryLog, BoundaryStep
-from mesh_motion_server.session.journal_files import read_ledger
-from mesh_motion_server.session.ledger import Commit as CommitEntry
+from mesh_motion_server.session.journal.files import read_ledger
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.ledger import Commit as CommitEntry
 from mesh_motion_server.session.model import build_motion_model
-from mesh_motion_server.session.partitions import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings

@@ -15,11 +15,11 @@ from mesh_motion_server.service import error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import motions
-from mesh_motion_server.session.durability import FullKeeper, ReplayKeeper
-from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.partitions import MergedMesh
-from mesh_motion_server.session.relaxed import RelaxedKeeper
-from mesh_motion_server.session.replies import ReplyTable
+from mesh_motion_server.session.journal.durability import FullKeeper, ReplayKeeper
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
+from mesh_motion_server.session.journal.replies import ReplyTable
+from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.transport import gateway, worker

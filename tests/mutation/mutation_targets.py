@@ -29,31 +29,31 @@ class Target:
     own: tuple[str, ...]
 
 
-_STORED = tuple(
-    f"tests/session/test_{name}.py"
-    for name in (
-        "ledger",
-        "records",
-        "recovery",
-        "witness",
-        "journal",
-        "journal_at_rest",
-        "journal_files",
-        "next_manifest",
-        "golden_journals",
-        "power_loss",
-        "durability",
-        "store",
-        "store_files",
-        "listing",
-    )
+_STORED = (
+    *(
+        f"tests/session/journal/test_{name}.py"
+        for name in (
+            "ledger",
+            "records",
+            "recovery",
+            "witness",
+            "journal",
+            "journal_at_rest",
+            "journal_files",
+            "next_manifest",
+            "golden_journals",
+            "power_loss",
+            "durability",
+        )
+    ),
+    *(f"tests/session/test_{name}.py" for name in ("store", "store_files", "listing")),
 )
 _SESSION = (
-    "tests/session/test_replies.py",
+    "tests/session/journal/test_replies.py",
     "tests/session/test_state.py",
     "tests/session/test_session.py",
     "tests/session/test_commit_quality.py",
-    "tests/session/test_durability.py",
+    "tests/session/journal/test_durability.py",
     "tests/session/test_store.py",
     "tests/service/test_dispatch.py",
     "tests/service/test_states.py",
@@ -73,20 +73,20 @@ TARGETS: Mapping[str, Target] = MappingProxyType(
         "mesh_motion_server.session",
         _STORED,
         {
-            "ledger": ("ledger", "recovery"),
-            "records": ("records",),
-            "recovery": ("recovery",),
-            "witness": ("witness", "recovery"),
-            "journal_files": ("journal_files", "journal"),
-            "next_manifest": ("next_manifest", "journal", "journal_at_rest"),
-            "journal": ("journal", "journal_at_rest", "power_loss"),
+            "journal.ledger": ("ledger", "recovery"),
+            "journal.records": ("records",),
+            "journal.recovery": ("recovery",),
+            "journal.witness": ("witness", "recovery"),
+            "journal.files": ("journal_files", "journal"),
+            "journal.next_manifest": ("next_manifest", "journal", "journal_at_rest"),
+            "journal.journal": ("journal", "journal_at_rest", "power_loss"),
             "store": ("store", "store_files", "listing"),
         },
     )
     | _targets(
         "mesh_motion_server.session",
         _SESSION,
-        {"replies": ("replies",), "state": ("state",), "session": ("session", "durability", "quality_report")},
+        {"journal.replies": ("replies",), "state": ("state",), "session": ("session", "durability", "quality_report")},
     )
     | _targets(
         "mesh_motion_protocol",

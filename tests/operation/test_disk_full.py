@@ -15,7 +15,7 @@ from mesh_motion_protocol.messages import Build, Commit, Fetch, Status
 from served import small_mesh
 
 from mesh_motion_server.errors import ResourceError
-from mesh_motion_server.session import journal
+from mesh_motion_server.session.journal import journal
 from mesh_motion_server.session.store import SessionStore
 from proofs.driver import Driver, make_driver, resume_driver
 from proofs.model_files import ModelFiles

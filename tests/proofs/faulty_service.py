@@ -7,7 +7,7 @@ its journal for the second time is as it was at the first.
 import os
 import shutil
 
-from mesh_motion_server.session.replies import ReplyTable
+from mesh_motion_server.session.journal.replies import ReplyTable
 from mesh_motion_server.session.store import SessionStore as GoodStore
 from proofs.stand_in_service import SessionHost as GoodHost
 

@@ -12,7 +12,9 @@ from mesh_motion_server.numerics.mesh import patch_check
 from mesh_motion_server.numerics.motion import method_check
 from mesh_motion_server.numerics.quality import mesh_check
 from mesh_motion_server.service import move
-from mesh_motion_server.session import merging, motions, partitions, session, uploads
+from mesh_motion_server.session import motions, session
+from mesh_motion_server.session.partitions import merging, uploads
+from mesh_motion_server.session.partitions import meshes as partitions
 from proofs.bad_inputs import BAD_INPUTS, prove_bad_inputs
 from proofs.check import Budget
 from proofs.extreme_inputs import prove_extreme_inputs

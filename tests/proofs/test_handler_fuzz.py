@@ -17,8 +17,8 @@ from mesh_motion_protocol.messages import REPLIES
 from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.service import dispatch, execution, rollback
 from mesh_motion_server.service.commands import Collective, Single
-from mesh_motion_server.session import uploads
-from mesh_motion_server.session.replies import ReplyTable
+from mesh_motion_server.session.journal.replies import ReplyTable
+from mesh_motion_server.session.partitions import uploads
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import State
 from mesh_motion_server.transport.protection import Protection

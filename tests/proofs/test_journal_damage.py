@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from believing_journal import believe_every_slot
 
-from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.settings import DURABILITY_LEVELS
 from proofs.check import BrokenPromise, Budget
 from proofs.journal_damage import CHECK, FOLDER, STEPS, damage, read_back, small_journal
@@ -37,7 +37,7 @@ def test_a_logged_commit_that_vanishes_with_its_last_byte_is_found(monkeypatch: 
     contents = small_journal("replay")
     manifest = FOLDER / "manifest"
     assert damage(contents, manifest, STEPS * PAGE + 60, 3) == -1
-    monkeypatch.setattr("mesh_motion_server.session.recovery.has_witness", lambda foundation: False)
+    monkeypatch.setattr("mesh_motion_server.session.journal.recovery.has_witness", lambda foundation: False)
     assert damage(contents, manifest, STEPS * PAGE + 60, 3) == STEPS - 1
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.journal import Journal
+from mesh_motion_server.session.journal.journal import Journal
 from proofs.check import BrokenPromise, Budget
 from proofs.power_loss import CHECK
 

@@ -19,9 +19,9 @@ from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import session as sessions
 from mesh_motion_server.session import state
-from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.relaxed import RelaxedKeeper
-from mesh_motion_server.session.replies import ReplyTable
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
+from mesh_motion_server.session.journal.replies import ReplyTable
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.transport.protection import Protection

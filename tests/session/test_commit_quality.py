@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.session.uploads import Part
 from mesh_motion_server.settings import ServerSettings
 
 Kit = Any

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.errors import JournalError, MeshMotionError
-from mesh_motion_server.session.journal import Journal
-from mesh_motion_server.session.relaxed import RelaxedKeeper
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from proofs.check import BrokenPromise, Budget
 from proofs.io_faults import CHECK, fail_each_call, short_writes
 
@@ -27,7 +27,7 @@ def test_failures_at_every_operation(error: int, for_ever: bool) -> None:
 
 def test_failures_of_states_that_are_synced_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     before = fail_each_call(errno.EIO, for_ever=True)
-    monkeypatch.setattr("mesh_motion_server.session.journal._LARGE_STATE", 0)
+    monkeypatch.setattr("mesh_motion_server.session.journal.journal._LARGE_STATE", 0)
     endings = fail_each_call(errno.EIO, for_ever=True)
     assert endings["FROZEN"] > before["FROZEN"]  # one more sync in each commit
 
@@ -100,6 +100,6 @@ def test_a_write_that_is_not_continued_is_found(monkeypatch: pytest.MonkeyPatch)
     def once(files: Any, handle: int, offset: int, data: Any) -> int:
         return offset + int(files.write(handle, offset, data))
 
-    monkeypatch.setattr("mesh_motion_server.session.journal.write_all", once)
+    monkeypatch.setattr("mesh_motion_server.session.journal.journal.write_all", once)
     with pytest.raises((BrokenPromise, JournalError)):
         short_writes(100)

@@ -10,7 +10,7 @@ import pytest
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.inspection import inspect_session
-from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.session.store import SessionStore
 
 

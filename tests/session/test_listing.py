@@ -9,8 +9,8 @@ import pytest
 from mesh_motion_protocol.messages import Commit, Move
 
 from mesh_motion_server.session import listing
-from mesh_motion_server.session.journal_files import MANIFEST, read_ledger
-from mesh_motion_server.session.recovery import read_chain, sum_up
+from mesh_motion_server.session.journal.files import MANIFEST, read_ledger
+from mesh_motion_server.session.journal.recovery import read_chain, sum_up
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.transport import registry
 from proofs.driver import SESSION, make_driver, resume_driver

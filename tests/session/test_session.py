@@ -11,10 +11,10 @@ import pytest
 
 from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
 from mesh_motion_server.session.history.boundary import BoundaryLog
+from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.session.uploads import Part
 from mesh_motion_server.settings import ServerSettings
 from proofs.model_files import FailingFiles, ModelFiles
 

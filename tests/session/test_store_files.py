@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
-from mesh_motion_server.session.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
 from proofs.driver import SESSION, TOKEN, make_spec

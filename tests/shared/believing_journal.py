@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesh_motion_server.session import journal as journal_module
-from mesh_motion_server.session import journal_files
+from mesh_motion_server.session.journal import files as journal_files
+from mesh_motion_server.session.journal import journal as journal_module
 
 
 def believe_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,7 @@
 """Files that are only appended to, the next one begun when one is full.
 
 They belong to the one process that holds the session; readers come and go. The operating system's calls are made here
-and not through the journal's :class:`~mesh_motion_server.session.filesystem.FileSystem`: what the journal is proved
+and not through the journal's ``FileSystem``: what the journal is proved
 with, losses of power and failing disks, is not to meet files that nothing depends on.
 """
 

@@ -21,7 +21,7 @@ from mesh_motion_server.session.history.boundary import (
 )
 from mesh_motion_server.session.history.events import EVENTS, FOLDER, end_torn_line, kept_of, last_committed, line_of
 from mesh_motion_server.session.history.segments import Full, Segments, list_segments, require_room
-from mesh_motion_server.session.ledger import BoundaryInput
+from mesh_motion_server.session.journal.ledger import BoundaryInput
 
 __all__ = ["History"]
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.numerics.quality.orientation import oriented
-from mesh_motion_server.session.filesystem import FileSystem, PosixFileSystem
-from mesh_motion_server.session.journal_files import SLOTS, read_journal, verified_state
-from mesh_motion_server.session.ledger import Ledger
+from mesh_motion_server.session.journal.files import SLOTS, read_journal, verified_state
+from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
+from mesh_motion_server.session.journal.ledger import Ledger
+from mesh_motion_server.session.journal.mesh_store import read_mesh
 from mesh_motion_server.session.listing import SPEC
-from mesh_motion_server.session.merging import merge
-from mesh_motion_server.session.mesh_store import read_mesh
-from mesh_motion_server.session.partitions import MergedMesh
+from mesh_motion_server.session.partitions.merging import merge
+from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.watch.observation.mesh_surface import Surface, cells_surface, sides_surface
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.errors import MeshMotionError
-from mesh_motion_server.session.filesystem import PosixFileSystem
 from mesh_motion_server.session.history.events import FOLDER
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.listing import Listing
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore

@@ -1,21 +1,35 @@
-"""What a monitor is told: the sessions there are, and what is known of one of them."""
+"""Where the terminal reads sessions: the folders of a server, which need no server, or a server's own list."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections import deque
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from mesh_motion_client import Keys, MeshMotionError, Server, connect
 
-__all__ = ["Details", "Message", "SessionLine", "Source", "Unreadable", "in_order"]
+from mesh_motion_server import errors
+from mesh_motion_server.session.listing import SPEC
+from mesh_motion_server.watch.observation.follow import EventTail, last_event
+from mesh_motion_server.watch.observation.series import Series
+from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
+from mesh_motion_server.watch.observation.standing import rests
+from mesh_motion_server.watch.terminal.text import number
 
-Columns = Mapping[str, NDArray[np.float64]]
+__all__ = ["Details", "EndpointSource", "FolderSource", "SessionLine", "Source", "Unreadable"]
+
+#: How much of the end of a history is read: some thousand Moves, in less than a second.
+_LATEST_BYTES = 8 << 20
+_MOST_MESSAGES = 100
+_STATE_EVENTS = ("suspended", "joined", "closed", "resumed", "frozen", "failed")
 
 
 class Unreadable(Exception):
-    """There is nothing to be shown now, and why, with the code of the error; it may come back."""
+    """The sessions cannot be read now; a later look may succeed. ``code`` is the code of the error."""
 
     def __init__(self, message: str, code: str = "UNAVAILABLE") -> None:
         super().__init__(message)
@@ -24,21 +38,8 @@ class Unreadable(Exception):
 
 @dataclass(frozen=True)
 class SessionLine:
-    """A session in a list.
-
-    Attributes
-    ----------
-    session, label, state : str
-    step : int
-        Last committed one.
-    minimum : float or None
-        Of the committed coordinates' quality; None: not known.
-    changed_at : float or None
-        Unix time of the last event.
-    is_live : bool or None
-        Whether a process holds it; None: not known.
-    is_recorded : bool
-        Whether it has a history.
+    """A session in the list: the last committed step, its lowest quality, the Unix time of the last event, and whether
+    a process holds the session. None: not known.
     """
 
     session: str
@@ -48,102 +49,203 @@ class SessionLine:
     minimum: float | None = None
     changed_at: float | None = None
     is_live: bool | None = None
-    is_recorded: bool = True
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
-class Message:
-    """Something that people should read.
-
-    Attributes
-    ----------
-    at : float
-        Unix time.
-    kind : str
-        warning, refused, failed, resumed, suspended, closed, frozen, joined.
-    step : int or None
-    text : str
-    """
-
-    at: float
-    kind: str
-    step: int | None
-    text: str
-
-
-@dataclass(frozen=True, eq=False)
 class Details:
-    """What is known of one session.
+    """The end of one session's history.
 
     Attributes
     ----------
     metric : str
     threshold : float or None
-    columns : dict of str to (s,) arrays
-        As :meth:`mesh_motion_server.watch.observation.series.Series.columns` has them.
-    mesh : str
-        The mesh in words.
+    steps : int
+        Committed steps that were read.
+    last : dict of str to float
+        The last committed step's columns, named as in :class:`mesh_motion_server.watch.observation.series.Series`.
+    lowest : (int, float) or None
+        Step and value of the lowest minimum of the steps that were read.
     trial : str
-        What is being tried since the last commit, in words; empty: nothing.
+        The trial since the last commit, in words; empty: none.
     worst : list of dict
         The worst cells of the last commit, worst first, as SPEC.md's summaries have them.
-    messages : list of Message
-        Oldest first.
-    share_read : float
-        Below 1: earlier steps are still being read.
-    lacks : str
-        What cannot be shown, and why; empty: nothing.
+    messages : list of dict
+        Warnings, refusals, changes of the state: ``at`` (Unix time), ``kind``, ``step``, ``text``; oldest first.
     """
 
     metric: str
     threshold: float | None
-    columns: Columns
-    mesh: str = ""
-    trial: str = ""
+    steps: int
+    last: dict[str, float]
+    lowest: tuple[int, float] | None
+    trial: str
     worst: list[dict[str, Any]] = field(default_factory=list)
-    messages: list[Message] = field(default_factory=list)
-    share_read: float = 1.0
-    lacks: str = ""
+    messages: list[dict[str, Any]] = field(default_factory=list)
 
 
 class Source(Protocol):
-    """Where a monitor looks. Its methods may take long and are called by one thread at a time."""
+    """Where sessions are read; ``where`` is its address for people."""
 
-    #: Where that is, for people.
     where: str
 
     def sessions(self) -> list[SessionLine]:
-        """All sessions.
-
-        Raises
-        ------
-        Unreadable
-        """
+        """All sessions, those that a process holds first, then by label; raises :class:`Unreadable`."""
         ...
 
-    def details(self, session: str, seconds: float) -> Details | None:
-        """What is known of one session, None if nothing is; takes about so many seconds at most, and may be asked again
-        for the rest.
-
-        Raises
-        ------
-        Unreadable
-        """
-        ...
-
-    def verdict(self, lines: list[SessionLine]) -> str:
-        """What is to be said of all of them together; empty: nothing."""
+    def details(self, session: str) -> Details | None:
+        """Details of one session, None if there are none."""
         ...
 
     def close(self) -> None:
-        """Let go of what is held; idempotent."""
+        """Release connections; may be called twice."""
         ...
 
 
-def in_order(lines: list[SessionLine]) -> list[SessionLine]:
-    """Those that a process holds first, then by label: an order that stays as long as none comes or goes."""
+class EndpointSource:
+    """The sessions of a running server, as far as it lists them for this key; it sends no history, so no details."""
+
+    def __init__(self, endpoint: str, keys: Keys | None = None, timeout: float = 5.0) -> None:
+        self.where = endpoint
+        self._keys, self._timeout = keys, timeout
+        self._server: Server | None = None
+
+    def sessions(self) -> list[SessionLine]:
+        """See :class:`Source`."""
+        try:
+            if self._server is None:
+                self._server = connect(self.where, timeout=self._timeout, keys=self._keys)
+            listed = self._server.sessions()
+        except MeshMotionError as error:
+            self.close()
+            raise Unreadable(str(error), error.code) from error
+        return _in_order(
+            SessionLine(
+                session=session["session"],
+                label=str(session.get("label", "")),
+                state=str(session.get("state", "")),
+                step=int(session.get("step", 0)),
+                is_live=session.get("worker") == "alive",
+            )
+            for session in listed
+        )
+
+    def details(self, session: str) -> Details | None:
+        """See :class:`Source`."""
+        del session
+        return None
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+        if self._server is not None:
+            self._server.close()
+        self._server = None
+
+
+class FolderSource:
+    """The sessions of a state folder, or the one session of its own folder; it may be created later, and removed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.where = str(folder)
+        is_session = (folder / SPEC).is_file() or (folder / "history").is_dir()
+        self._only = folder.name if is_session else None
+        self._root = folder.parent.parent if is_session else folder
+        self._sessions = Sessions(self._root)
+        self._history: _HistoryEnd | None = None
+
+    def sessions(self) -> list[SessionLine]:
+        """See :class:`Source`."""
+        if not self._root.is_dir():
+            raise Unreadable("the folder is not there (yet)")
+        try:
+            views = self._sessions.views()
+            return _in_order(_line(view) for view in views if self._only in (None, view.session))
+        except (OSError, errors.MeshMotionError) as error:
+            raise Unreadable(f"the folder cannot be read: {error}") from error
+
+    def details(self, session: str) -> Details | None:
+        """See :class:`Source`."""
+        folder = self._sessions.folder / session
+        if not folder.is_dir():
+            return None
+        if self._history is None or self._history.folder != folder:
+            self._history = _HistoryEnd(folder)
+        return self._history.details()
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+
+
+def _line(view: SessionView) -> SessionLine:
+    value = None
+    with suppress(OSError):
+        event = last_event(Path(view.folder), ("committed",))
+        value = event["quality"].get("metric", {}).get("min") if event else None
+    return SessionLine(
+        session=view.session,
+        label=view.label,
+        state="at rest" if rests(view.state, view.held) else view.state,
+        step=view.step,
+        minimum=float(value) if isinstance(value, int | float) else None,
+        changed_at=view.changed_at,
+        is_live=view.held,
+    )
+
+
+class _HistoryEnd:
+    """The end of one session's history, read as it grows."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._tail = EventTail(folder, last_bytes=_LATEST_BYTES)
+        self._series = Series()
+        self._messages: deque[dict[str, Any]] = deque(maxlen=_MOST_MESSAGES)
+        self._worst: list[dict[str, Any]] = []
+        self._trial = ""
+        self._threshold: float | None = None
+
+    def details(self) -> Details:
+        while events := self._tail.read(brief=True):
+            for event in events:
+                self._series.add(event)
+                with suppress(KeyError, TypeError, ValueError, AttributeError):  # written by another version
+                    self._take(event)
+        columns = self._series.columns()
+        minima = columns["actual_min"]
+        place = int(np.nanargmin(minima)) if np.isfinite(minima).any() else -1
+        return Details(
+            metric=self._series.metric,
+            threshold=self._threshold,
+            steps=len(self._series),
+            last={name: float(column[-1]) for name, column in columns.items()} if len(self._series) else {},
+            lowest=(int(columns["step"][place]), float(minima[place])) if place >= 0 else None,
+            trial=self._trial,
+            worst=self._worst,
+            messages=list(self._messages),
+        )
+
+    def _take(self, event: Mapping[str, Any]) -> None:
+        name = event["event"]
+        for warning in event.get("warnings", ()):
+            self._add_message(event, "warning", warning)
+        if name == "moved":
+            quality = event["quality"]
+            self._threshold = quality["threshold"]
+            lowest = number(quality["corrected"].get("metric", {}).get("min"))
+            self._trial = f"step {event['step']}, iteration {event['iteration']}: minimum {lowest} predicted"
+        elif name == "refused":
+            hint = f" ({event['hint']})" if event.get("hint") else ""
+            self._add_message(event, name, f"{event.get('request', '')}: {event.get('message', '')}{hint}")
+        else:
+            self._trial = ""
+            if name == "committed":
+                self._worst = event["quality"].get("worst") or self._worst
+            elif name in _STATE_EVENTS:
+                self._add_message(event, name, event.get("message", ""))
+
+    def _add_message(self, event: Mapping[str, Any], kind: str, text: Any) -> None:
+        self._messages.append({"at": float(event["at"]), "kind": kind, "step": event.get("step"), "text": str(text)})
+
+
+def _in_order(lines: Iterable[SessionLine]) -> list[SessionLine]:
+    """An order that stays while no session comes or goes."""
     return sorted(lines, key=lambda line: (not line.is_live, not line.label, line.label, line.session))

@@ -132,7 +132,7 @@ def a_reply_before_its_record() -> None:
     import numpy as np
 
     from mesh_motion_server.service.dispatch import SessionHost
-    from mesh_motion_server.session.journal import Journal
+    from mesh_motion_server.session.journal.journal import Journal
 
     write, handle, late = Journal.store, SessionHost.handle, []
 
@@ -149,7 +149,7 @@ def a_reply_before_its_record() -> None:
 def an_epoch_in_memory() -> None:
     from dataclasses import replace
 
-    from mesh_motion_server.session.journal import Journal
+    from mesh_motion_server.session.journal.journal import Journal
 
     def raise_epoch(self):
         self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
@@ -160,7 +160,7 @@ def an_epoch_in_memory() -> None:
 
 @fault
 def a_record_without_its_reply() -> None:
-    from mesh_motion_server.session.ledger import Commit
+    from mesh_motion_server.session.journal.ledger import Commit
 
     as_body = Commit.as_body
     Commit.as_body = lambda self: as_body(self) | {"requests": []}
@@ -213,7 +213,7 @@ def one_reply_store_for_all_sessions() -> None:
     import pickle
     from pathlib import Path
 
-    from mesh_motion_server.session.replies import ReplyTable
+    from mesh_motion_server.session.journal.replies import ReplyTable
 
     folder, find, store = Path(os.environ["SEEDED_FOLDER"]), ReplyTable.find, ReplyTable.store
 
@@ -295,7 +295,7 @@ def a_descriptor_kept_for_each_join() -> None:
 
 @fault
 def replies_that_are_never_dropped() -> None:
-    from mesh_motion_server.session.replies import ReplyTable
+    from mesh_motion_server.session.journal.replies import ReplyTable
 
     ReplyTable._shrink = lambda self, newest: None
 

@@ -3,7 +3,7 @@
 ``<format>/<level>.zip`` holds the folder of one session as this version of the server leaves it when it is killed,
 and ``expected.json``, what it must give when it is taken up. From the first release on a journal that is here is
 never written again: every later version has to open it. Until then they are written anew when a key goes. Where the
-format changes, its number is raised (``session/records.py``, ``spec.py``, ``mesh_store.py``), :data:`FORMATS` below
+format changes, its number is raised (``records.py``, ``spec.py``, ``mesh_store.py``), :data:`FORMATS` below
 says the new one, and what this writes is added beside the old ones.
 
 The life: 16 nodes, five steps; after the second one a trial is dropped by another holder, who raises the epoch; a last
@@ -29,9 +29,9 @@ from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Commit, Fetch, Join, Move
 
 from mesh_motion_server.service.dispatch import SessionHost
-from mesh_motion_server.session import journal as journal_module
 from mesh_motion_server.session import replay
-from mesh_motion_server.session.records import PAGE
+from mesh_motion_server.session.journal import journal as journal_module
+from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings

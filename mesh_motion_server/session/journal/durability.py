@@ -1,0 +1,129 @@
+"""The levels of durability: what a commit waits for, and what a session finds again.
+
+``full``
+    Every commit stores its state: a slot and a record, two syncs.
+``replay``
+    A commit stores what its state is computed from, in a record: one sync, and bytes as the boundary has nodes. Every
+    ``snapshot_steps`` commits, or once ``log_bytes`` were logged or a minute has passed, one stores its state instead;
+    so does each whose input is so large beside the state that logging it would cost the disk as much. Whoever opens
+    the journal computes the states behind the last stored one again (:mod:`~mesh_motion_server.session.replay`): about
+    a minute's work. Nothing that was answered is lost, as with ``full``. Closing stores the state, so that a planned
+    restart, and another version of the server, finds nothing to compute.
+``relaxed``
+    A commit is answered at once; states are stored behind it (:mod:`.relaxed`). What was
+    answered and is behind the durable step may be lost.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.keeper import Floats, Keeper
+from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
+from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
+
+__all__ = ["FullKeeper", "ReplayKeeper", "keeper_of", "log_bytes", "logged_failure"]
+
+_LOG = logging.getLogger(__name__)
+
+#: Least and most bytes of commits that are logged before a state is stored: opening reads them all.
+_LEAST_LOG, _MOST_LOG = 1 << 20, 32 << 20
+#: An input is logged if it has so many bytes at most, or is at most this part of the state (benchmarks.durability).
+_SMALL_INPUT, _SMALL_PART = 256 << 10, 1 / 32
+#: So long after a state was stored the next one is, seconds: computing what was logged meanwhile again takes no longer,
+#: and a worker that resumes a session is given ten minutes, however slow its moves are.
+_LONGEST_LOG = 60.0
+
+
+def log_bytes(state_bytes: int) -> int:
+    """After how many bytes of logged commits a state of this size is stored: half of its own."""
+    return min(max(state_bytes // 2, _LEAST_LOG), _MOST_LOG)
+
+
+class FullKeeper(Keeper):
+    """Level ``full``."""
+
+    @property
+    def commits(self) -> tuple[Commit, ...]:
+        """See :class:`Keeper`."""
+        return self.journal.ledger.commits
+
+    def durable_after(self, step: int) -> int:
+        """See :class:`Keeper`."""
+        return step
+
+    def prepare(self, state: Floats) -> None:
+        """See :class:`Keeper`."""
+        self.journal.write_ahead(state)
+
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """See :class:`Keeper`."""
+        del boundary
+        self.journal.store(entry, state)
+
+    def catch_up(self) -> None:
+        """See :class:`Keeper`."""
+
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """See :class:`Keeper`."""
+
+
+class ReplayKeeper(FullKeeper):
+    """Level ``replay``."""
+
+    def prepare(self, state: Floats) -> None:
+        """See :class:`Keeper`: few states are stored."""
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__(journal)
+        self._logged_bytes = sum(_bytes_of(commit) for commit in journal.ledger.logged)
+        self._logged_since = time.monotonic()
+
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """See :class:`Keeper`."""
+        ledger, foundation = self.journal.ledger, self.journal.ledger.foundation
+        logged = replace(entry, boundary=boundary())
+        total, largest = self._logged_bytes + _bytes_of(logged), max(_SMALL_INPUT, _SMALL_PART * state.nbytes)
+        small = _bytes_of(logged) <= largest and total <= foundation.log_bytes
+        recent = time.monotonic() - self._logged_since < _LONGEST_LOG
+        if small and recent and len(ledger.logged) + 1 < foundation.snapshot_steps:
+            self.journal.log(logged)
+            self._logged_bytes = total
+        else:
+            self.journal.store(entry, state)
+            self._logged_bytes, self._logged_since = 0, time.monotonic()
+
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """See :class:`Keeper`."""
+        if self.journal.ledger.logged:
+            self.journal.snapshot(state())
+            self._logged_bytes = 0
+
+
+def _bytes_of(commit: Commit) -> int:
+    """What a logged commit takes in a checkpoint: its input, and a generous share for all the rest."""
+    rows = commit.boundary.rows if commit.boundary is not None else b""
+    return len(rows) + len(commit.receipt) + 128 * len(commit.requests) + 512
+
+
+def keeper_of(journal: Journal) -> Keeper:
+    """The keeper of a journal's level."""
+    durability = journal.ledger.foundation.durability
+    if durability == "relaxed":
+        return RelaxedKeeper(journal)
+    return ReplayKeeper(journal) if durability == "replay" else FullKeeper(journal)
+
+
+@contextmanager
+def logged_failure(session: str) -> Iterator[None]:
+    """Nobody waits for an answer: what fails is logged, and the next request is told."""
+    try:
+        yield
+    except JournalError as error:
+        _LOG.error("session %s could not be stored: %s", session, error)

@@ -1,0 +1,160 @@
+"""The journal's files, read only: what :mod:`.journal` writes, judged and verified."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from mesh_motion_protocol.digests import state_digest
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
+from mesh_motion_server.session.journal.ledger import Foundation, Ledger, slot_of
+from mesh_motion_server.session.journal.records import PAGE, Record, unpack_record
+from mesh_motion_server.session.journal.recovery import Findings, SlotView, examine, read_chain, sum_up
+
+__all__ = [
+    "KEPT_COMMITS",
+    "MANIFEST",
+    "NEXT_MANIFEST",
+    "SLOTS",
+    "read_journal",
+    "read_ledger",
+    "read_stored_state",
+    "verified_state",
+    "verify_state",
+]
+
+Floats = NDArray[np.float64]
+
+MANIFEST = "manifest"
+NEXT_MANIFEST = "manifest.new"
+SLOTS = ("slot-0", "slot-1")
+
+#: Commits whose replies are kept, hence found again after a crash.
+KEPT_COMMITS = 8
+#: Of a manifest that is listed, so much is read at first: some ten commits.
+_FIRST_BYTES = 16 * PAGE
+
+
+def read_journal(folder: Path, files: FileSystem) -> Findings:
+    """Judge the journal in a session's folder; changes nothing.
+
+    Raises
+    ------
+    JournalError
+        On damage, a missing file, or another format.
+    """
+
+    def view_slots(foundation: Foundation) -> tuple[SlotView, SlotView]:
+        first, second = (view_slot(folder / name, files, foundation) for name in SLOTS)
+        return first, second
+
+    try:
+        return examine(read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)
+    except OSError as error:
+        raise unreadable("the journal", error) from error
+
+
+def read_ledger(folder: Path, files: FileSystem) -> Ledger:
+    """What the manifest alone says, for lists: a commit that only its slot completes is not seen.
+
+    Raises
+    ------
+    JournalError
+        On damage of the chain, a missing file, or another format.
+    """
+    try:
+        return sum_up(_read_chain(files, folder / MANIFEST), keep=1)
+    except OSError as error:
+        raise unreadable("the journal", error) from error
+
+
+def _read_chain(files: FileSystem, path: Path) -> list[Record]:
+    """A manifest's records; of the empty rest, most of a young session's manifest, little is read."""
+    handle = files.open(path, writable=False)
+    try:
+        size, part = files.size(handle), _FIRST_BYTES
+        while part < size:
+            data = files.read(handle, 0, part)
+            with suppress(JournalError):
+                records, end = read_chain(data)
+                if end + PAGE <= len(data) and not any(data[end : end + PAGE]):
+                    return records  # no record begins in an empty page
+            part *= 4
+        return read_chain(files.read(handle, 0, size))[0]
+    finally:
+        files.close(handle)
+
+
+def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
+    """Raise DATA_LOSS.CHECKSUM unless the last stored coordinates match their digest."""
+    read_stored_state(folder, files, ledger)
+
+
+def read_stored_state(folder: Path, files: FileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
+    """The last step whose coordinates are stored, and these (n, d), ascending by global id; None at step 0.
+
+    Raises
+    ------
+    JournalError
+        DATA_LOSS.CHECKSUM if they do not match their digest.
+    """
+    snapshot = ledger.snapshot
+    if snapshot is None:
+        return None
+    foundation = ledger.foundation
+    try:
+        raw = _read_part(files, folder / SLOTS[snapshot.slot], foundation.record_area, foundation.state_bytes)
+    except OSError as error:
+        raise unreadable("a slot", error) from error
+    return snapshot.step, verified_state(raw, ledger)
+
+
+def verified_state(raw: bytes, ledger: Ledger) -> Floats:
+    """The last stored state (n, d) from its slot's bytes."""
+    last = ledger.snapshot
+    if last is None:
+        raise JournalError("no state is stored yet", code="INTERNAL")
+    state = _as_state(raw, ledger.foundation)
+    if state is None or state_digest(last.step, state) != last.digest:
+        raise JournalError(
+            f"the coordinates of committed step {last.step} do not match their digest",
+            hint="restore the session's folder from a backup, or discard the session",
+            details={"step": last.step},
+        )
+    return state
+
+
+def view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView:
+    """A slot's record; its coordinates are read only when they are asked for."""
+    area = foundation.record_area
+    head = _read_part(files, path, 0, area)
+    record = unpack_record(head)
+
+    def state_verifies() -> bool:
+        state = _as_state(_read_part(files, path, area, foundation.state_bytes), foundation)
+        if state is None or record is None or slot_of(record) is None:
+            return False
+        digest: bytes = record.body["digest"]
+        return state_digest(record.body["step"], state) == digest
+
+    return SlotView(record, not any(head), state_verifies)
+
+
+def _as_state(raw: bytes, foundation: Foundation) -> Floats | None:
+    """(n, d) coordinates, or None when bytes are missing."""
+    if len(raw) != foundation.state_bytes:
+        return None
+    state = np.frombuffer(raw, dtype="<f8").reshape(foundation.nodes, foundation.dimension)
+    return state.astype(np.float64, copy=False)
+
+
+def _read_part(files: FileSystem, path: Path, offset: int, size: int) -> bytes:
+    handle = files.open(path, writable=False)
+    try:
+        return files.read(handle, offset, size)
+    finally:
+        files.close(handle)

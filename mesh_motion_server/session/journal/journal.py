@@ -1,0 +1,411 @@
+"""The journal of one session: a committed step survives kill -9 and loss of power, bitwise.
+
+Files of a session's folder that belong to it:
+
+``manifest``
+    Append-only hash-chained records (:mod:`.records`,
+    :mod:`.ledger`), preallocated with zeros. When it is full, ``manifest.new`` is written
+    with a "checkpoint" of all that still matters and renamed over it. Until then ``manifest.new`` lies there empty: the
+    space of the next manifest, so that a session, once built, needs no more of the disk.
+``slot-0``, ``slot-1``
+    Preallocated, used in turns, the first state in slot 1: the older state is overwritten and the newer one stays
+    whole. At offset 0 the copy of the state's record, at ``record_area`` the coordinates: an (n, d) row-major array of
+    little-endian doubles, ascending by global id.
+
+:meth:`Journal.store` writes the slot, syncs, appends the record with its replies, and syncs; the coordinates may be
+written and synced before their record is known (:meth:`Journal.write_ahead`): a slot whose record is older than its
+coordinates is one that was being overwritten. :meth:`Journal.log` syncs
+a record alone, from which the state can be computed again. What is made of them is the level of durability's affair
+(:mod:`.durability`). New and renamed files are synced with their folder before anything
+relies on them. After any failed operation nothing is ever retried (the kernel may have dropped what it could not write,
+and a second fsync would say "done"): the journal is frozen until another process opens it and reads what is really
+there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.session.journal.beside import Beside
+from mesh_motion_server.session.journal.files import (
+    KEPT_COMMITS,
+    MANIFEST,
+    NEXT_MANIFEST,
+    SLOTS,
+    read_journal,
+    verified_state,
+)
+from mesh_motion_server.session.journal.filesystem import FileSystem, disk_failure, write_all
+from mesh_motion_server.session.journal.ledger import Commit, Foundation, Ledger, slot_of
+from mesh_motion_server.session.journal.next_manifest import create_manifest, replace_manifest, reserve, write_new
+from mesh_motion_server.session.journal.records import PAGE, Record, pack_record, unpack_record
+from mesh_motion_server.session.journal.recovery import Findings
+from mesh_motion_server.session.journal.witness import Witness, has_witness, manifest_bytes
+
+__all__ = ["Journal", "record_area"]
+
+Floats = NDArray[np.float64]
+
+#: A state of so many bytes is synced before its record is written: one sync more takes less than hashing it meanwhile.
+_LARGE_STATE = 4 << 20
+#: Smallest manifest: some 250 commits of one partition.
+_LEAST_CAPACITY = 1 << 20
+#: A manifest holds at least this many records of the largest size beside its checkpoint.
+_LEAST_RECORDS = 16
+
+
+def record_area(partitions: int, commits: int = 1) -> int:
+    """Bytes reserved for a record of so many commits: a receipt of a few kB and a request id per partition for each."""
+    return commits * (16 * 1024 + -(-256 * partitions // PAGE) * PAGE)
+
+
+class Journal:
+    """The durable side of one session; held by one process.
+
+    Attributes
+    ----------
+    ledger : Ledger
+        What is durable.
+    frozen : bool
+        Whether an operation failed; then everything else is refused.
+    """
+
+    def __init__(self, folder: Path, files: FileSystem, ledger: Ledger, end: int) -> None:
+        self.ledger = ledger
+        self.frozen = False
+        self._folder = folder
+        self._files = files
+        self._end = end
+        self._handles: list[int] = []
+        self._ahead: tuple[Floats, Beside[None]] | None = None
+
+    @classmethod
+    def create(
+        cls, folder: Path, files: FileSystem, foundation: Foundation, *, capacity: int | None = None, epoch: int = 1
+    ) -> Journal:
+        """Start the journal of a session that was just built; durable on return.
+
+        Parameters
+        ----------
+        folder : Path
+        files : FileSystem
+        foundation : Foundation
+        capacity : int, optional
+            Bytes of each manifest, whole pages for a checkpoint and two records at least; by default some 250 commits.
+        epoch : int
+            The session's, which is no longer 1 if it was resumed before it was built.
+
+        Raises
+        ------
+        OSError
+            If the disk does not take it; the manifest is then absent.
+        """
+        for name in SLOTS:
+            write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
+        failpoint("journal.create.slots")
+        capacity = capacity or _capacity(foundation)
+        body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": epoch}
+        packed = pack_record(0, bytes(32), body, foundation.format)
+        create_manifest(folder, files, packed, manifest_bytes(foundation, capacity))
+        record = _own(packed)
+        journal = cls(folder, files, Ledger.start(record), record.length)
+        reserve(folder, files, manifest_bytes(foundation, capacity))
+        journal._open_files()
+        return journal
+
+    @classmethod
+    def open(cls, folder: Path, files: FileSystem) -> Journal:
+        """Read the journal and repair what a crash left.
+
+        Raises
+        ------
+        JournalError
+            On damage (DATA_LOSS.CHECKSUM), another format, or an operation that failed.
+        """
+        found = read_journal(folder, files)
+        journal = cls(folder, files, found.ledger, found.end)
+        with journal._freezing("opening the journal"):
+            failpoint("journal.open.read")
+            journal._open_files()
+            journal._settle(found)
+        return journal
+
+    def store(self, entry: Commit, state: Floats, earlier: Sequence[Commit] = ()) -> None:
+        """Make a step durable: its coordinates and its replies.
+
+        Parameters
+        ----------
+        entry : Commit
+            Of the step after the last one, or after the last of ``earlier``.
+        state : (n, d) array, mesh length unit
+            The coordinates, ascending by global id.
+        earlier : sequence of Commit
+            With "relaxed": the steps between, whose states are passed over; of those only the latest need be given.
+
+        Raises
+        ------
+        JournalError
+            RESOURCE_EXHAUSTED.DISK if an operation failed; the journal is then frozen.
+        """
+        self._require_fitting(state, entry.step)
+        body = entry.as_body()
+        if self.ledger.foundation.format > 1:
+            since = self.ledger.step if self.ledger.foundation.durability == "relaxed" else entry.step - 1
+            body |= {"slot": self.ledger.next_slot, "since": since, "earlier": [e.as_body() for e in earlier]}
+        with self._freezing(f"committing step {entry.step}"):
+            failpoint("journal.commit.start")
+            self._store(body, state)
+
+    def write_ahead(self, state: Floats) -> None:
+        """Write the coordinates of the next step to its slot, for :meth:`store` of this array; large ones meanwhile.
+
+        Parameters
+        ----------
+        state : (n, d) array, mesh length unit
+            Not to be changed before it is stored.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`store`, if an earlier one failed.
+        """
+        self._require_fitting(state, self.ledger.step + 1)
+        with self._freezing(f"committing step {self.ledger.step + 1}"):
+            self._take_ahead()
+        slot, large = self.ledger.next_slot, state.nbytes >= _LARGE_STATE
+
+        def write() -> None:
+            self._write_state(slot, state)
+            failpoint("journal.commit.ahead")
+            if large:
+                self._files.sync(self._handles[1 + slot])
+
+        self._ahead = state, Beside(write, worth_a_thread=large)
+
+    def _take_ahead(self) -> Floats | None:
+        """The coordinates that were written ahead, once they are written."""
+        if self._ahead is None:
+            return None
+        (state, written), self._ahead = self._ahead, None
+        written.result()
+        return state
+
+    def log(self, entry: Commit) -> None:
+        """Make a step durable without its coordinates: ``entry.boundary`` is what they are computed from.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`store`.
+        """
+        self._require_usable()
+        with self._freezing(f"committing step {entry.step}"):
+            self._append(self._fitting_record(entry.as_body()))
+
+    def snapshot(self, state: Floats) -> None:
+        """Store the coordinates (n, d) of the last committed step, ascending by global id: what was logged is settled.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`store`.
+        """
+        last = self.ledger.commits[-1]
+        self._require_fitting(state, last.step)
+        slot = self.ledger.next_slot
+        with self._freezing(f"storing step {last.step}"):
+            self._store({"kind": "snapshot", "step": last.step, "digest": last.digest, "slot": slot}, state)
+
+    def _require_fitting(self, state: Floats, step: int) -> None:
+        self._require_usable()
+        foundation = self.ledger.foundation
+        if state.shape != (foundation.nodes, foundation.dimension):
+            raise JournalError(f"the state of step {step} does not fit its slot: {state.shape}", code="INTERNAL")
+
+    def raise_epoch(self) -> int:
+        """Fence all earlier holders, durably; returns the new epoch.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`store`.
+        """
+        self._require_usable()
+        with self._freezing("raising the epoch"):
+            failpoint("journal.epoch.start")
+            self._append(self._fitting_record({"kind": "epoch", "epoch": self.ledger.epoch + 1}))
+        return self.ledger.epoch
+
+    def read_state(self) -> Floats:
+        """The coordinates (n, d) of the last snapshot, ascending by global id, verified.
+
+        Raises
+        ------
+        JournalError
+            DATA_LOSS.CHECKSUM if they do not match their digest.
+        """
+        snapshot, foundation = self.ledger.snapshot, self.ledger.foundation
+        if snapshot is None:
+            raise JournalError("no state is stored yet", code="INTERNAL")
+        raw = self._files.read(self._handles[1 + snapshot.slot], foundation.record_area, foundation.state_bytes)
+        return verified_state(raw, self.ledger)
+
+    def close(self) -> None:
+        """Give the files back; idempotent."""
+        if self._ahead is not None:
+            self._ahead[1].wait()
+        while self._handles:
+            self._files.close(self._handles.pop())
+
+    def _open_files(self) -> None:
+        for name in (MANIFEST, *SLOTS):
+            self._handles.append(self._files.open(self._folder / name))
+
+    def _next_record(self, body: dict[str, object]) -> bytes:
+        last = self.ledger.last
+        return pack_record(last.sequence + 1, last.checksum, body, self.ledger.foundation.format)
+
+    def _fitting_record(self, body: dict[str, object]) -> bytes:
+        """The next record, in another manifest if this one is full."""
+        packed = self._next_record(body)
+        if self._end + len(packed) > self.ledger.capacity:
+            self._start_next_manifest()
+            packed = self._next_record(body)
+        return packed
+
+    def _store(self, body: dict[str, object], state: Floats) -> None:
+        """A record and the coordinates that it is about."""
+        ahead = self._take_ahead() is state
+        packed = self._fitting_record(body)
+        self._write_slot(self.ledger.next_slot, packed, None if ahead else state)
+        failpoint("journal.commit.slot-synced")
+        self._append(packed)
+
+    def _write_slot(self, slot: int, packed: bytes, state: Floats | None) -> None:
+        """The record's copy and the coordinates, unless these were written ahead, synced."""
+        area = self.ledger.foundation.record_area
+        if len(packed) > area:
+            raise JournalError(f"a record for slot {slot} takes {len(packed)} bytes of {area}", code="INTERNAL")
+        handle = self._handles[1 + slot]
+        write_all(self._files, handle, 0, packed)
+        if state is not None:
+            self._write_state(slot, state)
+        failpoint("journal.commit.slot-unsynced")
+        self._files.sync(handle)
+
+    def _write_state(self, slot: int, state: Floats) -> None:
+        """The coordinates (n, d), not synced."""
+        raw = np.ascontiguousarray(state, dtype="<f8").data.cast("B")
+        write_all(self._files, self._handles[1 + slot], self.ledger.foundation.record_area, raw)
+
+    def _append(self, packed: bytes) -> None:
+        """The record at the manifest's end, synced; then the ledger says so."""
+        if self._end + len(packed) > self.ledger.capacity:
+            raise JournalError(f"a record of {len(packed)} bytes does not fit the manifest", code="INTERNAL")
+        self._witness()
+        write_all(self._files, self._handles[0], self._end, packed)
+        failpoint("journal.record.unsynced")
+        self._files.sync(self._handles[0])
+        failpoint("journal.record.synced")
+        self._advance(_own(packed))
+
+    def _witness(self) -> None:
+        """Note, for the next sync, the last record: it is durable."""
+        if has_witness(self.ledger.foundation):
+            write_all(self._files, self._handles[0], self.ledger.capacity, Witness.of(self.ledger.last).pack())
+
+    def _advance(self, record: Record) -> None:
+        self.ledger = self.ledger.after(record, KEPT_COMMITS)
+        self._end += record.length
+
+    def _start_next_manifest(self) -> None:
+        """Replace the full manifest by one that starts with a checkpoint."""
+        failpoint("journal.rotate")
+        capacity = self.ledger.capacity
+        packed = self._next_record(self.ledger.checkpoint_body(capacity))
+        replace_manifest(self._folder, self._files, packed, manifest_bytes(self.ledger.foundation, capacity))
+        record = _own(packed)
+        self._files.close(self._handles[0])
+        self._handles[0] = self._files.open(self._folder / MANIFEST)
+        self.ledger = Ledger.start(record)
+        self._end = record.length
+        self._renew_reserve()
+
+    def _settle(self, found: Findings) -> None:
+        """Make durable what was read, and clean up after a crash; a crash in between is settled again.
+
+        What was read may be in the page cache only, left there by a write whose sync failed, and a sync alone would not
+        write it again: so the last record and its slot are written anew. Slots are cleaned last, for a torn manifest
+        is judged by them.
+        """
+        again = found.completion or found.records[-1:]
+        packed = b"".join(pack_record(r.sequence, r.previous, r.body, r.format) for r in again)
+        self._files.sync_folder(self._folder)
+        slot = slot_of(again[-1])
+        if slot is not None:
+            self._write_slot(slot, packed[-again[-1].length :], self.read_state())
+        start = found.end if found.completion else found.end - len(packed)
+        self._end = start + len(packed)
+        rest = bytes(self.ledger.capacity - self._end) if found.torn else b""
+        write_all(self._files, self._handles[0], start, packed + rest)
+        self._files.sync(self._handles[0])
+        failpoint("journal.settle.record")
+        if has_witness(self.ledger.foundation):
+            self._witness()
+            self._files.sync(self._handles[0])
+        for number in found.dirty_slots:
+            write_all(self._files, self._handles[1 + number], 0, bytes(self.ledger.foundation.record_area))
+            self._files.sync(self._handles[1 + number])
+        if found.torn and not found.completion:
+            # the torn record may have been an epoch that somebody was told
+            self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
+        failpoint("journal.settle.done")
+        self._renew_reserve()
+
+    def _renew_reserve(self) -> None:
+        """Hold the space of the next manifest; where there is none, the session goes on as long as it can."""
+        try:
+            reserve(self._folder, self._files, manifest_bytes(self.ledger.foundation, self.ledger.capacity))
+        except OSError:
+            self._files.remove(self._folder / NEXT_MANIFEST)
+
+    def _require_usable(self) -> None:
+        if self.frozen:
+            raise JournalError(
+                "the journal is frozen since an earlier operation failed",
+                code="RESOURCE_EXHAUSTED.DISK",
+                hint="see to the disk, then resume the session",
+            )
+
+    @contextmanager
+    def _freezing(self, doing: str) -> Iterator[None]:
+        """Freeze on whatever goes wrong, for then it is unknown what is on the disk."""
+        try:
+            yield
+        except BaseException as error:
+            self.frozen = True
+            if not isinstance(error, OSError):
+                raise
+            hint = "see to the disk, then resume the session"
+            raise disk_failure(doing, error, "; nothing more is written", hint=hint) from error
+
+
+def _capacity(foundation: Foundation) -> int:
+    """Bytes of a manifest's records: a checkpoint may hold all that was logged, and as much may be logged after it."""
+    return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area) + 2 * foundation.log_bytes
+
+
+def _own(packed: bytes) -> Record:
+    """The record that was just packed here."""
+    record = unpack_record(packed)
+    if record is None:
+        raise JournalError("a record does not verify right after it was packed", code="INTERNAL")
+    return record

@@ -1,0 +1,98 @@
+"""What every level of durability does for a session, and what each does in its own way."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
+
+__all__ = ["Floats", "Keeper"]
+
+Floats = NDArray[np.float64]
+
+
+class Keeper(ABC):
+    """Keeps the commits of a session, at one of the levels that :mod:`.durability` lists.
+
+    Parameters
+    ----------
+    journal : Journal
+
+    Attributes
+    ----------
+    journal : Journal
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self.journal = journal
+
+    @property
+    @abstractmethod
+    def commits(self) -> tuple[Commit, ...]:
+        """The latest commits, durable or not."""
+
+    @property
+    def durable_step(self) -> int:
+        """No power loss takes the session back behind this step.
+
+        The ledger is exchanged as a whole, once what it says is synced: any thread may ask.
+        """
+        return self.journal.ledger.step
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the disk failed, possibly unasked."""
+        return self.journal.frozen
+
+    @abstractmethod
+    def durable_after(self, step: int) -> int:
+        """The durable step that is told to whoever commits ``step``."""
+
+    @abstractmethod
+    def prepare(self, state: Floats) -> None:
+        """The next commit will be of this state (n, d), which nobody changes: what can be written is written meanwhile.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`commit`.
+        """
+
+    @abstractmethod
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """Take a commit: its state (n, d), ascending by global id, which nobody changes, and what determines it.
+
+        Raises
+        ------
+        JournalError
+            If the disk failed, or has failed before.
+        """
+
+    @abstractmethod
+    def catch_up(self) -> None:
+        """Return when all commits are durable.
+
+        Raises
+        ------
+        JournalError
+            If the disk failed, or has failed before.
+        """
+
+    @abstractmethod
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """Catch up, and leave nothing to be computed: the session is about to be closed.
+
+        Raises
+        ------
+        JournalError
+            As :meth:`catch_up`.
+        """
+
+    def close(self) -> None:
+        """Give the files back; what is not durable yet is lost. Idempotent."""
+        self.journal.close()

@@ -1,0 +1,258 @@
+"""What the chain of journal records says: the session's foundation, its epoch, its latest commits, its last snapshot.
+
+=============  =======================================================================================================
+kind           body
+=============  =======================================================================================================
+"build"        session, spec and mesh (sha256 of ``spec.json`` and ``mesh.bin``), nodes, dimension, record_area,
+               capacity, epoch; in format 2 also durability, snapshot_steps, log_bytes
+"commit"       step, digest, requests ([client, sequence, content] of each partition), receipt (what the replies say);
+               in format 2 also either slot (where its state is), since (the step before its batch) and earlier (the
+               bodies of the commits between), or frame, rows and maker (what its state is computed from)
+"snapshot"     step, digest, slot: the state of the last commit was stored; format 2 only
+"epoch"        epoch
+"checkpoint"   as "build", and commits: the bodies of the latest commits; in format 2 also snapshot ([step, digest,
+               slot], or nil); first record of a manifest that replaced a full one
+=============  =======================================================================================================
+
+In format 1 every commit is a batch of its own, and the slot of its state is its step modulo 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal.records import Record
+from mesh_motion_server.session.journal.replies import RequestId
+
+__all__ = ["BoundaryInput", "Commit", "Foundation", "Ledger", "Snapshot", "slot_of"]
+
+
+@dataclass(frozen=True)
+class Foundation:
+    """What BUILD fixes.
+
+    Attributes
+    ----------
+    session : str
+    spec, mesh : bytes
+        sha256 of the files that hold them.
+    nodes, dimension : int
+        Shape of one committed state.
+    record_area : int
+        Bytes at a slot's start for the copy of its record.
+    durability : str
+        A level of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
+    snapshot_steps, log_bytes : int
+        With "replay": after so many commits, or bytes of them, a commit stores its state.
+    """
+
+    session: str
+    spec: bytes
+    mesh: bytes
+    nodes: int
+    dimension: int
+    record_area: int
+    durability: str = "full"
+    snapshot_steps: int = 0
+    log_bytes: int = 0
+
+    @property
+    def state_bytes(self) -> int:
+        """Bytes of one committed state in a slot."""
+        return 8 * self.nodes * self.dimension
+
+    @property
+    def format(self) -> int:
+        """The lowest format that can say all that this level needs."""
+        return 1 if self.durability == "full" else 2
+
+    def as_body(self) -> dict[str, Any]:
+        """Its part of a record's body."""
+        names = list(self.__dataclass_fields__)
+        return {name: getattr(self, name) for name in (names if self.format > 1 else names[:6])}
+
+
+@dataclass(frozen=True)
+class BoundaryInput:
+    """What, with the state before it and the session's settings, determines a committed state.
+
+    Attributes
+    ----------
+    frame : str
+        "committed" or "reference".
+    rows : bytes
+        Displacements (k, d) of the moving nodes in that frame, little-endian doubles, ascending by global id.
+    maker : str
+        What computed the state: versions and processor, for people.
+    """
+
+    frame: str
+    rows: bytes
+    maker: str
+
+
+@dataclass(frozen=True)
+class Commit:
+    """One committed step.
+
+    Attributes
+    ----------
+    step : int
+    digest : bytes
+        State digest of :mod:`mesh_motion_protocol.digests`; it is also the checksum of the state's slot.
+    requests : tuple of RequestId
+        The COMMIT of each partition.
+    receipt : bytes
+        What their replies say, packed by the caller.
+    boundary : BoundaryInput or None
+        Where the state is not stored but computed again.
+    """
+
+    step: int
+    digest: bytes
+    requests: tuple[RequestId, ...]
+    receipt: bytes
+    boundary: BoundaryInput | None = None
+
+    def as_body(self) -> dict[str, Any]:
+        """The record's body."""
+        return {
+            "kind": "commit",
+            "step": self.step,
+            "digest": self.digest,
+            "requests": [[r.client, r.sequence, r.content] for r in self.requests],
+            "receipt": self.receipt,
+        } | (vars(self.boundary) if self.boundary is not None else {})
+
+    @classmethod
+    def from_body(cls, body: dict[str, Any]) -> Commit:
+        """The inverse of :meth:`as_body`."""
+        requests = tuple(RequestId(*request) for request in body["requests"])
+        boundary = BoundaryInput(body["frame"], body["rows"], body["maker"]) if "rows" in body else None
+        return cls(body["step"], body["digest"], requests, body["receipt"], boundary)
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A committed state that a slot holds: its step, its digest, the slot's number."""
+
+    step: int
+    digest: bytes
+    slot: int
+
+
+def slot_of(record: Record) -> int | None:
+    """The slot that holds a record's state and copy; None for a record without a state of its own."""
+    if record.kind == "commit" and record.format == 1:
+        return int(record.body["step"] % 2)
+    slot: int | None = record.body.get("slot") if record.kind in ("commit", "snapshot") else None
+    return slot
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """The sum of all records so far.
+
+    Attributes
+    ----------
+    foundation : Foundation
+    capacity : int
+        Bytes for records in the manifest file.
+    epoch : int
+    commits : tuple of Commit
+        The latest ones and all behind the snapshot, oldest first.
+    snapshot : Snapshot or None
+        The last stored state; None: the mesh as built.
+    last : Record
+        The end of the chain.
+    """
+
+    foundation: Foundation
+    capacity: int
+    epoch: int
+    commits: tuple[Commit, ...]
+    snapshot: Snapshot | None
+    last: Record
+
+    @property
+    def step(self) -> int:
+        """The last committed step."""
+        return self.commits[-1].step if self.commits else 0
+
+    @property
+    def logged(self) -> tuple[Commit, ...]:
+        """The commits behind the snapshot, whose states are to be computed again."""
+        stored = self.snapshot.step if self.snapshot else 0
+        return tuple(commit for commit in self.commits if commit.step > stored)
+
+    @property
+    def next_slot(self) -> int:
+        """The slot that does not hold the last stored state."""
+        return 1 - self.snapshot.slot if self.snapshot else 1
+
+    @classmethod
+    def start(cls, record: Record) -> Ledger:
+        """From the first record of a manifest.
+
+        Raises
+        ------
+        JournalError
+            If it is of a kind that starts no manifest.
+        """
+        body = record.body
+        if record.kind not in ("build", "checkpoint"):
+            raise JournalError(f"a manifest starts with a record of kind 'build' or 'checkpoint', not {record.kind!r}")
+        foundation = Foundation(**{name: body[name] for name in Foundation.__dataclass_fields__ if name in body})
+        commits = tuple(Commit.from_body(commit) for commit in body.get("commits", ()))
+        if record.format == 1:
+            last = commits[-1] if commits else None
+            snapshot = Snapshot(last.step, last.digest, last.step % 2) if last else None
+        else:
+            snapshot = Snapshot(*body["snapshot"]) if body.get("snapshot") else None
+        return cls(foundation, body["capacity"], body["epoch"], commits, snapshot, record)
+
+    def after(self, record: Record, keep: int) -> Ledger:
+        """With the next record, of the commits the latest ``keep`` and those behind the snapshot.
+
+        Raises
+        ------
+        JournalError
+            On an unknown kind, or a step or epoch out of turn.
+        """
+        body = record.body
+        if record.kind == "epoch" and body["epoch"] > self.epoch:
+            return replace(self, epoch=body["epoch"], last=record)
+        slot = slot_of(record)
+        stored = Snapshot(body["step"], body["digest"], slot) if slot is not None else self.snapshot
+        if record.kind == "commit" and body.get("since", body["step"] - 1) == self.step:
+            batch = (*map(Commit.from_body, body.get("earlier", ())), Commit.from_body(body))
+            commits = _kept((*self.commits, *batch), stored, keep)
+            return replace(self, commits=commits, snapshot=stored, last=record)
+        if record.kind == "snapshot" and self.commits and body["digest"] == self.commits[-1].digest:
+            return replace(self, commits=_kept(self.commits, stored, keep), snapshot=stored, last=record)
+        raise JournalError(
+            f"record {record.sequence} of kind {record.kind!r} does not follow step {self.step}, epoch {self.epoch}",
+            details={"record": record.sequence},
+        )
+
+    def checkpoint_body(self, capacity: int) -> dict[str, Any]:
+        """Body of the record that starts the next manifest."""
+        snapshot = self.snapshot
+        stored = [snapshot.step, snapshot.digest, snapshot.slot] if snapshot else None
+        return {
+            "kind": "checkpoint",
+            **self.foundation.as_body(),
+            "capacity": capacity,
+            "epoch": self.epoch,
+            "commits": [commit.as_body() for commit in self.commits],
+        } | ({"snapshot": stored} if self.foundation.format > 1 else {})
+
+
+def _kept(commits: tuple[Commit, ...], stored: Snapshot | None, keep: int) -> tuple[Commit, ...]:
+    """The latest ``keep`` and all behind the stored state; of those up to it the input is not needed any more."""
+    last = stored.step if stored else 0
+    settled = sum(commit.step <= last for commit in commits)
+    first = min(settled, max(0, len(commits) - keep))
+    return (*(replace(commit, boundary=None) for commit in commits[first:settled]), *commits[settled:])

@@ -1,0 +1,150 @@
+"""A session's mesh as its partitions uploaded it, in one immutable file.
+
+``mesh.bin``: magic "MMMESH" 01 0a, the header's length (8 bytes, little-endian), the header (a msgpack list with one
+map per partition: nodes, dimension, cells {type: rows}, patches {name: [role, rows]}), zeros up to a multiple of 8,
+then per partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name
+(64-bit integers). Its sha256 stands in the journal's first record.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
+
+__all__ = ["read_mesh", "write_mesh"]
+
+_MAGIC = b"MMMESH\x01\n"
+_LENGTH = struct.Struct("<Q")
+#: Half a megabyte of tetrahedra.
+_BLOCK_ROWS = 1 << 14
+
+
+def write_mesh(path: Path, files: FileSystem, partitions: Sequence[PartitionMesh]) -> bytes:
+    """Write and sync the file (not its folder); returns its sha256."""
+    header = msgpack.packb([_describe(partition) for partition in partitions])
+    head = _MAGIC + _LENGTH.pack(len(header)) + header
+    head += bytes(-len(head) % 8)
+    digest = hashlib.sha256()
+    handle = files.create(path, len(head) + 8 * sum(_count(partition) for partition in partitions))
+    try:
+        offset = 0
+        for part in chain([head], (b.data.cast("B") for partition in partitions for b in _blocks(partition))):
+            offset = write_all(files, handle, offset, part)
+            digest.update(part)
+        failpoint("store.mesh.unsynced")
+        files.sync(handle)
+    finally:
+        files.close(handle)
+    return digest.digest()
+
+
+def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMesh]:
+    """The partitions, bitwise as they were written.
+
+    Raises
+    ------
+    JournalError
+        DATA_LOSS.CHECKSUM if the file is missing or not the one that was written; RESOURCE_EXHAUSTED.DISK if the disk
+        does not give it; UNIMPLEMENTED.VERSION for another format.
+    """
+    try:
+        failpoint("store.mesh.read")
+        handle = files.open(path, writable=False)
+        try:
+            data = files.read(handle, 0, files.size(handle))
+        finally:
+            files.close(handle)
+    except OSError as error:
+        raise unreadable("the mesh", error) from error
+    if hashlib.sha256(data).digest() != digest:
+        raise JournalError(
+            "the stored mesh does not match its digest",
+            hint="restore the session's folder from a backup, or discard the session",
+            details={"file": path.name},
+        )
+    if data[: len(_MAGIC)] != _MAGIC:
+        raise JournalError(
+            f"the stored mesh has format {data[6]}; this version reads format {_MAGIC[6]}",
+            code="UNIMPLEMENTED.VERSION",
+            hint="open it with the version of the server that wrote it",
+            details={"file": path.name},
+        )
+    (length,) = _LENGTH.unpack_from(data, len(_MAGIC))
+    start = len(_MAGIC) + _LENGTH.size
+    reader = _Reader(data, start + length + -(start + length) % 8)
+    return [_restore(described, reader) for described in msgpack.unpackb(data[start : start + length])]
+
+
+def _describe(partition: PartitionMesh) -> dict[str, Any]:
+    """One partition's map in the header."""
+    return {
+        "nodes": partition.points.shape[0],
+        "dimension": partition.points.shape[1],
+        "cells": {name: sum(map(len, partition.cell_pieces(name))) for name in partition.cells},
+        "patches": {name: [patch.role, len(patch.nodes)] for name, patch in partition.patches.items()},
+    }
+
+
+def _count(partition: PartitionMesh) -> int:
+    """How many numbers are written of it."""
+    cells = sum(piece.size for name in partition.cells for piece in partition.cell_pieces(name))
+    patches = sum(len(patch.nodes) for patch in partition.patches.values())
+    return partition.points.size + len(partition.global_ids) + cells + patches
+
+
+def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
+    """Its arrays as they are written, in order, some rows at a time: what is widened stays in the cache."""
+    cells = [piece for name in partition.cells for piece in partition.cell_pieces(name)]
+    numbers = [partition.global_ids, *cells, *(patch.nodes for patch in partition.patches.values())]
+    for array, dtype in [(partition.points, "<f8"), *((array, "<i8") for array in numbers)]:
+        for start in range(0, len(array), _BLOCK_ROWS):
+            yield np.ascontiguousarray(array[start : start + _BLOCK_ROWS], dtype=dtype)
+
+
+class _Reader:
+    """Takes one array after the other from the file's bytes."""
+
+    def __init__(self, data: bytes, offset: int) -> None:
+        self._data = data
+        self._offset = offset
+
+    def floats(self, rows: int, columns: int) -> NDArray[np.float64]:
+        """The next (rows, columns) doubles."""
+        taken = np.frombuffer(self._data, "<f8", rows * columns, self._offset)
+        self._offset += taken.nbytes
+        return taken.reshape(rows, columns).astype(np.float64, copy=False)
+
+    def integers(self, count: int) -> NDArray[np.int64]:
+        """The next ``count`` integers."""
+        taken = np.frombuffer(self._data, "<i8", count, self._offset)
+        self._offset += taken.nbytes
+        return taken.astype(np.int64, copy=False)
+
+
+def _restore(described: dict[str, Any], reader: _Reader) -> PartitionMesh:
+    """One partition from its map and the arrays that follow."""
+    nodes = described["nodes"]
+    return PartitionMesh(
+        points=reader.floats(nodes, described["dimension"]),
+        global_ids=reader.integers(nodes),
+        cells={
+            name: reader.integers(rows * CELL_TYPES[name].n_nodes).reshape(rows, -1)
+            for name, rows in described["cells"].items()
+        },
+        patches={name: Patch(role, reader.integers(rows)) for name, (role, rows) in described["patches"].items()},
+    )

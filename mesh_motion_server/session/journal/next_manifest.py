@@ -1,0 +1,86 @@
+"""The file that becomes the next manifest: its space is held before it is needed, and never given back in between.
+
+``manifest.new`` lies in the session's folder with the size of a manifest, all zeros. A manifest that starts anew is
+written into that very file, which is then renamed: emptying it first would hand its space to whoever fills the disk.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST
+from mesh_motion_server.session.journal.filesystem import FileSystem, write_all
+
+__all__ = ["create_manifest", "replace_manifest", "reserve", "write_new"]
+
+#: Read at a time where a file is looked through.
+_PART = 1 << 20
+
+
+def create_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:
+    """The first manifest of a session, which starts with this record; durable under its name."""
+    write_new(files, folder / NEXT_MANIFEST, packed, size)
+    _name(folder, files)
+
+
+def replace_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:
+    """A manifest that starts with this record, in the space that was held; durable under its name."""
+    handle = _open_reserve(folder / NEXT_MANIFEST, files, size)
+    if handle is None:
+        handle = files.create(folder / NEXT_MANIFEST, size)
+    _write_durably(files, handle, packed)
+    _name(folder, files)
+
+
+def reserve(folder: Path, files: FileSystem, size: int) -> None:
+    """Hold the space of the next manifest. Nothing is lost with it, so it is not synced.
+
+    A file that is there already is kept if nothing was written into it. Otherwise its name is taken away first: after
+    a crash in the middle of a renaming it may be the manifest itself, under both names.
+    """
+    path = folder / NEXT_MANIFEST
+    handle = _open_reserve(path, files, size)
+    if handle is None or not _is_blank(files, handle, size):
+        if handle is not None:
+            files.close(handle)
+        files.remove(path)
+        handle = files.create(path, size)
+    files.close(handle)
+
+
+def write_new(files: FileSystem, path: Path, data: bytes, size: int) -> None:
+    """A new file of this size that starts with ``data``, synced."""
+    _write_durably(files, files.create(path, size), data)
+
+
+def _open_reserve(path: Path, files: FileSystem, size: int) -> int | None:
+    """Handle of the file that holds the space, None where there is none of this size."""
+    with suppress(FileNotFoundError):
+        handle = files.open(path)
+        if files.size(handle) == size:
+            return handle
+        files.close(handle)
+    return None
+
+
+def _is_blank(files: FileSystem, handle: int, size: int) -> bool:
+    return not any(any(files.read(handle, offset, _PART)) for offset in range(0, size, _PART))
+
+
+def _write_durably(files: FileSystem, handle: int, data: bytes) -> None:
+    """``data`` at the beginning of an open file, synced; the file is closed."""
+    try:
+        write_all(files, handle, 0, data)
+        files.sync(handle)
+    finally:
+        files.close(handle)
+
+
+def _name(folder: Path, files: FileSystem) -> None:
+    """What is written becomes the manifest, durably."""
+    failpoint("journal.create.unnamed")
+    files.rename(folder / NEXT_MANIFEST, folder / MANIFEST)
+    failpoint("journal.create.renamed")
+    files.sync_folder(folder)

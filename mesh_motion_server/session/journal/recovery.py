@@ -1,0 +1,178 @@
+"""Reading a journal as a crash, or damage, left it: what is certain, what is to be repaired, what must be refused.
+
+Writing a commit means: slot, sync, record, sync, answer. So a crash can leave only this:
+
+- a slot that does not verify, and a manifest that ends cleanly: the commit had not got as far as its record;
+- a complete slot, and a record that is missing or torn: the slot's copy of the record completes the manifest;
+- a torn record of an epoch, or of a commit whose state is not stored but computed again: it was not answered, and the
+  next epoch skips its number.
+
+Anything else is damage and refused: a record that does not verify before one that does, a slot or the witness
+(:mod:`.witness`) that knows of a record the manifest lacks, a torn commit record without its
+slot, a state whose coordinates do not match their digest. Nothing is guessed. Reading changes nothing;
+:mod:`.journal` repairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal.ledger import Foundation, Ledger
+from mesh_motion_server.session.journal.records import FAMILY, FORMATS, Record, find_record, unpack_record
+from mesh_motion_server.session.journal.witness import Witness, has_witness
+
+__all__ = ["Findings", "SlotView", "examine", "read_chain", "sum_up"]
+
+_HINT = "restore the session's folder from a backup, or discard the session"
+
+
+@dataclass(frozen=True)
+class SlotView:
+    """What is in a slot.
+
+    Attributes
+    ----------
+    record : Record or None
+        The copy of its commit's record, if that verifies.
+    blank : bool
+        Whether the record area holds zeros only: never written, or cleaned.
+    state_verifies : callable
+        Whether the coordinates match the digest in ``record``; reads the whole slot.
+    """
+
+    record: Record | None
+    blank: bool
+    state_verifies: Callable[[], bool]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a journal says.
+
+    Attributes
+    ----------
+    ledger : Ledger
+        Includes the records that are to be completed from slots.
+    end : int
+        Offset in the manifest at which its records end.
+    completion : tuple of Record
+        The records with a state that slots have and the manifest lacks, oldest first.
+    torn : bool
+        Whether the manifest ends in something that is no record.
+    dirty_slots : tuple of int
+        Slots left by a commit that had not got as far as its record.
+    records : tuple of Record
+        Those in the manifest.
+    """
+
+    ledger: Ledger
+    end: int
+    completion: tuple[Record, ...]
+    torn: bool
+    dirty_slots: tuple[int, ...]
+    records: tuple[Record, ...]
+
+
+def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, SlotView]], *, keep: int) -> Findings:
+    """Judge a manifest and its slots.
+
+    Parameters
+    ----------
+    manifest : bytes
+        The whole file.
+    view_slots : callable
+        Opens both slots, once their layout is known.
+    keep : int
+        How many commits the ledger keeps.
+
+    Raises
+    ------
+    JournalError
+        DATA_LOSS.CHECKSUM on damage, with the place; UNIMPLEMENTED.VERSION on another format.
+    """
+    records, end = read_chain(manifest)
+    ledger = sum_up(records, keep=keep)
+    torn = len(manifest) < ledger.capacity or any(manifest[end : ledger.capacity])
+    if (later := find_record(manifest, end)) is not None:
+        raise _damage(f"the record at byte {end} of the manifest does not verify, a later one at {later} does", end)
+    slots = view_slots(ledger.foundation)
+    completion = _completion(slots, ledger.last)
+    for record in completion:
+        ledger = ledger.after(record, keep)
+    _check_witness(manifest, ledger, end)
+    dirty = _dirty_slots(slots, ledger)
+    if dirty and torn and not completion:
+        raise _damage(f"the record at byte {end} of the manifest does not verify and slot {dirty[0]} neither", end)
+    return Findings(ledger, end, completion, torn, dirty, tuple(records))
+
+
+def sum_up(records: Sequence[Record], *, keep: int) -> Ledger:
+    """The ledger after these records, of the commits the latest ``keep``."""
+    ledger = Ledger.start(records[0])
+    for record in records[1:]:
+        ledger = ledger.after(record, keep)
+    return ledger
+
+
+def read_chain(manifest: bytes) -> tuple[list[Record], int]:
+    """Records from the start as long as each follows the one before, and where they end.
+
+    Raises
+    ------
+    JournalError
+        If not even the first one verifies.
+    """
+    first = unpack_record(manifest)
+    if first is None:
+        if len(manifest) > 8 and manifest[:6] == FAMILY and manifest[6] not in FORMATS:
+            raise JournalError(
+                f"the journal has format {manifest[6]}; this version reads the formats {FORMATS[0]} to {FORMATS[-1]}",
+                code="UNIMPLEMENTED.VERSION",
+                hint="open it with the version of the server that wrote it; nothing was changed",
+                details={"got": manifest[6], "expected": list(FORMATS)},
+            )
+        raise _damage("the first record of the manifest does not verify", 0)
+    records, end = [first], first.length
+    while (record := unpack_record(manifest, end)) is not None and record.follows(records[-1]):
+        records.append(record)
+        end += record.length
+    return records, end
+
+
+def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record, ...]:
+    """The records that complete slots have beyond the manifest, which must go on with its chain."""
+    found: list[Record] = []
+    known = [(slot.record, number, slot) for number, slot in enumerate(slots) if slot.record is not None]
+    for record, number, slot in sorted(known, key=lambda entry: entry[0].sequence):
+        if record.sequence <= last.sequence:
+            continue
+        if not record.follows(last):
+            raise _damage(f"slot {number} knows of record {record.sequence}, the manifest ends with another one", 0)
+        if slot.state_verifies():
+            found.append(record)
+            last = record
+    return tuple(found)
+
+
+def _check_witness(manifest: bytes, ledger: Ledger, end: int) -> None:
+    """The last record known to be durable is there."""
+    if not has_witness(ledger.foundation):
+        return
+    witness = Witness.unpack(manifest[ledger.capacity :])
+    if witness is not None and not witness.agrees(ledger.last):
+        raise _damage(f"the record at byte {end} of the manifest does not verify, and it did", end)
+
+
+def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int, ...]:
+    """Slots that hold neither nothing nor a commit of the ledger's past."""
+    return tuple(
+        number
+        for number, slot in enumerate(slots)
+        if not slot.blank and (slot.record is None or slot.record.sequence > ledger.last.sequence)
+    )
+
+
+def _damage(what: str, offset: int) -> JournalError:
+    return JournalError(f"the journal is damaged: {what}", hint=_HINT, details={"offset": offset})

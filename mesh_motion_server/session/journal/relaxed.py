@@ -1,0 +1,144 @@
+"""Level ``relaxed``: a commit is answered before the disk has it, a thread of the session's process stores it.
+
+The thread stores one state at a time, always the newest, with the replies to all commits since the last one stored
+(:class:`Backlog`). So the disk's queue never grows: at most two states wait, and the durable step is behind by what was
+committed during the last two writes. A crash of the process loses as much as a loss of power.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal.files import KEPT_COMMITS
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.keeper import Floats, Keeper
+from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
+
+__all__ = ["Backlog", "RelaxedKeeper"]
+
+
+class Backlog:
+    """Commits that were answered and are not stored: of the states the newest, of the replies those that are kept.
+
+    Parameters
+    ----------
+    journal : Journal
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._commits: tuple[Commit, ...] = ()
+        self._state: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self._commits)
+
+    def accept(self, entry: Commit, state: Floats) -> None:
+        """One more commit; its state (n, d) is not changed by anybody."""
+        self._commits, self._state = (*self._commits, entry)[-KEPT_COMMITS:], state
+
+    def take(self) -> Callable[[], None]:
+        """Empty the backlog; what stores all that was in it."""
+        (*earlier, entry), state = self._commits, self._state
+        self._commits, self._state = (), None
+        if state is None:
+            raise JournalError("there is nothing to store", code="INTERNAL")
+        return lambda: self._journal.store(entry, state, earlier)
+
+
+class RelaxedKeeper(Keeper):
+    """Level ``relaxed``; its methods are called by one thread.
+
+    Parameters
+    ----------
+    journal : Journal
+        Touched by this keeper's thread alone while there is something to store.
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__(journal)
+        self._commits = journal.ledger.commits
+        self._backlog = Backlog(journal)
+        self._failure: JournalError | None = None
+        self._storing = self._over = False
+        self._news = threading.Condition()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def commits(self) -> tuple[Commit, ...]:
+        """See :class:`Keeper`."""
+        return self._commits
+
+    def durable_after(self, step: int) -> int:
+        """See :class:`Keeper`."""
+        del step
+        return self.durable_step
+
+    def prepare(self, state: Floats) -> None:
+        """See :class:`Keeper`: commits are stored behind their answers."""
+
+    def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
+        """See :class:`Keeper`."""
+        del boundary
+        if self._thread is None:
+            thread = threading.Thread(target=self._run, name="relaxed commits", daemon=True)
+            thread.start()  # first: without memory for a thread nothing is taken
+            self._thread = thread
+        with self._news:
+            self._require_working()
+            self._backlog.accept(entry, state)
+            self._news.notify_all()
+        self._commits = (*self._commits, entry)[-KEPT_COMMITS:]
+
+    def catch_up(self) -> None:
+        """See :class:`Keeper`."""
+        with self._news:
+            self._news.wait_for(lambda: self._failure is not None or not (self._backlog or self._storing))
+            self._require_working()
+
+    def rest(self, state: Callable[[], Floats]) -> None:
+        """See :class:`Keeper`."""
+        del state
+        self.catch_up()
+
+    def close(self) -> None:
+        """See :class:`Keeper`."""
+        with self._news:
+            self._over = True
+            self._news.notify_all()
+        if self._thread is not None:
+            self._thread.join()
+        super().close()
+
+    def _require_working(self) -> None:
+        if self._failure is not None:
+            failure = self._failure
+            raise JournalError(failure.message, code=failure.code, hint=failure.hint, details=failure.details)
+
+    def _run(self) -> None:
+        """Store what has come, until the session is closed or the disk fails."""
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._over or self._backlog)
+                if self._over:
+                    return
+                store, self._storing = self._backlog.take(), True
+            failure = _failure_of(store)
+            with self._news:
+                self._storing, self._failure = False, failure
+                self._news.notify_all()
+            if failure is not None:
+                return
+
+
+def _failure_of(store: Callable[[], None]) -> JournalError | None:
+    """What becomes of storing."""
+    try:
+        store()
+    except JournalError as error:
+        return error
+    except Exception as error:
+        return JournalError(f"unexpected {type(error).__name__}: {error}", code="INTERNAL")
+    return None

@@ -1,0 +1,68 @@
+"""The last page of a manifest of level "replay": which of its records is known to be durable.
+
+A commit whose state is stored leaves a copy of its record in the slot. One that is only logged does not: if the last
+record of a manifest does not verify, nothing would tell a write that a crash has torn, which nobody was answered, from
+one that was answered and damaged later. So the page names the newest record that was synced before; it is written with
+the next record and takes no sync of its own::
+
+    offset  bytes  content
+         0      8  magic "MMTAIL" 01 0a
+         8      8  sequence of the record, little-endian
+        16     32  its checksum
+        48     32  sha256 of all bytes before
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import dataclass
+
+from mesh_motion_server.session.journal.ledger import Foundation
+from mesh_motion_server.session.journal.records import PAGE, Record
+
+__all__ = ["Witness", "has_witness", "manifest_bytes"]
+
+_MAGIC = b"MMTAIL\x01\n"
+_CONTENT = struct.Struct("<8sQ32s")
+
+
+def has_witness(foundation: Foundation) -> bool:
+    """Whether a manifest of this level ends with such a page."""
+    return foundation.durability == "replay"
+
+
+def manifest_bytes(foundation: Foundation, capacity: int) -> int:
+    """Length of a manifest file with so many bytes for records."""
+    return capacity + PAGE * has_witness(foundation)
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A record that was durable: its sequence and checksum."""
+
+    sequence: int
+    checksum: bytes
+
+    @classmethod
+    def of(cls, record: Record) -> Witness:
+        """Of this record."""
+        return cls(record.sequence, record.checksum)
+
+    def pack(self) -> bytes:
+        """The page's content, without the zeros behind it."""
+        content = _CONTENT.pack(_MAGIC, self.sequence, self.checksum)
+        return content + hashlib.sha256(content).digest()
+
+    @classmethod
+    def unpack(cls, page: bytes) -> Witness | None:
+        """From the page; None where it was never written, or does not verify."""
+        if len(page) < _CONTENT.size + 32:
+            return None
+        magic, sequence, checksum = _CONTENT.unpack_from(page)
+        known = hashlib.sha256(page[: _CONTENT.size]).digest() == page[_CONTENT.size : _CONTENT.size + 32]
+        return cls(sequence, checksum) if known and magic == _MAGIC else None
+
+    def agrees(self, last: Record) -> bool:
+        """Whether a chain that ends with this record has the one that was witnessed."""
+        return self.sequence < last.sequence or self == Witness.of(last)

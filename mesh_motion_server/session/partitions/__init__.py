@@ -1,0 +1,10 @@
+"""The mesh of a session as its partitions send it, and the one mesh made of them.
+
+::
+
+    uploads.py           the mesh while it comes in
+    meshes.py            a partition's mesh, the merged mesh, and the way back from one to the other
+    merging.py, joining.py, ordering.py
+                         n partitions as one mesh in canonical order
+    numbering.py         the mesh in the numbering of its senders, for messages
+"""

@@ -1,0 +1,230 @@
+"""One mesh from n partitions.
+
+Nodes are united by global id, a patch's nodes over all partitions, and everything is put in the canonical order of
+:mod:`.ordering` (cells of one type by their node tuple, patches by name). A node that
+several partitions hold must have the same coordinates in each to 1e-10 of the diagonal of the mesh's bounding box; the
+lowest partition's are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cell_order import sorted_cells
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.session.partitions.joining import joined
+from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh, PartitionMesh
+from mesh_motion_server.session.partitions.ordering import canonical_order
+
+__all__ = ["merge"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Admitted difference of one node's coordinates between partitions, relative to the bounding box's diagonal: above
+#: the rounding of 12-digit text files, far below any edge.
+_COORDINATE_TOLERANCE = 1e-10
+
+
+def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
+    """Unite the partitions of one session.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the first offender: an index out of range, a global id twice in one partition, a shared node whose
+        coordinates differ, a patch whose role differs, a cell that came twice.
+    """
+    for number, partition in enumerate(partitions):
+        _check_partition(partition, number)
+    points, global_ids, id_order, node_maps = _merge_nodes(partitions)
+    cells, origins = _merge_cells(partitions, node_maps, len(points))
+    points.flags.writeable = False
+    return MergedMesh(
+        points=points,
+        global_ids=global_ids,
+        id_order=id_order,
+        cells=cells,
+        patches=_merge_patches(partitions, node_maps),
+        node_maps=node_maps,
+        moving_local=tuple(_moving_local(partition) for partition in partitions),
+        cell_origins=origins,
+    )
+
+
+def _check_partition(partition: PartitionMesh, number: int) -> None:
+    """Indices within range and global ids unique."""
+    count = len(partition.points)
+    if not count:
+        raise InvalidInput(
+            f"partition {number} has no nodes",
+            code="INVALID_ARGUMENT.MESH",
+            hint="send UPLOAD with item 'nodes'",
+            details={"partition": number},
+        )
+    if len(partition.global_ids) != count:
+        raise InvalidInput(
+            f"partition {number}: {count} nodes but {len(partition.global_ids)} global ids",
+            hint="send one global id per node",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"partition": number},
+        )
+    for name in partition.cells:
+        row = 0
+        for piece in partition.cell_pieces(name):
+            _check_range(
+                piece, count, f"partition {number}, cell type {name!r}", {"partition": number, "type": name}, row
+            )
+            row += len(piece)
+    for name, patch in partition.patches.items():
+        _check_range(patch.nodes, count, f"partition {number}, patch {name!r}", {"partition": number, "patch": name})
+    if _ascending(partition.global_ids):
+        return
+    ids, repeats = np.unique(partition.global_ids, return_counts=True)
+    if len(ids) < count:
+        twice = int(ids[np.argmax(repeats > 1)])
+        raise InvalidInput(
+            f"partition {number}: global id {twice} is given to more than one node",
+            code="INVALID_ARGUMENT.MESH",
+            hint="a global id names one node",
+            details={"partition": number, "global_id": twice},
+        )
+
+
+def _ascending(ids: Ints) -> bool:
+    """Whether the ids (n,) ascend strictly, as local indices do."""
+    return bool((ids[1:] > ids[:-1]).all())
+
+
+def _check_range(indices: Ints, count: int, where: str, details: dict[str, object], first_row: int = 0) -> None:
+    """Every index in 0 … count - 1; the rows count from ``first_row``."""
+    if not len(indices) or (indices.min() >= 0 and indices.max() < count):
+        return
+    bad = np.argwhere((indices < 0) | (indices >= count))
+    row, value = first_row + int(bad[0][0]), int(indices[tuple(bad[0])])
+    raise InvalidInput(
+        f"{where}, row {row}: node index {value} is not in 0 … {count - 1}",
+        code="INVALID_ARGUMENT.MESH",
+        hint="indices are local to the partition and start at 0",
+        details=details | {"row": row, "value": value},
+    )
+
+
+def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, Ints, tuple[Ints, ...]]:
+    """Points (n, d) and global ids (n,) in canonical order, its inverse by ids (n,), and each partition's node map."""
+    if len(partitions) == 1 and _ascending(partitions[0].global_ids):  # nothing to unite
+        ids, points = partitions[0].global_ids, partitions[0].points
+        order = canonical_order(points, ids)
+        rank = _inverse(order)
+        return np.take(points, order, axis=0), ids[order], rank, (rank,)
+    all_points = joined([p.points for p in partitions])
+    all_ids = joined([p.global_ids for p in partitions])
+    ids, first, inverse = np.unique(all_ids, return_index=True, return_inverse=True)
+    points = all_points[first]
+    owners = np.repeat(np.arange(len(partitions)), [len(p.points) for p in partitions])
+    _check_coordinates(all_points, points[inverse], all_ids, owners)
+    order = canonical_order(points, ids)
+    rank = _inverse(order)
+    ends = np.cumsum([len(p.points) for p in partitions])[:-1]
+    return points[order], ids[order], rank, tuple(np.split(rank[inverse], ends))
+
+
+def _inverse(order: Ints) -> Ints:
+    """Where each index stands in a permutation (n,)."""
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return rank
+
+
+def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) -> None:
+    """Compare every partition's coordinates (r, d) with those taken for the node (r, d)."""
+    gap = np.max(np.abs(given - taken), axis=1)
+    limit = _COORDINATE_TOLERANCE * float(np.linalg.norm(np.ptp(taken, axis=0)))
+    bad = np.flatnonzero(gap > limit)
+    if not len(bad):
+        return
+    row = int(bad[0])
+    here, global_id = int(owners[row]), int(ids[row])
+    there = int(owners[np.flatnonzero(ids == global_id)[0]])
+    raise InvalidInput(
+        f"node with global id {global_id}: partition {there} has it at {taken[row].tolist()}, partition {here} at "
+        f"{given[row].tolist()}, further apart than {limit:.3g}",
+        code="INVALID_ARGUMENT.PARTITION",
+        hint="a global id names one node, at the same place in every partition",
+        details={
+            "global_id": global_id,
+            "partitions": [there, here],
+            "values": [taken[row].tolist(), given[row].tolist()],
+        },
+    )
+
+
+def _merge_cells(
+    partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints], nodes: int
+) -> tuple[CellTable, tuple[CellOrigin, ...]]:
+    """All cells in canonical order and where they came from, types in the order of CELL_TYPES."""
+    tables: dict[str, Ints] = {}
+    origins = []
+    for name in CELL_TYPES:
+        pieces = [(p, piece) for p, mesh in enumerate(partitions) for piece in mesh.cell_pieces(name)]
+        if not pieces:
+            continue
+        tables[name], order, again = sorted_cells([(node_maps[p], piece) for p, piece in pieces], nodes)
+        origins.append(_origin(name, [(p, len(piece)) for p, piece in pieces], order))
+        _check_no_duplicate(again, origins[-1])
+    return CellTable.from_arrays(tables), tuple(origins)
+
+
+def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.integer]) -> CellOrigin:
+    """Where cells came from that are put in this ``order`` (m,): (partition, number of cells) of each piece before."""
+    # kept as long as the session: none for an only partition
+    if len({p for p, _ in lengths}) == 1:
+        return CellOrigin(name, np.broadcast_to(np.int32(lengths[0][0]), len(order)), order)
+    counts = np.zeros(1 + max(p for p, _ in lengths), dtype=np.int64)
+    for p, count in lengths:
+        counts[p] += count
+    partition = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+    local = np.concatenate([np.arange(count, dtype=order.dtype) for count in counts])
+    return CellOrigin(name, partition[order], local[order])
+
+
+def _check_no_duplicate(again: int, origin: CellOrigin) -> None:
+    """No row that equals the one before it; ``again`` is the first that does, or negative."""
+    if again < 0:
+        return
+    places = [(int(origin.partition[row]), int(origin.local[row])) for row in (again - 1, again)]
+    (p, a), (q, b) = places
+    raise InvalidInput(
+        f"cell {a} of type {origin.type_name!r} in partition {p} is also cell {b} in partition {q}",
+        code="INVALID_ARGUMENT.MESH" if p == q else "INVALID_ARGUMENT.PARTITION",
+        hint="send every cell once, from the partition that owns it",
+        details={"type": origin.type_name, "partitions": [p, q], "cells": [a, b]},
+    )
+
+
+def _merge_patches(partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints]) -> dict[str, Patch]:
+    """Every patch's nodes over all partitions, ascending; patches sorted by name."""
+    found: dict[str, tuple[str, int, list[Ints]]] = {}
+    for number, (partition, node_map) in enumerate(zip(partitions, node_maps, strict=True)):
+        for name, patch in partition.patches.items():
+            role, first, parts = found.setdefault(name, (patch.role, number, []))
+            if patch.role != role:
+                raise InvalidInput(
+                    f"patch {name!r} has the role {role!r} in partition {first} and {patch.role!r} in {number}",
+                    code="INVALID_ARGUMENT.PARTITION",
+                    hint="give a patch one role in all partitions",
+                    details={"patch": name, "partitions": [first, number], "values": [role, patch.role]},
+                )
+            parts.append(node_map[patch.nodes])
+    return {name: Patch(role, np.unique(np.concatenate(parts))) for name, (role, _, parts) in sorted(found.items())}
+
+
+def _moving_local(partition: PartitionMesh) -> Ints:
+    """(k_p,) local indices of the partition's own moving patches, ascending, each once."""
+    parts = [patch.nodes for patch in partition.patches.values() if patch.role == "moving"]
+    return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int64)

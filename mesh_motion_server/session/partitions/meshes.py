@@ -1,0 +1,214 @@
+"""What n partitions uploaded, the one mesh of it, and the way back: who sent which node, cell and displacement.
+
+The numerics see the one mesh only, so that 1 and n partitions give identical arrays
+(:mod:`.merging` makes it). A node that several partitions move must be given the same
+displacement by each to 1e-12 of the largest one; the lowest partition's value is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.points import bounding_box
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.motion.exact_displacements import differences_of
+
+__all__ = ["CellOrigin", "MergedMesh", "PartitionMesh"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Admitted difference of one node's displacement between partitions, relative to the largest displacement.
+_DISPLACEMENT_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class PartitionMesh:
+    """What one partition uploaded, in its own local numbering.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+    global_ids : (n,) int64 array
+        The same node has the same id in every partition; with one partition the local indices.
+    cells : dict
+        Type name → (m, n_nodes) integer local node indices, or the pieces that they came in.
+    patches : dict
+        Name → Patch with local node indices.
+    """
+
+    points: Floats
+    global_ids: Ints
+    cells: Mapping[str, Ints | Sequence[Ints]]
+    patches: Mapping[str, Patch]
+
+    def cell_pieces(self, name: str) -> list[Ints]:
+        """Cells (m_i, n_nodes) of a type, none of them empty."""
+        cells = self.cells.get(name, ())
+        return [piece for piece in ([cells] if isinstance(cells, np.ndarray) else cells) if len(piece)]
+
+
+@dataclass(frozen=True, eq=False)
+class CellOrigin:
+    """Where the cells of one type came from, in canonical order: partition (m,), local index there (m,)."""
+
+    type_name: str
+    partition: NDArray[np.integer]
+    local: NDArray[np.integer]
+
+
+@dataclass(frozen=True, eq=False)
+class MergedMesh:
+    """One mesh in canonical order, and who sent what.
+
+    Attributes
+    ----------
+    points : (n, d) array
+        Reference coordinates, mesh length unit; read-only.
+    global_ids : (n,) int64 array
+    id_order : (n,) int64 array
+        Canonical index of each node, ascending by global id: the order of the durable state.
+    cells : CellTable
+    patches : dict
+        Name → Patch with canonical node indices, ascending; sorted by name.
+    node_maps : tuple of (n_p,) int64 arrays
+        Per partition: canonical index of each local node.
+    moving_local : tuple of (k_p,) int64 arrays
+        Per partition: local indices of the nodes it listed in a patch with role ``moving``, ascending.
+    """
+
+    points: Floats
+    global_ids: Ints
+    id_order: Ints
+    cells: CellTable
+    patches: Mapping[str, Patch]
+    node_maps: tuple[Ints, ...]
+    moving_local: tuple[Ints, ...]
+    cell_origins: tuple[CellOrigin, ...]
+
+    @cached_property
+    def moving(self) -> Ints:
+        """(k,) canonical indices of the moving nodes, ascending."""
+        return np.unique(np.concatenate([m[local] for m, local in self._moving_pairs()]))
+
+    @cached_property
+    def moving_by_id(self) -> NDArray[np.intp]:
+        """(k,) order that sorts the moving nodes by global id."""
+        return np.argsort(self.global_ids[self.moving])
+
+    @cached_property
+    def extent(self) -> float:
+        """Longest side of the reference mesh's bounding box, mesh length unit."""
+        return float(np.ptp(bounding_box(self.points), axis=0).max())
+
+    def locate_cell(self, cell: int) -> tuple[int, str, int]:
+        """(partition, type name, local index) of a canonical cell number."""
+        for origin, first in zip(self.cell_origins, self.cells.offsets, strict=False):
+            row = cell - first
+            if row < len(origin.local):
+                return int(origin.partition[row]), origin.type_name, int(origin.local[row])
+        raise IndexError(cell)
+
+    def locate_node(self, node: int) -> tuple[int, int]:
+        """(lowest partition that holds it, local index there) of a canonical node index."""
+        for partition, node_map in enumerate(self.node_maps):
+            found = np.flatnonzero(node_map == node)
+            if len(found):
+                return partition, int(found[0])
+        raise IndexError(node)
+
+    def scatter(self, values: Floats, partition: int) -> Floats:
+        """(n_p, d) rows of canonical ``values`` (n, d), in a partition's own order."""
+        # take is three times as fast as indexing with an array
+        return np.take(values, self.node_maps[partition], axis=0)
+
+    def scatter_differences(self, moved: Floats, base: Floats, told: Floats) -> list[Floats]:
+        """Displacements (n_p, d) from ``base`` to ``moved`` (n, d), in each partition's own order.
+
+        Those of the moving nodes are ``told`` (k, d), rows in the order of ``moving``.
+        """
+        found = [differences_of(moved, base, node_map) for node_map in self.node_maps]
+        for own, (local, rows) in zip(found, self._moving_places, strict=True):
+            own[local] = told[rows]
+        return found
+
+    @cached_property
+    def _moving_places(self) -> list[tuple[Ints, Ints]]:
+        """Per partition: its local moving nodes, whoever listed them, and their rows in ``moving``."""
+        is_moving = np.zeros(len(self.points), dtype=bool)
+        is_moving[self.moving] = True
+        local = [np.flatnonzero(is_moving[node_map]) for node_map in self.node_maps]
+        return [(own, np.searchsorted(self.moving, m[own])) for own, m in zip(local, self.node_maps, strict=True)]
+
+    def gather_moving(self, displacements: Sequence[Floats]) -> Floats:
+        """One displacement per moving node from each partition's rows.
+
+        Parameters
+        ----------
+        displacements : one (k_p, d) array per partition
+            Rows in the order of ``moving_local``; finite.
+
+        Returns
+        -------
+        (k, d) array
+            Rows in the order of ``moving``.
+
+        Raises
+        ------
+        InvalidInput
+            Where two partitions move one node differently; names its global id, the partitions and both values.
+        """
+        if len(displacements) == 1:
+            return self._single_gather(displacements[0])
+        rows = np.concatenate(displacements)
+        nodes = np.concatenate([m[local] for m, local in self._moving_pairs()])
+        _, first, inverse = np.unique(nodes, return_index=True, return_inverse=True)
+        taken = rows[first]
+        self._check_agreement(rows, taken[inverse], nodes)
+        return taken
+
+    def _moving_pairs(self) -> list[tuple[Ints, Ints]]:
+        return list(zip(self.node_maps, self.moving_local, strict=True))
+
+    def _single_gather(self, rows: Floats) -> Floats:
+        """Rows (k, d) of the only partition, sorted by canonical index."""
+        return np.take(rows, self._moving_order, axis=0)
+
+    @cached_property
+    def _moving_order(self) -> Ints:
+        """(k,) order that sorts the only partition's moving nodes by canonical index."""
+        return np.argsort(self.node_maps[0][self.moving_local[0]])
+
+    def _check_agreement(self, rows: Floats, taken: Floats, nodes: Ints) -> None:
+        """Compare every row (r, d) with the one taken for its node (r,)."""
+        gap = np.max(np.abs(rows - taken), axis=1)
+        limit = _DISPLACEMENT_TOLERANCE * float(np.max(np.abs(taken)))
+        bad = np.flatnonzero(gap > limit)
+        if not len(bad):
+            return
+        row, node = int(bad[0]), int(nodes[bad[0]])
+        lengths = np.cumsum([len(local) for local in self.moving_local])
+        here, there = int(np.searchsorted(lengths, row, side="right")), self._first_mover(node)
+        global_id = int(self.global_ids[node])
+        raise InvalidInput(
+            f"node with global id {global_id}: partition {there} moves it by {taken[row].tolist()}, "
+            f"partition {here} by {rows[row].tolist()}",
+            code="INVALID_ARGUMENT.PARTITION",
+            hint="give a shared node the same displacement in every partition",
+            details={
+                "global_id": global_id,
+                "partitions": [there, here],
+                "values": [taken[row].tolist(), rows[row].tolist()],
+            },
+        )
+
+    def _first_mover(self, node: int) -> int:
+        """Lowest partition that moves a canonical node."""
+        return next(p for p, (m, local) in enumerate(self._moving_pairs()) if np.any(m[local] == node))

@@ -1,0 +1,94 @@
+"""The mesh in the numbering its senders know, for messages about it.
+
+Nodes count through the global ids in ascending order: with one partition these are the local indices as uploaded. Cells
+count through the types in the order of :data:`.cells.CELL_TYPES`, within a type through the
+partitions as uploaded.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.session.partitions.meshes import MergedMesh
+
+__all__ = ["UploadView", "in_senders_numbers", "upload_view"]
+
+#: How a message names a node, and which details do.
+_NODE = re.compile(r"\bnode (\d+)")
+_NODE_KEYS = ("node", "image")
+
+
+@dataclass(frozen=True, eq=False)
+class UploadView:
+    """The mesh in the senders' numbering.
+
+    Attributes
+    ----------
+    points : (n, d) array
+        Reference coordinates, mesh length unit.
+    cells : CellTable
+    patches : dict
+    cell_order : (m,) int64 array
+        Canonical number of each cell.
+    mesh : MergedMesh
+    """
+
+    points: NDArray[np.float64]
+    cells: CellTable
+    patches: Mapping[str, Patch]
+    cell_order: NDArray[np.int64]
+    mesh: MergedMesh
+
+    def name_cell(self, cell: int) -> dict[str, object]:
+        """Partition, type and local index of a cell of this numbering."""
+        partition, type_name, local = self.mesh.locate_cell(int(self.cell_order[cell]))
+        return {"partition": partition, "type": type_name, "cell": local}
+
+    def name_node(self, node: int) -> dict[str, object]:
+        """Lowest partition, local index and global id of a node of this numbering."""
+        canonical = int(self.mesh.id_order[node])
+        partition, local = self.mesh.locate_node(canonical)
+        return {"partition": partition, "node": local, "global_id": int(self.mesh.global_ids[canonical])}
+
+
+def upload_view(mesh: MergedMesh) -> UploadView:
+    """A merged mesh in the senders' numbering."""
+    rank = np.empty_like(mesh.id_order)
+    rank[mesh.id_order] = np.arange(len(rank))
+    tables, orders = {}, []
+    for block, origin, first in zip(mesh.cells.blocks, mesh.cell_origins, mesh.cells.offsets, strict=False):
+        order = np.lexsort((origin.local, origin.partition))
+        tables[block.type.name] = rank[block.nodes[order]]
+        orders.append(first + order)
+    return UploadView(
+        points=mesh.points[mesh.id_order],
+        cells=CellTable.from_arrays(tables),
+        patches={name: Patch(patch.role, np.sort(rank[patch.nodes])) for name, patch in mesh.patches.items()},
+        cell_order=np.concatenate(orders),
+        mesh=mesh,
+    )
+
+
+def in_senders_numbers(error: InvalidInput, mesh: MergedMesh) -> InvalidInput:
+    """What is wrong with a motion, its nodes in canonical numbering, as their senders know them.
+
+    Message and details name nodes by global id, which with one partition is the local index; where there are several,
+    the details have the node's partition and local index too.
+    """
+    message = _NODE.sub(lambda found: f"node {mesh.global_ids[int(found[1])]}", error.message)
+    details = dict(error.details)
+    for key in _NODE_KEYS:
+        if isinstance(node := details.get(key), int):
+            details[key] = int(mesh.global_ids[node])
+            if key == "node" and len(mesh.node_maps) > 1:
+                partition, local = mesh.locate_node(node)
+                details |= {"partition": partition, "node": local, "global_id": int(mesh.global_ids[node])}
+    return InvalidInput(message, code=error.code, hint=error.hint, details=details)

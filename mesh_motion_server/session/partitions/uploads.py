@@ -1,0 +1,272 @@
+"""The mesh of a session while it comes in: parts per partition, item and name, checked on arrival and counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
+from mesh_motion_server.session.partitions.joining import joined
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
+
+__all__ = ["ITEMS", "MeshUpload", "Part"]
+
+#: What may be uploaded.
+ITEMS = ("nodes", "global_ids", "cells", "patch")
+
+_KINDS = {"f": "float", "i": "integer"}
+#: What a number counts for, in whichever width it comes.
+_ITEM_BYTES = 8
+_Key = tuple[str, str]
+_Rows = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One part of one item.
+
+    Attributes
+    ----------
+    item : str
+        One of :data:`ITEMS`.
+    name : str
+        The cell type or the patch's name.
+    role : str
+        The patch's role.
+    rows : (k, c) array
+        float64 coordinates, or int64 indices and ids; cells also int32.
+    """
+
+    item: str
+    name: str
+    role: str
+    rows: NDArray[Any]
+
+
+@dataclass
+class _Pile:
+    """The parts of one partition by (item, name), and the roles of its patches."""
+
+    parts: dict[_Key, list[_Rows]] = field(default_factory=dict)
+    roles: dict[str, str] = field(default_factory=dict)
+
+    def drop_last(self, key: _Key) -> None:
+        """Forget the last part of an item; with its only part, a patch's role too."""
+        self.parts[key].pop()
+        if not self.parts[key]:
+            del self.parts[key]
+            if key[0] == "patch":
+                del self.roles[key[1]]
+
+    def whole(self) -> dict[_Key, _Rows]:
+        """Each item's rows, but for the cells, in one array, which takes the place of its parts."""
+        for key, rows in self.parts.items():
+            if key[0] != "cells":
+                self.parts[key] = [joined(rows)]
+        return {key: rows[0] for key, rows in self.parts.items() if key[0] != "cells"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Added:
+    """Which part came when: pile, item and name, bytes on arrival."""
+
+    pile: _Pile
+    key: _Key
+    nbytes: int
+
+
+class MeshUpload:
+    """Collects the parts of all partitions.
+
+    Parameters
+    ----------
+    dimension, partitions : int
+    byte_budget : int
+        What all parts may take together.
+    """
+
+    def __init__(self, dimension: int, partitions: int, byte_budget: int) -> None:
+        self._dimension = dimension
+        self._budget = byte_budget
+        self._piles = [_Pile() for _ in range(partitions)]
+        self._added: list[_Added] = []
+        self.nbytes = 0
+
+    @property
+    def count(self) -> int:
+        """How many parts there are."""
+        return len(self._added)
+
+    def add(self, partition: int, part: Part) -> int:
+        """Append one part; returns how many rows of this item and name the partition has now.
+
+        Raises
+        ------
+        InvalidInput
+            On an unknown item, name or role, a wrong shape or type, or a coordinate that is not finite.
+        ResourceError
+            If the session's byte budget is passed.
+        """
+        pile = self._piles[partition]
+        self._check(part, partition, pile)
+        nbytes = _ITEM_BYTES * part.rows.size
+        if self.nbytes + nbytes > self._budget:
+            raise ResourceError(
+                f"the upload would take {self.nbytes + nbytes} bytes; a session may take {self._budget}",
+                hint="raise the server's max_session_bytes",
+                details={"bytes": self.nbytes + nbytes, "limit": self._budget},
+            )
+        kept = _kept(part)
+        rows = pile.parts.setdefault((part.item, part.name), [])
+        self._added.append(_Added(pile, (part.item, part.name), nbytes))
+        rows.append(kept)
+        self.nbytes += nbytes
+        if part.item == "patch":
+            pile.roles[part.name] = part.role
+        return sum(len(r) for r in rows)
+
+    def back_to(self, count: int) -> None:
+        """Forget the parts after the first ``count``: their requests failed although they had been taken."""
+        while len(self._added) > count:
+            added = self._added.pop()
+            self.nbytes -= added.nbytes
+            added.pile.drop_last(added.key)
+
+    def meshes(self) -> list[PartitionMesh]:
+        """Each partition's mesh from its parts.
+
+        Raises
+        ------
+        InvalidInput
+            If a partition has no nodes, or global ids are missing where they are needed.
+        """
+        return [self._mesh(number, pile) for number, pile in enumerate(self._piles)]
+
+    def clear(self) -> None:
+        """Forget all parts."""
+        self._piles = [_Pile() for _ in self._piles]
+        self._added = []
+        self.nbytes = 0
+
+    def _mesh(self, number: int, pile: _Pile) -> PartitionMesh:
+        whole = pile.whole()
+        points = whole.get(("nodes", ""), np.empty((0, self._dimension)))
+        return PartitionMesh(
+            points=points.astype(np.float64, copy=False),
+            global_ids=self._global_ids(number, len(points), whole.get(("global_ids", ""))),
+            cells={name: tuple(rows) for (item, name), rows in pile.parts.items() if item == "cells"},
+            patches={
+                name: Patch(pile.roles[name], rows[:, 0]) for (item, name), rows in whole.items() if item == "patch"
+            },
+        )
+
+    def _global_ids(self, number: int, count: int, rows: _Rows | None) -> NDArray[np.int64]:
+        """(n,) ids as sent, or the local indices of an only partition."""
+        if rows is not None:
+            return rows[:, 0]
+        if len(self._piles) > 1:
+            raise InvalidInput(
+                f"partition {number} sent no global ids",
+                code="INVALID_ARGUMENT.PARTITION",
+                hint="with more than one partition, UPLOAD item 'global_ids' with one id per node",
+                details={"partition": number},
+            )
+        return np.arange(count)
+
+    def _check(self, part: Part, partition: int, pile: _Pile) -> None:
+        """Item, name, role, shape, type and finiteness of one part."""
+        _check_names(part, self._dimension, pile.roles)
+        columns = {"nodes": self._dimension, "cells": CELL_TYPES[part.name].n_nodes if part.item == "cells" else 0}
+        expected = columns.get(part.item, 1)
+        if part.rows.ndim != 2 or part.rows.shape[1] != expected:
+            raise InvalidInput(
+                f"UPLOAD of {_title(part)}: expected an array of shape (k, {expected}), got {part.rows.shape}",
+                code="INVALID_ARGUMENT.SHAPE",
+                details={"partition": partition, "item": part.item, "name": part.name},
+            )
+        kind = "f" if part.item == "nodes" else "i"
+        if part.rows.dtype.kind != kind:
+            raise InvalidInput(
+                f"UPLOAD of {_title(part)}: expected {_KINDS[kind]} rows, got {part.rows.dtype}",
+                code="INVALID_ARGUMENT.DTYPE",
+                details={"partition": partition, "item": part.item, "name": part.name},
+            )
+        if kind == "f":
+            before = sum(len(rows) for rows in pile.parts.get(("nodes", ""), ()))
+            _check_finite(part.rows, partition, before)
+
+
+def _kept(part: Part) -> _Rows:
+    """Rows of 8 bytes an item; of cells (k, c) of 4 where these hold the node numbers: an upload waits for BUILD."""
+    rows = part.rows
+    if part.item != "cells":
+        return rows.astype(np.float64 if part.item == "nodes" else np.int64, copy=False)
+    limits = np.iinfo(np.int32)
+    fits = rows.size and rows.min() >= limits.min and rows.max() <= limits.max
+    return rows.astype(np.int32, copy=False) if fits else rows.astype(np.int64, copy=False)
+
+
+def _title(part: Part) -> str:
+    return f"{part.item} {part.name!r}" if part.name else part.item
+
+
+def _check_names(part: Part, dimension: int, roles: dict[str, str]) -> None:
+    """Item, cell type, patch name and role are known and agree with earlier parts."""
+    if part.item not in ITEMS:
+        raise _wrong_value(f"UPLOAD: unknown item {part.item!r}; known are {', '.join(ITEMS)}", item=part.item)
+    if part.item == "cells":
+        _check_cell_type(part.name, dimension)
+    elif part.item == "patch":
+        _check_patch(part, roles)
+    elif part.name:
+        raise _wrong_value(f"UPLOAD of {part.item}: takes no name, got {part.name!r}", item=part.item, name=part.name)
+    if part.role and part.item != "patch":
+        raise _wrong_value(f"UPLOAD of {_title(part)}: only patches have a role, got {part.role!r}", role=part.role)
+
+
+def _check_cell_type(name: str, dimension: int) -> None:
+    known = [t.name for t in CELL_TYPES.values() if t.dimension == dimension]
+    if name not in known:
+        raise _wrong_value(
+            f"UPLOAD of cells: {name!r} is no cell type of a {dimension}D mesh; those are {', '.join(known)}", type=name
+        )
+
+
+def _check_patch(part: Part, roles: dict[str, str]) -> None:
+    if not part.name:
+        raise _wrong_value("UPLOAD of a patch: a name is required", item=part.item)
+    if part.role not in ROLES:
+        raise _wrong_value(
+            f"UPLOAD of patch {part.name!r}: unknown role {part.role!r}; known are {', '.join(ROLES)}",
+            patch=part.name,
+            value=part.role,
+        )
+    if roles.get(part.name, part.role) != part.role:
+        raise _wrong_value(
+            f"UPLOAD of patch {part.name!r}: role {part.role!r}, but earlier parts have {roles[part.name]!r}",
+            patch=part.name,
+            value=part.role,
+        )
+
+
+def _wrong_value(message: str, **details: str) -> InvalidInput:
+    """An item, name or role that is none of those which the table of SPEC.md's section 13 has for it."""
+    return InvalidInput(message, code="INVALID_ARGUMENT.VALUE", details=dict(details))
+
+
+def _check_finite(rows: _Rows, partition: int, before: int) -> None:
+    """No NaN, no infinity; names the partition's node."""
+    bad = np.argwhere(~np.isfinite(rows))
+    if len(bad):
+        row, axis = (int(i) for i in bad[0])
+        raise InvalidInput(
+            f"partition {partition}, node {before + row}: coordinate {axis} is {rows[row, axis]}",
+            code="INVALID_ARGUMENT.NONFINITE",
+            hint="every coordinate must be finite",
+            details={"partition": partition, "node": before + row, "value": str(rows[row, axis])},
+        )

@@ -1,0 +1,74 @@
+"""The live view: one look after another on the terminal's other screen, until ``q``."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+
+from rich.console import Console
+from rich.live import Live
+
+from mesh_motion_server.errors import SessionError
+from mesh_motion_server.watch.terminal.sources import Source, Unreadable
+from mesh_motion_server.watch.terminal.table import Look, look_at, rendered
+
+__all__ = ["watch"]
+
+_HUNG_UP = 129
+#: Rows below the list: the details of one session.
+_ROWS_OF_DETAILS = 20
+
+
+def watch(source: Source, session: str | None, every: float) -> int:
+    """Show the sessions every so many seconds; returns the exit status.
+
+    A session that is not there yet, and a folder or server that is gone, are waited for.
+    """
+    console, keyboard = Console(), sys.stdin.fileno()
+    look = Look([])
+    try:
+        with _single_keys(keyboard), Live(console=console, screen=True, auto_refresh=False) as live:
+            signal.signal(signal.SIGTERM, _end)  # Live then leaves the other screen
+            while True:
+                trouble = ""
+                try:
+                    look = look_at(source, session)
+                except (Unreadable, SessionError) as error:
+                    trouble = str(error)
+                rows = max(console.height - _ROWS_OF_DETAILS, 3)
+                live.update(rendered(f"{source.where} (q quits)", look, trouble, rows), refresh=True)
+                if select.select([keyboard], [], [], every)[0] and b"q" in _pressed(keyboard):
+                    return 0
+    finally:
+        source.close()
+
+
+def _pressed(keyboard: int) -> bytes:
+    """Keys; ends the process when the terminal is gone, for nothing can be restored on it."""
+    with suppress(OSError):
+        if keys := os.read(keyboard, 64):
+            return keys
+    os._exit(_HUNG_UP)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    del frame
+    sys.exit(128 + number)
+
+
+@contextmanager
+def _single_keys(keyboard: int) -> Iterator[None]:
+    """Read keys as they are pressed, without showing them."""
+    before = termios.tcgetattr(keyboard)
+    tty.setcbreak(keyboard)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(keyboard, termios.TCSADRAIN, before)

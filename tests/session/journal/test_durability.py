@@ -1,0 +1,431 @@
+"""The levels of durability as a session has them: what is told, what is there again, and what is refused."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_motion_protocol.messages import Close, Commit, Fetch, Move, Status
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session import replay as replay_module
+from mesh_motion_server.session.inspection import inspect_session
+from mesh_motion_server.session.journal.files import read_journal
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.settings import ServerSettings
+from proofs.check import BrokenPromise, require
+
+LIMITS = ServerSettings(snapshot_steps=4)
+
+
+@pytest.fixture
+def opened(kit: Any, tmp_path: Path) -> Any:
+    """Opens a session of a level; ``again()`` takes it up after its process was killed."""
+    store = SessionStore(tmp_path)
+    drivers: list[Any] = []
+
+    def open_it(level: str, parts: int = 1) -> Any:
+        meshes = kit.split_mesh(kit.grid_mesh(), parts) if parts > 1 else [kit.grid_mesh()]
+        driver = kit.make_driver(store, meshes, spec={"durability": level}, limits=LIMITS)
+        driver.open()
+        drivers.append(driver)
+        return driver
+
+    def again() -> Any:
+        drivers[-1].host._session.close(keep=False)  # what is not on the disk is lost
+        drivers.append(kit.resume_driver(drivers[-1], store, limits=LIMITS))
+        return drivers[-1]
+
+    yield SimpleNamespace(open=open_it, again=again, folder=tmp_path / "sessions" / kit.SESSION, store=store)
+    for driver in drivers:
+        driver.host.close()
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """States are stored when this is set."""
+    event, honest = threading.Event(), Journal.store
+
+    def store(self: Journal, *given: Any) -> None:
+        assert event.wait(30)
+        honest(self, *given)
+
+    monkeypatch.setattr(Journal, "store", store)
+    return event
+
+
+def records(folder: Path) -> list[str]:
+    return [line.says for line in inspect_session(folder).records]
+
+
+def until_durable(driver: Any, step: int) -> Any:
+    deadline = time.monotonic() + 30
+    while (status := driver.ask(Status)).durable_step < step:
+        assert time.monotonic() < deadline
+        time.sleep(1e-3)
+    return status
+
+
+# --- replay ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_logged_steps_are_computed_again_bitwise(opened: Any, parts: int) -> None:
+    driver = opened.open("replay", parts)
+    digests = [driver.advance(step)[0].digest for step in range(1, 4)]
+    driver.all(Move, [2 * rows for rows in driver.displacement(4)], step=4, frame="reference")
+    digests.append(driver.all(Commit, step=4)[0].digest)
+    digests += [driver.advance(step)[0].digest for step in range(5, 8)]
+    points = [driver.ask(Fetch, p).points for p in range(parts)]
+    again = opened.again()
+    assert (again.host.step, again.ask(Status).durable_step) == (7, 7)
+    for p in range(parts):
+        np.testing.assert_array_equal(again.ask(Fetch, p).points, points[p])
+    assert records(opened.folder)[:5] == ["epoch 1", "step 1, logged", "step 2, logged", "step 3, logged", "step 4"]
+    assert len(set(digests)) == 7
+    next_here = again.move(8)[0].displacement
+    undisturbed = opened.again().move(8)[0].displacement
+    np.testing.assert_array_equal(next_here, undisturbed)
+
+
+def test_durable_step_is_the_step_where_commits_are_logged(opened: Any) -> None:
+    driver = opened.open("replay")
+    for step in range(1, 6):
+        (committed,) = driver.advance(step)
+        assert committed.durable_step == step == driver.ask(Status).durable_step
+
+
+def test_a_closed_session_has_nothing_to_compute(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("replay")
+    for step in (1, 2):
+        driver.advance(step)
+    points = driver.ask(Fetch).points
+    assert driver.ask(Close).step == 2
+    assert records(opened.folder)[-1] == "step 2, stored"
+    monkeypatch.setattr(kit.StandIn, "move", None)
+    again = kit.resume_driver(driver, opened.store)
+    np.testing.assert_array_equal(again.ask(Fetch).points, points)
+    again.host.close()
+
+
+def test_the_log_is_bounded_by_steps_and_bytes(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("replay")
+    for step in range(1, 14):
+        driver.advance(step)
+        logged = read_journal(opened.folder, PosixFileSystem()).ledger.logged
+        assert len(logged) == step % 4
+    ledger = driver.host._session._built.keeper.journal.ledger
+    monkeypatch.setattr(type(ledger.foundation), "__getattribute__", lambda self, name: (
+        1000 if name == "log_bytes" else object.__getattribute__(self, name)))  # fmt: skip
+    driver.advance(14)
+    assert read_journal(opened.folder, PosixFileSystem()).ledger.logged == ()
+
+
+def test_the_log_is_bounded_by_time(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow moves are, computing the logged ones again ends before the supervisor gives the worker up."""
+    driver = opened.open("replay")
+    driver.advance(1)
+    monkeypatch.setattr("mesh_motion_server.session.journal.durability._LONGEST_LOG", 0.0)
+    driver.advance(2)
+    monkeypatch.undo()
+    driver.advance(3)
+    assert records(opened.folder) == ["epoch 1", "step 1, logged", "step 2", "step 3, logged"]
+
+
+def test_each_step_that_is_computed_again_is_told(opened: Any, kit: Any) -> None:
+    """Whoever waits for the session knows that it comes, however long the log of another machine takes here."""
+    driver = opened.open("replay")
+    for step in (1, 2, 3):
+        driver.advance(step)
+    driver.host._session.close(keep=False)
+    told: list[int] = []
+    again = kit.resume_driver(driver, opened.store, progress=told.append)
+    assert told == [1, 2, 3]
+    again.host.close()
+
+
+def test_what_took_long_to_compute_again_is_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a worker that falls again and again has ever more to compute."""
+    driver = opened.open("replay")
+    for step in (1, 2):
+        driver.advance(step)
+    points = driver.ask(Fetch).points
+    opened.again()
+    assert records(opened.folder)[-1] == "epoch 2"
+    monkeypatch.setattr(replay_module, "_LONG_SECONDS", -1.0)
+    again = opened.again()
+    assert records(opened.folder)[-2:] == ["step 2, stored", "epoch 3"]
+    np.testing.assert_array_equal(again.ask(Fetch).points, points)
+    again.advance(3)
+    assert records(opened.folder)[-1] == "step 3, logged"
+
+
+def test_an_input_as_costly_as_the_state_is_not_logged(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mesh_motion_server.session.journal.durability._SMALL_INPUT", 0)
+    driver = opened.open("replay")
+    for step in (1, 2):
+        driver.advance(step)
+    assert records(opened.folder) == ["epoch 1", "step 1", "step 2"]
+
+
+def diverging(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A session whose log another version computes a little differently; what is found when it is taken up."""
+    driver = opened.open("replay")
+    for step in (1, 2):
+        driver.advance(step)
+    honest, points = kit.StandIn.move, driver.ask(Fetch).points
+
+    def rounded(self: Any, committed: Any, targets: Any, factors: Any, **choices: Any) -> Any:
+        motion = honest(self, committed, targets, factors, **choices)
+        motion.points[12] = np.nextafter(motion.points[12], 1)
+        return motion
+
+    monkeypatch.setattr(kit.StandIn, "move", rounded)
+    again = opened.again()
+    require(np.array_equal(again.ask(Fetch).points, points), "the coordinates differ from those that were committed")
+    return again
+
+
+def test_a_recomputation_that_differs_is_refused(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    with (
+        monkeypatch.context() as patch,
+        pytest.raises(JournalError, match="computing step 1 again gave digest") as caught,
+    ):
+        diverging(opened, kit, patch)
+    assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
+    assert caught.value.details["step"] == 1
+    assert "mesh-motion-server" in str(caught.value.details["made_by"])
+    assert "resume it there and close it" in caught.value.hint
+    again = opened.again()  # where it was made it still opens
+    assert (again.host.step, again.host.epoch) == (2, 2)
+
+
+def test_a_recomputation_whose_digest_nobody_compares_is_found(
+    opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Equal(bytes):
+        def __ne__(self, other: object) -> bool:
+            return False
+
+        __hash__ = bytes.__hash__
+
+    monkeypatch.setattr(replay_module, "state_digest", lambda step, state: Equal())
+    with pytest.raises(BrokenPromise, match="the coordinates differ"):
+        diverging(opened, kit, monkeypatch)
+
+
+def test_a_recomputation_that_is_refused_has_diverged(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("replay")
+    driver.advance(1)
+    with monkeypatch.context() as patch:
+        patch.setattr(kit.StandIn, "_areas", lambda self, points: np.array([1.0 if points is self.points else -1.0]))
+        with pytest.raises(JournalError, match=r"gave FAILED_PRECONDITION.QUALITY") as caught:
+            opened.again()
+    assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
+
+
+# --- relaxed ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_commit_is_answered_before_the_disk_has_it(opened: Any, held: threading.Event) -> None:
+    driver = opened.open("relaxed")
+    told = [driver.advance(step)[0].durable_step for step in range(1, 6)]
+    assert told == [0] * 5
+    status = driver.ask(Status)
+    assert (status.step, status.durable_step) == (5, 0)
+    held.set()
+    assert until_durable(driver, 5).report["durability"] == "relaxed"
+    (committed,) = driver.advance(6)
+    assert 5 <= committed.durable_step <= 6
+
+
+def test_without_memory_for_a_thread_nothing_is_taken(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("relaxed")
+
+    def refuse(self: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    (refused,) = driver.advance(1)
+    assert refused.type == "ERROR"
+    assert driver.host._session.commits == ()
+    driver.host.close()
+    monkeypatch.undo()
+    assert opened.again().advance(1)[0].type == "COMMITTED"
+
+
+def test_steps_passed_over_are_stored_with_their_replies(opened: Any, held: threading.Event) -> None:
+    driver = opened.open("relaxed")
+    asked = []
+    for step in range(1, 6):
+        driver.move(step)
+        asked.append(driver.request(Commit, step=step))
+        driver.send(asked[-1])
+    held.set()
+    until_durable(driver, 5)
+    assert len(records(opened.folder)) < 5
+    again = opened.again()
+    assert again.host.step == 5
+    for step, request in enumerate(asked, start=1):
+        (reply,) = again.send(type(request)(**vars(request) | {"epoch": again.host.epoch}))
+        assert (reply.type, reply.step, reply.durable_step) == ("COMMITTED", step, 0)
+
+
+def test_what_was_not_durable_is_lost_and_said_so(opened: Any, held: threading.Event) -> None:
+    driver = opened.open("relaxed")
+    held.set()
+    digests = {1: driver.advance(1)[0].digest}
+    until_durable(driver, 1)
+    held.clear()
+    for step in range(2, 5):
+        digests[step] = driver.advance(step)[0].digest
+    keeper = driver.host._session._built.keeper
+    keeper._over = True  # killed while the first of them is written: it is not
+    keeper.journal.close()
+    held.set()
+    again = opened.again()
+    assert again.host.step == again.ask(Status).durable_step == 1
+    (refused,) = again.move(5)
+    assert (refused.code, refused.retryable) == ("ABORTED.STEPS_LOST", False)
+    assert refused.details == {"expected": 2, "got": 5}
+    assert again.all(Commit, step=5)[0].code == "ABORTED.STEPS_LOST"
+    assert again.all(Commit, step=2)[0].code == "ABORTED.TRIAL_LOST"
+    assert {step: again.advance(step)[0].digest for step in range(2, 5)} == {s: digests[s] for s in (2, 3, 4)}
+
+
+@pytest.mark.parametrize("leave", ["close", "end", "suspend", "reclaim"])
+def test_everything_is_durable_before(opened: Any, kit: Any, leave: str, held: threading.Event) -> None:
+    driver = opened.open("relaxed")
+    for step in range(1, 6):
+        driver.advance(step)
+    threading.Timer(0.3, held.set).start()
+    if leave == "close":
+        assert driver.ask(Close).step == 5
+    elif leave == "end":
+        driver.host.close()
+    elif leave == "suspend":
+        driver.host.suspend()
+    else:
+        driver.host.reclaim(kit.TOKEN)
+    assert held.is_set()
+    assert inspect_session(opened.folder).step == 5
+
+
+def test_a_disk_that_fails_in_the_background_freezes_at_once(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("relaxed")
+    driver.advance(1)
+    until_durable(driver, 1)
+
+    def full(self: Any, handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(PosixFileSystem, "sync", full)
+    driver.advance(2)
+    points, deadline = driver.ask(Fetch).points, time.monotonic() + 30
+    while driver.ask(Status).state != "FROZEN":
+        assert time.monotonic() < deadline
+    refused, status = driver.move(3)[0], driver.ask(Status)
+    assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
+    assert (status.step, status.durable_step) == (2, 1)
+    np.testing.assert_array_equal(driver.ask(Fetch).points, points)
+    monkeypatch.undo()
+    assert driver.ask(Close).step == 1
+
+
+def test_a_close_that_cannot_keep_is_refused_once(opened: Any, held: threading.Event, monkeypatch: Any) -> None:
+    driver = opened.open("relaxed")
+    driver.advance(1)
+
+    def broken(self: Any, handle: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(PosixFileSystem, "sync", broken)
+    held.set()
+    refused = driver.ask(Close)
+    assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
+    assert driver.ask(Close).step == 0
+
+
+@pytest.mark.parametrize("leave", ["close", "end", "suspend"])
+def test_what_was_answered_before_a_session_failed_is_kept(opened: Any, kit: Any, leave: str, held: Any) -> None:
+    """The thread stores step 1 while the others wait: ending must not drop them."""
+    driver = opened.open("relaxed")
+    digests = [driver.advance(step)[0].digest for step in range(1, 5)]
+    driver.host._session.fail()
+    threading.Timer(0.2, held.set).start()
+    if leave == "close":
+        assert driver.ask(Close).step == 4
+    elif leave == "end":
+        driver.host.close()
+    else:
+        driver.host.suspend()
+        assert driver.host.state == "FAILED"
+        driver.host.close()
+    again = kit.resume_driver(driver, opened.store)
+    assert again.host._session.commits[-1].digest == digests[-1]
+    again.host.close()
+
+
+@pytest.mark.parametrize("suspended", [False, True])
+def test_a_session_that_failed_stays_so_when_its_disk_fails_too(
+    opened: Any, held: threading.Event, monkeypatch: Any, suspended: bool
+) -> None:
+    """FROZEN would hand out coordinates that nobody trusts."""
+    driver = opened.open("relaxed")
+    driver.advance(1)
+    driver.host._session.fail()
+
+    def broken(self: Any, handle: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(PosixFileSystem, "sync", broken)
+    held.set()
+    if suspended:
+        driver.host.suspend()  # the log is told
+    else:
+        refused = driver.ask(Close)
+        assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FAILED")
+    assert driver.ask(Status).state == "FAILED"
+    assert driver.ask(Fetch).code == "FAILED_PRECONDITION.STATE"
+    assert driver.ask(Close).step == 0
+
+
+def test_of_a_session_that_failed_no_state_is_stored(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("replay")
+    driver.advance(1)
+    driver.host._session.fail()
+    monkeypatch.setattr(Journal, "snapshot", None)
+    assert driver.ask(Close).step == 1
+    monkeypatch.undo()
+    assert records(opened.folder)[-1] == "step 1, logged"
+
+
+def test_nothing_is_waited_for_where_nothing_is_kept(opened: Any, held: threading.Event, monkeypatch: Any) -> None:
+    driver = opened.open("relaxed")
+    driver.advance(1)
+    monkeypatch.setattr(RelaxedKeeper, "rest", None)
+    monkeypatch.setattr(RelaxedKeeper, "catch_up", None)
+    threading.Timer(0.05, held.set).start()
+    assert driver.ask(Close, outcome="discard").type == "CLOSED"
+    assert not opened.folder.exists()
+
+
+def test_something_unforeseen_in_the_background_is_told(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = opened.open("relaxed")
+
+    def broken(self: Any, *given: Any) -> None:
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr(Journal, "_store", broken)
+    driver.advance(1)
+    refused = driver.ask(Close)
+    assert (refused.code, refused.state) == ("INTERNAL", "FROZEN")
+    assert "ZeroDivisionError: a defect" in refused.message

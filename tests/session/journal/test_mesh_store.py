@@ -1,0 +1,46 @@
+"""The stored mesh: bitwise, and damage is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.mesh_store import read_mesh, write_mesh
+
+FILES = PosixFileSystem()
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_partitions_are_read_back_bitwise(kit: Any, tmp_path: Path, parts: int) -> None:
+    meshes = kit.split_mesh(kit.grid_mesh(5), parts) if parts > 1 else [kit.grid_mesh(5)]
+    digest = write_mesh(tmp_path / "mesh.bin", FILES, meshes)
+    for sent, read in zip(meshes, read_mesh(tmp_path / "mesh.bin", FILES, digest), strict=True):
+        np.testing.assert_array_equal(sent.points, read.points)
+        np.testing.assert_array_equal(sent.global_ids, read.global_ids)
+        assert list(sent.cells) == list(read.cells)
+        np.testing.assert_array_equal(sent.cells["triangle"], read.cells["triangle"])
+        assert {n: p.role for n, p in sent.patches.items()} == {n: p.role for n, p in read.patches.items()}
+        for name, patch in sent.patches.items():
+            np.testing.assert_array_equal(patch.nodes, read.patches[name].nodes)
+
+
+def test_every_damaged_byte_is_found(kit: Any, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.bin"
+    digest = write_mesh(path, FILES, [kit.grid_mesh(3)])
+    data = path.read_bytes()
+    for offset in range(len(data)):
+        path.write_bytes(data[:offset] + bytes([data[offset] ^ 1]) + data[offset + 1 :])
+        with pytest.raises(JournalError, match="does not match its digest"):
+            read_mesh(path, FILES, digest)
+    path.write_bytes(data[:-1])
+    with pytest.raises(JournalError, match="does not match its digest"):
+        read_mesh(path, FILES, digest)
+    path.unlink()
+    with pytest.raises(JournalError, match="cannot be read") as caught:
+        read_mesh(path, FILES, digest)
+    assert caught.value.code == "DATA_LOSS.CHECKSUM"

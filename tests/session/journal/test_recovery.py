@@ -1,0 +1,186 @@
+"""What a crash can leave is told from what it cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from mesh_motion_server.errors import JournalError
+from mesh_motion_server.session.journal.ledger import Commit, Foundation, Ledger, slot_of
+from mesh_motion_server.session.journal.records import FAMILY, PAGE, Record, pack_record, unpack_record
+from mesh_motion_server.session.journal.recovery import SlotView, examine, read_chain, sum_up
+from mesh_motion_server.session.journal.witness import Witness
+
+CAPACITY = 12 * PAGE
+FOUNDATION = Foundation("0" * 32, b"s", b"m", 1, 1, PAGE)
+BLANK = SlotView(None, blank=True, state_verifies=lambda: False)
+DIRTY = SlotView(None, blank=False, state_verifies=lambda: False)
+
+
+def chain(*kinds: str) -> list[bytes]:
+    """Records of these kinds after a "build"."""
+    bodies: list[dict[str, Any]] = [{"kind": "build", **FOUNDATION.as_body(), "capacity": CAPACITY, "epoch": 1}]
+    step, epoch = 0, 1
+    for kind in kinds:
+        step, epoch = step + (kind == "commit"), epoch + (kind == "epoch")
+        bodies.append(Commit(step, b"d", (), b"").as_body() if kind == "commit" else {"kind": "epoch", "epoch": epoch})
+    packed: list[bytes] = []
+    previous = bytes(32)
+    for sequence, body in enumerate(bodies):
+        packed.append(pack_record(sequence, previous, body))
+        previous = record_of(packed[-1]).checksum
+    return packed
+
+
+def record_of(packed: bytes) -> Record:
+    record = unpack_record(packed)
+    assert record is not None
+    return record
+
+
+def slot(packed: bytes, *, whole: bool = True) -> SlotView:
+    return SlotView(record_of(packed), blank=False, state_verifies=lambda: whole)
+
+
+def judge(records: list[bytes], even: SlotView = BLANK, odd: SlotView = BLANK, tail: bytes = b"") -> Any:
+    manifest = (b"".join(records) + tail).ljust(CAPACITY, b"\0")
+    return examine(manifest, lambda foundation: (even, odd), keep=8)
+
+
+def test_a_clean_end() -> None:
+    packed = chain("commit", "epoch", "commit")
+    found = judge(packed, slot(packed[3]), slot(packed[1]))
+    assert (found.ledger.step, found.ledger.epoch, found.end) == (2, 2, 4 * PAGE)
+    assert (found.torn, found.completion, found.dirty_slots) == (False, (), ())
+
+
+def test_a_slot_that_was_being_written() -> None:
+    packed = chain("commit", "commit")
+    for being_written in (DIRTY, slot(packed[2], whole=False)):
+        found = judge(packed[:2], being_written, slot(packed[1]))
+        assert (found.ledger.step, found.dirty_slots, found.torn) == (1, (0,), False)
+
+
+@pytest.mark.parametrize("tail", [b"", b"torn", bytes(100) + b"torn"])
+def test_a_slot_that_was_written_and_a_record_that_was_not(tail: bytes) -> None:
+    packed = chain("commit", "commit")
+    found = judge(packed[:2], slot(packed[2]), slot(packed[1]), tail)
+    assert found.ledger.step == 2
+    assert [r.sequence for r in found.completion] == [2]
+    assert found.torn == bool(tail)
+
+
+def test_two_lost_records_are_completed_in_their_order() -> None:
+    packed = chain("commit", "commit")
+    found = judge(packed[:1], slot(packed[2]), slot(packed[1]))
+    assert [r.sequence for r in found.completion] == [1, 2]
+
+
+def test_a_torn_epoch() -> None:
+    packed = chain("commit", "epoch")
+    found = judge(packed[:2], BLANK, slot(packed[1]), packed[2][:50])
+    assert (found.torn, found.ledger.epoch, found.ledger.step) == (True, 1, 1)
+
+
+PACKED = chain("commit", "epoch", "commit")
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        pytest.param(([PACKED[0], PACKED[1][:70] + b"\xff" + PACKED[1][71:], *PACKED[2:]],), id="in the middle"),
+        pytest.param((PACKED[:2], slot(PACKED[3]), slot(PACKED[1])), id="a slot knows more"),
+        pytest.param((PACKED[:3], DIRTY, slot(PACKED[1]), PACKED[3][:80]), id="record and slot"),
+        pytest.param(([PACKED[0], PACKED[2]],), id="a record is missing"),
+        pytest.param(([b"\xff" + PACKED[0][1:]],), id="the first record"),
+        pytest.param(([],), id="empty"),
+    ],
+)
+def test_damage_is_refused(found: tuple[Any, ...]) -> None:
+    with pytest.raises(JournalError) as caught:
+        judge(*found)
+    assert caught.value.code == "DATA_LOSS.CHECKSUM"
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"kind": "epoch", "epoch": 1},
+        Commit(3, b"d", (), b"").as_body(),
+        {"kind": "build", **FOUNDATION.as_body(), "capacity": CAPACITY, "epoch": 1},
+        {"kind": "surprise"},
+    ],
+)
+def test_a_record_out_of_turn_is_refused(body: dict[str, Any]) -> None:
+    packed = chain("commit")
+    records, _ = read_chain(b"".join(packed))
+    ledger = sum_up(records, keep=8)
+    with pytest.raises(JournalError, match="does not follow step 1, epoch 1"):
+        ledger.after(record_of(pack_record(2, records[-1].checksum, body)), 8)
+
+
+def test_a_manifest_starts_with_what_it_rests_on() -> None:
+    with pytest.raises(JournalError, match="starts with a record of kind 'build' or 'checkpoint', not 'epoch'"):
+        Ledger.start(record_of(chain("epoch")[1]))
+
+
+def test_a_checkpoint_says_the_same_as_the_records_before_it() -> None:
+    records, _ = read_chain(b"".join(chain("commit", "commit", "epoch", "commit")))
+    ledger = sum_up(records, keep=2)
+    body = ledger.checkpoint_body(CAPACITY)
+    again = Ledger.start(record_of(pack_record(9, bytes(32), body)))
+    assert (again.foundation, again.epoch, again.commits, again.step) == (
+        ledger.foundation,
+        ledger.epoch,
+        ledger.commits,
+        3,
+    )
+
+
+def test_a_first_record_that_does_not_verify_is_damage_or_another_format() -> None:
+    damaged = bytearray(chain()[0])
+    damaged[100] ^= 1
+    with pytest.raises(JournalError, match="first record") as caught:
+        read_chain(bytes(damaged))
+    assert caught.value.code == "DATA_LOSS.CHECKSUM"
+    other = FAMILY + b"\x63\n\0"
+    with pytest.raises(JournalError, match="format 99") as caught:
+        read_chain(other)
+    assert caught.value.code == "UNIMPLEMENTED.VERSION"
+    with pytest.raises(JournalError, match="first record"):
+        read_chain(other[:8])
+
+
+def replayed(*kinds: str, witnessed: int | None) -> Any:
+    """Judge a journal of level "replay" whose last page knows of the record of this number."""
+    foundation = replace(FOUNDATION, durability="replay", snapshot_steps=8, log_bytes=1 << 20)
+    bodies = [{"kind": "build", **foundation.as_body(), "capacity": CAPACITY, "epoch": 1}]
+    bodies += [{"kind": "epoch", "epoch": number + 2} for number, _ in enumerate(kinds)]
+    records: list[Record] = []
+    packed: list[bytes] = []
+    for sequence, body in enumerate(bodies):
+        packed.append(pack_record(sequence, records[-1].checksum if records else bytes(32), body, format=2))
+        records.append(record_of(packed[-1]))
+    page = b"" if witnessed is None else Witness.of(records[witnessed]).pack()
+    manifest = b"".join(packed[:2]).ljust(CAPACITY, b"\0") + page.ljust(PAGE, b"\0")
+    return examine(manifest, lambda foundation: (BLANK, BLANK), keep=8)
+
+
+@pytest.mark.parametrize("witnessed", [None, 0, 1])
+def test_a_witness_of_what_is_there_says_nothing(witnessed: int | None) -> None:
+    assert replayed("epoch", "epoch", witnessed=witnessed).ledger.epoch == 2
+
+
+def test_a_record_that_was_durable_and_is_not_there_is_damage() -> None:
+    with pytest.raises(JournalError, match="does not verify, and it did"):
+        replayed("epoch", "epoch", witnessed=2)
+
+
+def test_the_slot_of_a_record() -> None:
+    states = [{"kind": "commit", "step": 3}, {"kind": "snapshot", "slot": 1}, {"kind": "commit", "slot": 0}]
+    packed = [pack_record(1, bytes(32), body, format=1 + (number > 0)) for number, body in enumerate(states)]
+    assert [slot_of(record_of(each)) for each in packed] == [1, 1, 0]
+    assert slot_of(record_of(pack_record(1, bytes(32), {"kind": "epoch", "slot": 1}, format=2))) is None

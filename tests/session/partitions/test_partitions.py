@@ -1,0 +1,229 @@
+"""Merging: one and many partitions give identical arrays, and every disagreement is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.session.partitions.merging import merge
+from mesh_motion_server.session.partitions.numbering import in_senders_numbers, upload_view
+
+
+def assert_same(a: Any, b: Any) -> None:
+    np.testing.assert_array_equal(a.points, b.points)
+    np.testing.assert_array_equal(a.global_ids, b.global_ids)
+    assert [block.type.name for block in a.cells] == [block.type.name for block in b.cells]
+    for one, other in zip(a.cells, b.cells, strict=True):
+        np.testing.assert_array_equal(one.nodes, other.nodes)
+    assert list(a.patches) == list(b.patches)
+    for name, patch in a.patches.items():
+        assert patch.role == b.patches[name].role
+        np.testing.assert_array_equal(patch.nodes, b.patches[name].nodes)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 7])
+def test_partitions_merge_to_identical_arrays(kit: Any, parts: int) -> None:
+    whole = kit.grid_mesh(6)
+    for seed in range(5):
+        assert_same(merge([whole]), merge(kit.split_mesh(whole, parts, seed)))
+
+
+@given(seed=st.integers(0, 10_000), parts=st.integers(1, 5))
+def test_the_way_back_names_what_each_partition_sent(seed: int, parts: int) -> None:
+    kit = _kit()
+    meshes = kit.split_mesh(kit.grid_mesh(5), parts, seed)
+    mesh = merge(meshes)
+    for p, sent in enumerate(meshes):
+        np.testing.assert_array_equal(mesh.scatter(mesh.points, p), sent.points)
+        np.testing.assert_array_equal(mesh.global_ids[mesh.node_maps[p]], sent.global_ids)
+    for cell in range(len(mesh.cells)):
+        p, name, local = mesh.locate_cell(cell)
+        here = meshes[p].points[meshes[p].cells[name][local]]
+        np.testing.assert_array_equal(mesh.points[mesh.cells.blocks[0].nodes[cell]], here)
+    for node in range(len(mesh.points)):
+        p, local = mesh.locate_node(node)
+        assert meshes[p].global_ids[local] == mesh.global_ids[node]
+    with pytest.raises(IndexError):
+        mesh.locate_cell(len(mesh.cells))
+    with pytest.raises(IndexError):
+        mesh.locate_node(len(mesh.points))
+
+
+def _kit() -> Any:
+    """Hypothesis does not take fixtures of function scope."""
+    import sys  # noqa: PLC0415
+
+    return next(
+        module for name, module in sys.modules.items() if name.endswith("conftest") and hasattr(module, "grid_mesh")
+    )
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4])
+def test_displacements_are_gathered_by_node(kit: Any, parts: int) -> None:
+    meshes = kit.split_mesh(kit.grid_mesh(6), parts) if parts > 1 else [kit.grid_mesh(6)]
+    mesh = merge(meshes)
+    rows = [np.sin(m.points[local]) for m, local in zip(meshes, mesh.moving_local, strict=True)]
+    np.testing.assert_array_equal(mesh.gather_moving(rows), np.sin(mesh.points[mesh.moving]))
+    assert (np.diff(mesh.moving) > 0).all()
+    assert all((np.diff(local) > 0).all() for local in mesh.moving_local)
+
+
+def two(kit: Any) -> list[Any]:
+    """Two partitions that share nodes; the moving side is in both."""
+    meshes = kit.split_mesh(kit.grid_mesh(5), 2, 3)
+    assert all("left" in mesh.patches for mesh in meshes)
+    return list(meshes)
+
+
+def test_partitions_that_move_a_shared_node_differently_are_named(kit: Any) -> None:
+    meshes = two(kit)
+    mesh = merge(meshes)
+    rows = [np.ones((len(local), 2)) for local in mesh.moving_local]
+    ids = [m.global_ids[local] for m, local in zip(meshes, mesh.moving_local, strict=True)]
+    shared = int(np.intersect1d(*ids)[0])
+    row = int(np.flatnonzero(ids[1] == shared)[0])
+    rows[1][row, 1] += 5e-13  # within 1e-12: accepted, the lowest partition's value is taken
+    np.testing.assert_array_equal(mesh.gather_moving(rows), np.ones((len(mesh.moving), 2)))
+    rows[1][row, 1] += 1e-11
+    with pytest.raises(InvalidInput, match=f"global id {shared}: partition 0 moves it by") as caught:
+        mesh.gather_moving(rows)
+    assert caught.value.code == "INVALID_ARGUMENT.PARTITION"
+    assert caught.value.details["global_id"] == shared
+    assert caught.value.details["partitions"] == [0, 1]
+
+
+def test_coordinates_of_shared_nodes_must_agree(kit: Any) -> None:
+    meshes = two(kit)
+    shared = int(np.intersect1d(meshes[0].global_ids, meshes[1].global_ids)[0])
+    row = int(np.flatnonzero(meshes[1].global_ids == shared)[0])
+    points = meshes[1].points.copy()
+    points[row, 0] += 1e-10  # below 1e-10 of the diagonal √2
+    meshes[1] = replace(meshes[1], points=points)
+    assert_same(merge(meshes), merge([kit.grid_mesh(5)]))
+    points = points.copy()
+    points[row, 0] += 1e-9
+    meshes[1] = replace(meshes[1], points=points)
+    with pytest.raises(InvalidInput, match=f"global id {shared}: partition 0 has it at") as caught:
+        merge(meshes)
+    assert caught.value.details["partitions"] == [0, 1]
+    assert len(caught.value.details["values"]) == 2  # type: ignore[arg-type]
+
+
+def test_a_patch_has_one_role(kit: Any) -> None:
+    meshes = two(kit)
+    patches = dict(meshes[1].patches) | {"left": Patch("fixed", meshes[1].patches["left"].nodes)}
+    with pytest.raises(InvalidInput, match="'left' has the role 'moving' in partition 0 and 'fixed' in 1"):
+        merge([meshes[0], replace(meshes[1], patches=patches)])
+
+
+def test_a_cell_comes_once(kit: Any) -> None:
+    whole = kit.grid_mesh(3)
+    cells = {"triangle": np.vstack([whole.cells["triangle"], whole.cells["triangle"][2]])}
+    with pytest.raises(InvalidInput, match="cell 2 of type 'triangle' in partition 0 is also cell 8 in partition 0"):
+        merge([replace(whole, cells=cells)])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"points": np.empty((0, 2)), "global_ids": np.empty(0, int)}, "partition 0 has no nodes"),
+        ({"global_ids": np.arange(5)}, "9 nodes but 5 global ids"),
+        ({"global_ids": np.array([0, 1, 2, 3, 4, 5, 6, 7, 7])}, "global id 7 is given to more than one node"),
+        ({"cells": {"triangle": np.array([[0, 1, 2], [0, 1, 9]])}}, r"row 1: node index 9 is not in 0 … 8"),
+        ({"cells": {"triangle": np.array([[0, -1, 2]])}}, r"row 0: node index -1 is not in"),
+        ({"patches": {"left": Patch("moving", np.array([0, 99]))}}, r"patch 'left', row 1: node index 99"),
+        ({"cells": {}}, "the mesh has no cells"),
+    ],
+)
+def test_what_is_wrong_with_one_partition(kit: Any, change: dict[str, Any], says: str) -> None:
+    with pytest.raises(InvalidInput, match=says):
+        merge([replace(kit.grid_mesh(3), **change)])
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_the_senders_numbering(kit: Any, parts: int) -> None:
+    whole = kit.grid_mesh(4)
+    meshes = kit.split_mesh(whole, parts) if parts > 1 else [whole]
+    view = upload_view(merge(meshes))
+    np.testing.assert_array_equal(view.points, whole.points)
+    for name, patch in whole.patches.items():
+        np.testing.assert_array_equal(view.patches[name].nodes, patch.nodes)
+    sent = np.concatenate([m.global_ids[m.cells["triangle"]] for m in meshes])
+    np.testing.assert_array_equal(view.cells.blocks[0].nodes, sent)
+    first_of_last = sum(len(m.cells["triangle"]) for m in meshes[:-1])
+    assert view.name_cell(first_of_last) == {"partition": parts - 1, "type": "triangle", "cell": 0}
+    named = view.name_node(5)
+    assert named["global_id"] == 5
+    assert meshes[named["partition"]].global_ids[named["node"]] == 5  # type: ignore[index,call-overload]
+
+
+def test_cells_in_pieces_are_merged_as_if_they_had_come_at_once(kit: Any) -> None:
+    parts = kit.split_mesh(kit.grid_mesh(), 2)
+    pieces = [
+        replace(p, cells={name: (rows[:5], rows[5:5], rows[5:]) for name, rows in p.cells.items()}) for p in parts
+    ]
+    at_once, in_pieces = merge(parts), merge(pieces)
+    np.testing.assert_array_equal(in_pieces.cells.blocks[0].nodes, at_once.cells.blocks[0].nodes)
+    assert [in_pieces.locate_cell(c) for c in range(20)] == [at_once.locate_cell(c) for c in range(20)]
+    rows = parts[0].cells["triangle"].copy()
+    rows[7, 1] = 999
+    with pytest.raises(InvalidInput, match=r"cell type 'triangle', row 7: node index 999"):
+        merge([replace(parts[0], cells={"triangle": (rows[:5], rows[5:])})])
+
+
+def test_ids_in_any_order_give_the_mesh_of_ascending_ones(kit: Any) -> None:
+    whole = kit.grid_mesh()
+    order = np.random.default_rng(1).permutation(len(whole.points))
+    rank = np.argsort(order)
+    shuffled = replace(
+        whole,
+        points=whole.points[order],
+        global_ids=whole.global_ids[order],
+        cells={name: rank[rows] for name, rows in whole.cells.items()},
+        patches={name: replace(patch, nodes=rank[patch.nodes]) for name, patch in whole.patches.items()},
+    )
+    one, other = merge([whole]), merge([shuffled])
+    assert one.points.tobytes() == other.points.tobytes()
+    np.testing.assert_array_equal(one.id_order, other.id_order)
+    np.testing.assert_array_equal(one.cells.blocks[0].nodes, other.cells.blocks[0].nodes)
+    np.testing.assert_array_equal(one.node_maps[0], other.node_maps[0][rank])
+
+
+def test_the_origin_of_cells_takes_little_memory(kit: Any) -> None:
+    whole = kit.grid_mesh()
+    single, split = merge([whole]), merge(kit.split_mesh(whole, 3))
+    for mesh in (single, split):
+        (origin,) = mesh.cell_origins
+        assert origin.partition.dtype == origin.local.dtype == np.int32
+    assert single.cell_origins[0].partition.strides == (0,)
+    cells = [single.locate_cell(cell)[2] for cell in range(len(single.cells))]
+    assert sorted(cells) == list(range(len(whole.cells["triangle"])))
+    rank = single.node_maps[0]
+    np.testing.assert_array_equal(rank[whole.cells["triangle"][cells]], single.cells.blocks[0].nodes)
+
+
+def test_the_durable_order_is_ascending_by_global_id(kit: Any) -> None:
+    whole = replace(kit.grid_mesh(), global_ids=np.random.default_rng(3).permutation(100)[:25] * 7)
+    for mesh in (merge([whole]), merge(kit.split_mesh(whole, 3))):
+        np.testing.assert_array_equal(mesh.id_order, np.argsort(mesh.global_ids))
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_an_error_about_a_motion_counts_nodes_as_their_senders_do(kit: Any, parts: int) -> None:
+    meshes = kit.split_mesh(kit.grid_mesh(), parts) if parts > 1 else [kit.grid_mesh()]
+    mesh = merge(meshes)
+    node, image = 7, 13
+    raised = InvalidInput(f"node {node} and node {image} differ by 7", hint="h", details={"node": node, "image": image})
+    told = in_senders_numbers(raised, mesh)
+    ids = mesh.global_ids
+    assert told.message == f"node {ids[node]} and node {ids[image]} differ by 7"
+    assert (told.code, told.hint, told.details["image"]) == (raised.code, "h", ids[image])
+    sender = meshes[int(told.details.get("partition", 0))]
+    assert sender.global_ids[told.details["node"]] == ids[node] == told.details.get("global_id", ids[node])
