@@ -39,6 +39,11 @@ class Kept:
         """Of the session."""
         return self.folder / "credentials.json"
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no step was made."""
+        return not self._steps.exists()
+
     def begin(self, told: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         """Keep what is played, to be compared on resuming, and the settings in force."""
         self._run.write_text(json.dumps({"told": told, "settings": settings}), encoding="utf-8")

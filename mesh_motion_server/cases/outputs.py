@@ -81,6 +81,8 @@ def run_folder(folder: Path, *, resumed: bool) -> Iterator[Kept]:
             remove_results(folder)
             if made:
                 _remove_if_empty(folder)
+        elif kept.is_empty:
+            shutil.rmtree(kept.folder, ignore_errors=True)
         raise
     shutil.rmtree(kept.folder)
 

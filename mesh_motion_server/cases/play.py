@@ -37,7 +37,7 @@ from mesh_motion_server.cases.outputs import (
     write_summary,
 )
 from mesh_motion_server.cases.picture import write_picture
-from mesh_motion_server.cases.prediction import Prediction
+from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
 from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
@@ -335,8 +335,7 @@ class _Run:
         if points is not None and worst:
             quality = cell_quality(points, self._cells, self._sizes).metric(self._drawn)
             self._worst = Snapshot(step, points, self._cells, quality, self._program.nodes)
-            near = ", ".join(f"{x:.4g}" for x in worst[0]["centre"])
-            error.message += f"; the worst cell is {worst[0]['type']} {worst[0]['cell']} near ({near})"
+            error.message += f"; {named(worst[0])}"
         details = getattr(error, "details", {})
         told = {name: getattr(error, name, details.get(name)) for name in ("best", "fraction")}
         return {"code": error.code, **told, "worst": worst}

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import Case
 from mesh_motion_server.cases.motion_program import MotionProgram
+from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import MeshFile
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
 
-__all__ = ["Prediction"]
+__all__ = ["Prediction", "named"]
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +56,7 @@ class Prediction:
             committed = motion.points
 
     def trial(self, committed: Floats, step: int) -> Floats:
-        """The best mesh (n, d) that one step finds from the committed one, be it invalid.
+        """The mesh (n, d) that one step makes, be it invalid: uncorrected where no correction comes to an end.
 
         Raises
         ------
@@ -62,4 +64,25 @@ class Prediction:
             Where there is none at all.
         """
         kept = self.model.with_method(allow_invalid=True, refuse_below_threshold=False, sub_steps="never")
-        return kept.move(committed, self.targets(step)).points
+        targets = self.targets(step)
+        try:
+            return kept.move(committed, targets).points
+        except NumericalError:
+            return kept.with_method(correction="none").move(committed, targets).points
+
+    def worst(self, points: Floats) -> list[dict[str, Any]]:
+        """The worst cells of the mesh at ``points`` (n, d), the worst first.
+
+        Each with type, cell (its number in the type), number (in the mesh), centre (mesh length unit) and size_skew.
+        """
+        found = []
+        for cell in self.model.summary(points).worst:
+            block, row = self.model.cells.locate(cell.number)
+            place = {"type": block.type.name, "cell": row, "number": cell.number, "centre": list(cell.centre)}
+            found.append(place | {"size_skew": cell.size_skew})
+        return found
+
+
+def named(cell: dict[str, Any]) -> str:
+    """One of the worst cells, in words."""
+    return f"the worst cell is {cell['type']} {cell['cell']} near ({', '.join(f'{x:.4g}' for x in cell['centre'])})"

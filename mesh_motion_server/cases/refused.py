@@ -42,16 +42,16 @@ def write_refused(
     points : (n, d) array or None
         None where no mesh was found at all.
     worst : list of dict
-        type, cell, centre (mesh length unit) and size_skew of the worst cells, the worst first.
+        As of :meth:`.Prediction.worst`.
     """
     try:
         points = prediction.trial(committed, step)
     except MeshMotionError:
         return None, []
-    judged = prediction.model.summary(points).worst
+    worst = prediction.worst(points)
     quality = cell_quality(points, cells, sizes)
     mark = np.zeros(len(cells), dtype=np.int8)
-    mark[[cell.number for cell in judged]] = 1
+    mark[[cell["number"] for cell in worst]] = 1
     write_vtu(
         path,
         points,
@@ -59,9 +59,4 @@ def write_refused(
         point_data={"displacement": points - prediction.reference},
         cell_data={name.replace("-", "_"): quality.metric(name) for name in VTU_METRICS} | {"worst": mark},
     )
-    worst = []
-    for cell in judged:
-        block, row = cells.locate(cell.number)
-        place = {"type": block.type.name, "cell": row, "centre": list(cell.centre)}
-        worst.append(place | {"size_skew": cell.size_skew})
     return points, worst
