@@ -73,6 +73,7 @@ test-fast: $(VENV)/.development
 
 manual: $(VENV)/.development
 	$(BIN)/python -m tools.manual_pages
+	$(BIN)/python -m docs.site.reference
 
 # Every package of the four environments with its version and hashes, for each system and Python that is supported.
 lock: $(BIN)/python

@@ -57,7 +57,7 @@ def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
 
 
 def _grown(before: dict[int, int], most: dict[int, int]) -> int:
-    """Bytes that the session's process holds beyond those of the template that it was forked from, the largest before."""
+    """Bytes that the session's process has beyond the template that it was forked from, the largest process before."""
     template = max(size for process, size in before.items() if process != os.getpid())
     return max(size for process, size in most.items() if process not in before) - template
 

@@ -9,7 +9,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from docs.site import index, reference, repository  # noqa: E402
+from docs.site import index, repository  # noqa: E402
 from mesh_motion_server import __version__  # noqa: E402
 
 project = "mesh-motion server"
@@ -20,7 +20,7 @@ include_patterns = list(index.PAGES)
 # folders that Sphinx need not walk through
 exclude_patterns = [".*", "out", "dist", "build", "tests", "mesh_motion_server", "proofs", "docs/studies", "docs/site"]
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+extensions = ["myst_parser", "sphinx_copybutton"]
 nitpicky = True
 smartquotes = False  # quotes are often part of what is said
 myst_heading_anchors = 6
@@ -29,18 +29,6 @@ myst_links_external_new_tab = False
 highlight_language = "text"
 # SPEC.md's messages are headings of the fourth level below one of the second
 suppress_warnings = ["misc.highlighting_failure", "myst.header"]
-
-autodoc_member_order = "bysource"
-autodoc_typehints = "signature"
-autodoc_typehints_format = "short"
-autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Frame": "Frame", "Path": "Path"}
-python_use_unqualified_type_names = True
-python_maximum_signature_line_length = 88
-# types in numpydoc are words ("(n, d) array"), no names to link
-napoleon_use_param = False
-napoleon_use_rtype = False
-napoleon_use_ivar = True
-napoleon_google_docstring = False
 
 html_theme = "furo"
 html_title = "mesh-motion server"
@@ -57,28 +45,13 @@ _TOCTREES = index.toctrees((ROOT / f"{index.INDEX}.md").read_text(encoding="utf-
 
 
 def _complete(app: Any, page: str, source: list[str]) -> None:
-    """Add what the page itself does not have: generated parts, navigation."""
+    """Add what the page itself does not have: navigation."""
     del app
-    source[0] = reference.filled(source[0]) + _TOCTREES.get(page, "")
-
-
-def _words(app: Any, env: Any, node: Any, content: Any) -> Any:
-    """A type in a docstring that is words, or another package's name, is no link; our names have to exist."""
-    del app, env
-    ours = str(node.get("reftarget", "")).startswith(("mesh_motion_", "."))
-    return content if node.get("refdomain") == "py" and not ours else None
-
-
-def _signature(app: Any, what: str, name: str, *rest: Any) -> tuple[str, str] | None:
-    """What is made by a call of another object is not shown as if one made it oneself."""
-    del app, what, rest
-    return ("", "") if name in ("mesh_motion_client.Server", "mesh_motion_client.Session") else None
+    source[0] += _TOCTREES.get(page, "")
 
 
 def setup(app: Any) -> dict[str, bool]:
     app.connect("source-read", _complete)
     app.connect("doctree-read", repository.link_files, priority=100)
     app.connect("html-collect-pages", repository.pages)
-    app.connect("missing-reference", _words)
-    app.connect("autodoc-process-signature", _signature)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mesh_motion_client
@@ -10,7 +11,7 @@ from mesh_motion_protocol.errors import ERROR_CODES
 
 from docs.site.index import INDEX, PAGES, toctrees
 from docs.site.links import faults
-from docs.site.reference import PARTS, filled
+from docs.site.reference import PARTS, filled, without_parts
 from mesh_motion_server.commands import cli
 from mesh_motion_server.commands.cli import ExitStatus
 from mesh_motion_server.settings import MethodSettings, ServerSettings
@@ -29,9 +30,9 @@ def test_the_navigation_has_every_page_once() -> None:
 def test_every_setting_and_name_is_in_the_reference() -> None:
     assert [key for key in ServerSettings.model_fields if f"| `{key}` |" not in PARTS["server-settings"]()] == []
     assert [key for key in MethodSettings.model_fields if f"| `{key}` |" not in PARTS["method-settings"]()] == []
-    assert [
-        name for name in mesh_motion_client.__all__ if f"mesh_motion_client.{name}" not in PARTS["python-client"]()
-    ] == []
+    client = PARTS["python-client"]()
+    assert [name for name in mesh_motion_client.__all__ if not re.search(rf"^###? {name}$", client, re.M)] == []
+    assert "frame: Frame = 'reference'" in client
     for line in PARTS["server-settings"]().splitlines()[2:]:
         assert line.split(" | ")[-1].strip(" |"), f"a comment behind the setting says what it is: {line}"
 
@@ -56,10 +57,20 @@ def test_every_code_and_status_is_in_the_reference() -> None:
     assert len(statuses.splitlines()) == 2 + len(ExitStatus)
 
 
-def test_a_mark_is_filled_and_an_unknown_one_refused() -> None:
-    assert filled("a\n<!-- generated: metrics -->\nb").startswith("a\n| metric |")
+def test_generated_parts_are_those_of_the_code() -> None:
+    pages = {path.relative_to(ROOT): path.read_text("utf-8") for pattern in PAGES for path in ROOT.glob(pattern)}
+    stale = [str(name) for name, text in pages.items() if filled(text) != text]
+    assert stale == [], "`make manual` writes them"
+    assert sum("<!-- generated: " in text for text in pages.values()) >= 10
+
+
+def test_a_part_is_renewed_and_an_unknown_one_refused() -> None:
+    page = "a\n<!-- generated: metrics -->\nbefore this\n<!-- end -->\nb\n"
+    assert filled(page).startswith("a\n<!-- generated: metrics -->\n\n| metric |")
+    assert "before this" not in filled(page)
+    assert without_parts(page) == "a\n\n\n\nb\n"
     with pytest.raises(KeyError):
-        filled("<!-- generated: nothing -->")
+        filled("<!-- generated: nothing -->\n<!-- end -->")
 
 
 SITE = {

@@ -25,6 +25,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from docs.site.reference import without_parts
 from mesh_motion_server.cases.case import CaseFile
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 
@@ -54,8 +55,8 @@ class Block:
 
 
 def blocks_of(page: str) -> list[Block]:
-    """Every block that is run, checked, or has a mark."""
-    found = []
+    """Every block that is run, checked, or has a mark; generated parts have tests of their own."""
+    page, found = without_parts(page), []
     for match in _BLOCK.finditer(page):
         mark = match["mark"] if match["mark"] in MARKS else ""
         indent = len(match["indent"])

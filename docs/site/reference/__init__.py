@@ -1,6 +1,7 @@
 """The parts of the reference pages that are written from the code, so that they cannot differ from it.
 
-A page has ``<!-- generated: NAME -->`` where such a part belongs; :data:`PARTS` has what writes it, as MyST's Markdown.
+A page has ``<!-- generated: NAME -->`` and ``<!-- end -->`` around such a part; :data:`PARTS` has what writes it, as
+Markdown. ``python -m docs.site.reference`` writes the pages anew (``make manual``), a test compares.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from docs.site.reference.metrics import metrics
 from docs.site.reference.python_client import python_client
 from docs.site.reference.settings import case_file, method_settings, server_settings
 
-__all__ = ["PARTS", "filled"]
+__all__ = ["PARTS", "filled", "without_parts"]
 
 PARTS: dict[str, Callable[[], str]] = {
     **{f"benchmark-{name}": partial(benchmark, name) for name in ("front", "aims", "scale", "correction")},
@@ -36,15 +37,20 @@ PARTS: dict[str, Callable[[], str]] = {
     "server-settings": server_settings,
 }
 
-_MARK = re.compile(r"^<!-- generated: ([a-z-]+) -->$", re.MULTILINE)
+_PART = re.compile(r"^(<!-- generated: ([a-z-]+) -->)\n(.*?)(<!-- end -->)$", re.MULTILINE | re.DOTALL)
 
 
 def filled(text: str) -> str:
-    """A page's text with its generated parts.
+    """A page's text with its generated parts as they are now.
 
     Raises
     ------
     KeyError
         If it asks for a part that there is not.
     """
-    return _MARK.sub(lambda found: PARTS[found[1]](), text)
+    return _PART.sub(lambda found: f"{found[1]}\n\n{PARTS[found[2]]().strip()}\n\n{found[4]}", text)
+
+
+def without_parts(text: str) -> str:
+    """A page's text with empty lines in place of its generated parts."""
+    return _PART.sub(lambda found: "\n" * found[0].count("\n"), text)

@@ -1,6 +1,11 @@
-"""The Python client's public names, from their docstrings."""
+"""The Python client's public names, from their docstrings, as Markdown that reads without a build."""
 
 from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import mesh_motion_client
 
@@ -10,22 +15,83 @@ __all__ = ["python_client"]
 _FIRST = ("connect", "Server", "Session", "Mesh", "Patch", "Credentials", "Keys")
 #: Methods by which the client's own modules work together.
 _INNER = {"Session": ("join", "upload"), "Mesh": ("parts",), "Keys": ("protect",), "Server": ("embedded",)}
+#: What is made by a call of another object.
+_MADE_ELSEWHERE = ("Server", "Session")
+#: An annotation as inspect shows it: quoted, for it is not evaluated.
+_ANNOTATION = re.compile(r"(: |-> )'([^']*)'")
+_WIDTH = 100
+_ROLE = re.compile(r":[a-z]+:`~?([^`]+)`")
+_TITLE = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 
 
 def python_client() -> str:
-    """Directives for every name of ``mesh_motion_client.__all__``."""
+    """Every name of ``mesh_motion_client.__all__``."""
     errors = sorted(set(mesh_motion_client.__all__) - set(_FIRST), key=lambda name: (name != "MeshMotionError", name))
-    parts = [f"## {name}\n\n{_directive(name)}" for name in _FIRST]
-    return "\n".join([*parts, "## Errors\n", *map(_directive, errors)])
+    parts = [f"## {name}\n\n{_described(name)}" for name in _FIRST]
+    return "\n".join([*parts, "## Errors\n", *(f"### {name}\n\n{_described(name)}" for name in errors)])
 
 
-def _directive(name: str) -> str:
-    """autodoc's directive for one name."""
+def _described(name: str) -> str:
+    """A function, or a class and its public methods."""
     value = getattr(mesh_motion_client, name)
     if not isinstance(value, type):
-        lines = [f".. autofunction:: mesh_motion_client.{name}"]
-    else:
-        lines = [f".. autoclass:: mesh_motion_client.{name}", "   :members:"]
-        lines += [f"   :exclude-members: {', '.join(_INNER[name])}"] if name in _INNER else []
-        lines += ["   :show-inheritance:"] if issubclass(value, Exception) else []
-    return "```{eval-rst}\n" + "\n".join(lines) + "\n```\n"
+        return _block(_signature(name, value)) + _markdown(value)
+    if issubclass(value, Exception):
+        bases = ", ".join(f"`{base.__name__}`" for base in value.__bases__)
+        return f"{_markdown(value)}\nA kind of {bases}.\n"
+    head = "" if name in _MADE_ELSEWHERE else _block(_signature(name, value))
+    return "\n".join([head + _markdown(value), *(_member(name, *member) for member in _members(name, value))])
+
+
+def _members(name: str, cls: type) -> Iterator[tuple[str, Any]]:
+    """Public methods and properties with a docstring, in the order of their declaration."""
+    for member, value in vars(cls).items():
+        inner = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
+        documented = isinstance(inner, property) or inspect.isfunction(inner)
+        if documented and not member.startswith("_") and member not in _INNER.get(name, ()) and inner.__doc__:
+            yield member, inner
+
+
+def _member(owner: str, name: str, value: Any) -> str:
+    called = "" if isinstance(value, property) else _block(_signature(name, value))
+    return f"### {owner}.{name}\n\n{called}{_markdown(value)}"
+
+
+def _signature(name: str, value: Callable[..., Any]) -> str:
+    signature = inspect.signature(value)
+    given = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
+    shown = _ANNOTATION.sub(r"\1\2", name + str(signature.replace(parameters=given)))
+    if len(shown) <= _WIDTH:
+        return shown
+    lines = [_ANNOTATION.sub(r"\1\2", str(parameter)) for parameter in given]
+    by_name = next((k for k, parameter in enumerate(given) if parameter.kind is parameter.KEYWORD_ONLY), len(lines))
+    lines[by_name:by_name] = ["*"] if by_name < len(lines) else []
+    return "\n".join([f"{name}(", *(f"    {line}," for line in lines), f"){shown.rpartition(')')[2]}"])
+
+
+def _block(text: str) -> str:
+    return f"```python\n{text}\n```\n\n"
+
+
+def _markdown(value: Any) -> str:
+    """A numpydoc docstring: sections are lists, roles are code, examples are blocks."""
+    text = _ROLE.sub(lambda role: f"`{role[1].rpartition('.')[2]}`", inspect.getdoc(value) or "").replace("``", "`")
+    summary, *sections = _TITLE.split(text)
+    parts = [summary.strip()]
+    for title, body in zip(sections[::2], sections[1::2], strict=True):
+        if title == "Examples":
+            parts.append(_block(re.sub(r"^(>>>|\.\.\.) |\s+# doctest:.*$", "", body.strip(), flags=re.M)).strip())
+        else:
+            parts.append(f"**{title}**\n\n" + "\n".join(_items(body.strip("\n"))))
+    return "\n\n".join(parts) + "\n"
+
+
+def _items(body: str) -> Iterator[str]:
+    """``name : kind`` at the margin, its description indented below it."""
+    for line in body.splitlines():
+        if line.startswith(" "):
+            yield "  " + line.strip()
+        elif line:
+            name, _, kind = line.partition(" : ")
+            names = ", ".join(f"`{part.strip()}`" for part in name.split(","))
+            yield f"- {names}{f' ({kind})' if kind else ''}"
