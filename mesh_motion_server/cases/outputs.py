@@ -1,7 +1,7 @@
 """The results of a played case: a folder that receives all of them when the case has ended well, or none.
 
 ``summary.json``, ``points.npy`` (final coordinates, the file's node order), ``steps.csv``, ``mesh.pvd`` with
-``mesh_0000.vtu``, … (or ``mesh.vtkhdf``) and ``quality.png``. Results of an earlier run are removed first: a folder
+``mesh_0000.vtu``, … and ``quality.png``. Results of an earlier run are removed first: a folder
 never holds results of another case than the one it was last asked for.
 """
 
@@ -33,7 +33,6 @@ RESULTS = (
     "steps.csv",
     f"{SERIES}.pvd",
     f"{SERIES}_[0-9]*.vtu",
-    f"{SERIES}.vtkhdf",
     "quality.png",
     "comparison.json",
     "comparison.csv",

@@ -6,7 +6,6 @@ displacement, the way a relaxed fixed-point iteration does; the last one is comm
 
 from __future__ import annotations
 
-import math
 import resource
 import sys
 import time
@@ -37,7 +36,7 @@ from mesh_motion_server.cases.outputs import (
 from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
 from mesh_motion_server.errors import MeshMotionError
-from mesh_motion_server.files import MeshFile, Series, check_target, open_series, write_moved
+from mesh_motion_server.files import MeshFile, VtuSeries
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.numerics.quality.orientation import oriented
@@ -89,8 +88,6 @@ def play(
     progress: Progress | None = None,
     distributed: str | None = None,
     keys: Keys | None = None,
-    series_format: str = "vtu",
-    final_mesh: Path | None = None,
 ) -> Played:
     """Play a case and write its results.
 
@@ -109,10 +106,6 @@ def play(
         For a private server: the Dask scheduler of the workers that it computes on.
     keys : Keys, optional
         For a server that asks for them.
-    series_format : str
-        One of :data:`~mesh_motion_server.files.SERIES_FORMATS`.
-    final_mesh : path, optional
-        Receives the mesh as the case leaves it (:func:`~mesh_motion_server.files.write_moved`).
 
     Raises
     ------
@@ -128,12 +121,9 @@ def play(
     program = MotionProgram.of(case, mesh)
     options = () if distributed is None else ("--distributed", distributed)
     opening = open_session(case, mesh, endpoint, server_options=options, keys=keys)
-    times = 1 + math.ceil(program.count / every)
     with result_folder(folder) as work:
-        if final_mesh is not None:  # now, for it may lie in the folder that is made just here
-            check_target(final_mesh, mesh)
-        with open_series(series_format, work, SERIES, times) as series, opening as driver:
-            run = _Run(case, mesh, program, driver, series, every)
+        with opening as driver:
+            run = _Run(case, mesh, program, driver, VtuSeries(work, SERIES), every)
             for step in run.steps():
                 if progress is not None:
                     progress(step.step, program.count, step)
@@ -144,8 +134,6 @@ def play(
         if pictures_are_possible():
             metric = case.content.method.quality_metric
             write_picture(work / "quality.png", case.name, played.before, played.worst, played.steps, metric)
-    if final_mesh is not None:
-        write_moved(final_mesh, mesh, played.points)
     return played
 
 
@@ -153,7 +141,7 @@ class _Run:
     """The state of a case being played."""
 
     def __init__(
-        self, case: Case, mesh: MeshFile, program: MotionProgram, driver: Driver, series: Series, every: int
+        self, case: Case, mesh: MeshFile, program: MotionProgram, driver: Driver, series: VtuSeries, every: int
     ) -> None:
         self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
         self._series, self._every = series, every

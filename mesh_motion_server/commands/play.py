@@ -18,7 +18,6 @@ from mesh_motion_server.commands.options import (
     DistributedOption,
     EndpointOption,
     KeyOption,
-    SeriesFormat,
     ServerKeyOption,
     keys_of_options,
 )
@@ -55,25 +54,16 @@ def play(
     key: KeyOption = None,
     server_key: ServerKeyOption = None,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series.")] = 1,
-    series: Annotated[
-        SeriesFormat, typer.Option("--format", help="Of the series for ParaView; vtkhdf is one file.")
-    ] = SeriesFormat.VTU,
-    write: Annotated[
-        Path | None,
-        typer.Option(metavar="MESH", help="Write the final mesh, too; of its file all else stays."),
-    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
     """Drive a session through a case, as a coupling code would.
 
     Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
-    mesh.pvd with its VTU files for ParaView (or mesh.vtkhdf), and quality.png; a case that is invalid or refused leaves
-    none of them.
+    mesh.pvd with its VTU files for ParaView, and quality.png; a case that is invalid or refused leaves none of them.
 
     \b
     mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
     mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
-    mesh-motion play case.toml -o out --write moved.su2
 
     With --from-journal the boundary of a stored session, or of a copy of its folder, moves again as it was recorded,
     with the session's own settings or others, and a table compares what came out; DIR receives comparison.json and .csv
@@ -92,8 +82,6 @@ def play(
         raise typer.BadParameter("give either CASE.toml or --from-journal", param_hint="CASE.toml")
     if from_journal is None and (assignments or variants or until):
         raise typer.BadParameter("--set, --variant and --until need --from-journal; a case has its own settings")
-    if write is not None and from_journal is not None:
-        raise typer.BadParameter("a stored session has no mesh file; convert the mesh with --points DIR/points.npy")
     if distributed is not None and (endpoint is not None or from_journal is not None):
         raise typer.BadParameter("only a private server that plays a case computes with --distributed")
     if out is None:
@@ -111,7 +99,6 @@ def play(
                 endpoint=endpoint,
                 keys=keys_of_options(endpoint, key, server_key),
                 every=every,
-                series_format=series.value,
                 progress=advance,
             )
         tell_comparison(comparison, quiet=quiet)
@@ -126,8 +113,6 @@ def play(
             progress=advance,
             distributed=distributed,
             keys=keys,
-            series_format=series.value,
-            final_mesh=write,
         )
     for warning in played.warnings:
         complain(f"warning: {warning}")

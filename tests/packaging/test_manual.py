@@ -19,7 +19,7 @@ from tools.manual_pages import FOLDER, commands, examples, pages
 
 #: Shown lines that are not run here, and why.
 ELSEWHERE = {
-    "mesh-motion plot ~/.local/state/mesh-motion/sessions/0123… -o mesh.png --show mesh --size page": "tests of pictures",
+    "mesh-motion plot ~/.local/state/mesh-motion/sessions/0123… -o mesh.png --show mesh --size page": "pictures",
     "mesh-motion conform --endpoint tcp://127.0.0.1:7440 --quiet": "the whole suite: tests/conformance",
     'mesh-motion conform --client "python -m mesh_motion_client.conformance"': "the whole suite: tests/conformance",
     "mesh-motion demo --out out/demo": "is what tests/cases/test_demo.py runs",
