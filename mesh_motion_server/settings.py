@@ -173,6 +173,7 @@ class ServerSettings(_Strict):
         return limits | {
             "collective_timeout_ms": round(1000 * self.collective_timeout_seconds),
             "lease_ms": round(1000 * self.lease_seconds),
+            "idle_ms": round(1000 * self.idle_seconds),
             "drain_ms": round(1000 * self.drain_seconds),
         }
 

@@ -261,8 +261,12 @@ class InProcessServer:
 
     def end_lease(self, session: str) -> Replies:
         """The lease of a session ends."""
-        worker = self._children[self._child(session)]
+        child = self._child(session)
+        worker = self._children[child]
         worker.end_lease()
+        if worker.host.closed:
+            self._over(child)
+        self._work()
         return worker.wire.take_sent()
 
     def wait(self, session: str, seconds: float) -> Replies:

@@ -26,7 +26,10 @@ class MortalSession(SessionModel):
         self.all_is_durable()
         if self.state in ("READY", "TRIAL"):
             self.lose_trial("SUSPENDED")
-        return self.abandon("ABORTED")
+        abandoned = self.abandon("ABORTED")
+        if self.state in ("NEW", "OPENING"):
+            self.end(discard=True)
+        return abandoned
 
     def time_out(self) -> list[Answer]:
         """Those who wait for partitions have waited long enough."""

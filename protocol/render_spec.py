@@ -127,10 +127,9 @@ def _meanings(cls: type[Message]) -> dict[str, str]:
 
 def _errors() -> str:
     rows = [
-        (f"`{code.code}`", "yes" if code.retryable else "no", code.state, code.meaning, code.hint)
-        for code in ERROR_CODES.values()
+        (f"`{code.code}`", "yes" if code.retryable else "no", code.state, code.meaning) for code in ERROR_CODES.values()
     ]
-    return _table(("code", "retryable", "state afterwards", "meaning", "hint"), *rows)
+    return _table(("code", "retryable", "state afterwards", "meaning"), *rows)
 
 
 def _limits() -> str:

@@ -187,10 +187,23 @@ def test_check_prints_a_report_for_people_and_for_programs(run: Run) -> None:
     status, out, _ = run("check", ROTATION, "--json")
     report = json.loads(out)
     assert report["patches"] == {"outer": {"role": "fixed", "nodes": 92}, "block": {"role": "moving", "nodes": 12}}
-    assert report["warnings"] == []
+    assert (report["warnings"], report["steps_accepted"], report["refused"]) == ([], 1, "")
     status, out, _ = run("check", ROTATION.parent / "mesh.npz")
     assert status == 0
     assert "usable as a mesh" in out
+
+
+def test_check_says_what_will_be_refused(run: Run, tmp_path: Path) -> None:
+    shutil.copy(ROTATION.parent / "mesh.npz", tmp_path)
+    (tmp_path / "case.toml").write_text(ROTATION.read_text().replace("-0.2, -0.2", "-0.5, -0.2"))
+    status, out, err = run("check", tmp_path / "case.toml")
+    assert (status, "usable" in out) == (ExitStatus.REFUSED, False)
+    leaves, refused = err.splitlines()
+    assert leaves.startswith("mesh-motion: warning: the body leaves the domain in step 1: node ")
+    assert refused.startswith(
+        "mesh-motion: step 1 of 1 will be refused: no valid mesh exists: the boundary would cross"
+    )
+    assert run("check", tmp_path / "case.toml", "--seconds", "0")[0] == 0
 
 
 def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> None:
@@ -210,7 +223,8 @@ def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> N
     assert status == ExitStatus.REFUSED
     one_line(err)
     assert out == ""
-    assert not list(folder.iterdir())  # the earlier results went, too
+    names = {file.name for file in folder.iterdir()}  # the earlier results went
+    assert names == {"mesh.pvd", "mesh_0000.vtu", "refused.vtu", "quality.png", "steps.csv", "summary.json"}
 
 
 def test_nobody_at_the_endpoint_is_status_69(run: Run, tmp_path: Path) -> None:

@@ -57,8 +57,9 @@ def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
 
 
 def _grown(before: dict[int, int], most: dict[int, int]) -> int:
-    """Bytes by which the process that serves the session has grown: of all but this one, the one that grew most."""
-    return max(most[process] - before[process] for process in most if process in before and process != os.getpid())
+    """Bytes that the session's process holds beyond those of the template that it was forked from, the largest before."""
+    template = max(size for process, size in before.items() if process != os.getpid())
+    return max(size for process, size in most.items() if process not in before) - template
 
 
 def _in_flight(task: Task) -> int:

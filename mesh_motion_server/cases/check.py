@@ -1,4 +1,4 @@
-"""What is worth knowing about a case or a mesh before it is played, without moving anything.
+"""What is worth knowing about a case or a mesh before it is played: the motion is only predicted, nothing is stored.
 
 Errors are those that opening a session would give, in the same words; what is only odd becomes a warning. The costs are
 estimates from the counts of nodes and control points, good to a factor of two or three on a machine like the one the
@@ -7,7 +7,9 @@ rates were measured on (2 cores).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.motion_program import MotionProgram
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.cases.prediction import Prediction, named
+from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
 from mesh_motion_server.numerics.interpolation.two_scale.plans import AUTOMATIC_FROM
@@ -43,6 +46,8 @@ _SPARSE_ORDER, _SPARSE_ENTRIES = 1_500, 150.0
 #: Bytes a mesh takes in the server for each node and each cell, all copies together; and the process itself.
 _NODE_BYTES, _CELL_BYTES, _BASE_BYTES = 400, 300, 250 << 20
 _SAMPLE = 500
+#: Of the mesh's extent: no motion is meant to go farther, nor is one that goes less far worth a moving mesh.
+_FARTHEST, _NEAREST = 5.0, 1e-5
 _KINDS = ("moving", "fixed", "sliding", "periodic")
 
 
@@ -86,6 +91,10 @@ class CheckReport:
     suggested_radius : float
     costs : Costs
     warnings : list of str
+    steps : int
+        Of the case's motion, those that were predicted and are accepted.
+    refused : str
+        Which step will be refused, why and where; empty where none is known to be.
     """
 
     path: Path
@@ -98,10 +107,19 @@ class CheckReport:
     suggested_radius: float
     costs: Costs
     warnings: list[str]
+    steps: int = 0
+    refused: str = ""
 
 
-def check(path: Path, zone: str = "") -> CheckReport:
+def check(path: Path, zone: str = "", *, seconds: float = 0.0) -> CheckReport:
     """Check a case file, or a mesh file alone; of several zones one by its name or number.
+
+    Parameters
+    ----------
+    path : path
+    zone : str
+    seconds : float
+        Predict the case's motion, step by step, for about so long.
 
     Raises
     ------
@@ -114,7 +132,56 @@ def check(path: Path, zone: str = "") -> CheckReport:
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
     warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
-    return _report(path, mesh, case, warnings)
+    report = _report(path, mesh, case, [*warnings, *_odd_motion(mesh, case, program)])
+    return _predicted(report, Prediction.of(case, mesh, program), seconds) if seconds > 0.0 else report
+
+
+def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> CheckReport:
+    """The report with what comes of the motion, as far as the seconds reach."""
+    begin, committed, refused = time.perf_counter(), prediction.reference, ""
+    count, threshold = prediction.program.count, prediction.model.method.quality_threshold
+    minima: list[float] = []
+    try:
+        for motion in prediction.steps():
+            minima.append(motion.corrected.metric.min)
+            committed = motion.points
+            if time.perf_counter() - begin > seconds:
+                break
+    except NumericalError as error:
+        refused = f"step {len(minima) + 1} of {count} will be refused: {error.message}"
+        with suppress(MeshMotionError):  # there is no mesh at all, and the error says why
+            refused += f"; {named(prediction.worst(prediction.trial(committed, len(minima) + 1))[0])}"
+    warnings = list(report.warnings)
+    low = [step for step, minimum in enumerate(minima, start=1) if minimum < threshold]
+    if low:
+        warnings.append(
+            f"{len(low)} of {len(minima)} steps stay below the threshold {threshold:g}, the first is step {low[0]}; "
+            f"lowest minimum {min(minima):.3g}"
+        )
+    if not refused and len(minima) < count:
+        warnings.append(
+            f"steps {len(minima) + 1} to {count} were not tried in {seconds:g} s: --seconds gives them more"
+        )
+    return replace(report, warnings=warnings, steps=len(minima), refused=refused)
+
+
+def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]:
+    """A motion that cannot be meant: in another unit than the mesh, or out of its domain."""
+    told = [program.displacement(step) for step in range(1, program.count + 1)]
+    far = max(float(np.linalg.norm(rows, axis=1).max()) for rows in told)
+    extent = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+    if far > _FARTHEST * extent or 0.0 < far < _NEAREST * extent:
+        return [f"the motion's largest displacement is {far:.3g} and the mesh's extent {extent:.3g}: is it one unit?"]
+    split = BoundaryRoles.from_patches({n: Patch(role, mesh.patches[n]) for n, role in case.content.patches.items()})
+    box = mesh.points[np.setdiff1d(split.all, program.nodes)]
+    at_rest = mesh.points[program.nodes]
+    if len(box) and (at_rest > box.min(axis=0)).all() and (at_rest < box.max(axis=0)).all():
+        for step, rows in enumerate(told, start=1):
+            out = np.flatnonzero(((at_rest + rows < box.min(axis=0)) | (at_rest + rows > box.max(axis=0))).any(axis=1))
+            if len(out):
+                place = ", ".join(f"{x:.4g}" for x in (at_rest + rows)[out[0]])
+                return [f"the body leaves the domain in step {step}: node {program.nodes[out[0]]} comes to ({place})"]
+    return []
 
 
 def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] | None = None) -> CheckReport:

@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from mesh_motion_client import Keys, Mesh, MeshMotionError, Patch, Session, connect
+from mesh_motion_client import Credentials, Keys, Mesh, MeshMotionError, Patch, Session, connect
 from mesh_motion_client.session import Report
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import Case
+from mesh_motion_server.cases.kept import Kept
 from mesh_motion_server.files import MeshFile
 
 __all__ = ["Driver", "Reply", "open_session"]
@@ -64,6 +65,13 @@ class Driver(Protocol):
     def mesh_warnings(self) -> list[str]:
         """What the server noticed about the mesh."""
 
+    @property
+    def step(self) -> int:
+        """The last committed one."""
+
+    def points(self) -> FloatArray:
+        """Committed coordinates (n, d)."""
+
     def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
         """Move the moving nodes (ascending) to their total displacement (k, d); ``report`` as of MOVE."""
 
@@ -79,11 +87,13 @@ def open_session(
     case: Case,
     mesh: MeshFile,
     endpoint: str | None,
+    kept: Kept,
     *,
+    resumed: bool = False,
     server_options: Sequence[str] = (),
     keys: Keys | None = None,
 ) -> Iterator[Driver]:
-    """Open a session for a case; it is discarded at the end, since a played case is not resumed.
+    """Open a session for a case, or ``resumed`` the one that is kept; it is discarded when the block ends well.
 
     Parameters
     ----------
@@ -91,33 +101,46 @@ def open_session(
     mesh : MeshFile
     endpoint : str or None
         None: a private server that ends with the session.
+    kept : Kept
+        Where a private server stores the session, and who may resume it.
     server_options : sequence of str
         Of ``mesh-motion serve``, for a private server.
     keys : Keys, optional
         For a server that asks for them.
     """
     patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
-    settings = case.content.method.model_dump(exclude_unset=True)
-    with (
-        connect(endpoint, server_options=server_options, keys=keys) as server,
-        server.open(Mesh(mesh.points, mesh.cells, patches), settings, label=case.name) as session,
-    ):
+    told = {"roles": dict(case.content.patches), "method": case.content.method.model_dump(exclude_unset=True)}
+    settings = kept.settings(told) if resumed else {}
+    state = kept.state if endpoint is None else None
+    with connect(endpoint, state=state, server_options=server_options, keys=keys) as server:
+        if resumed:
+            session = server.resume(Credentials.load(kept.credentials))
+        else:
+            session = server.open(Mesh(mesh.points, mesh.cells, patches), told["method"], label=case.name)
+            session.credentials.save(kept.credentials)
+            settings = dict(session.settings)
+            kept.begin(told, settings)
+        outcome: Literal["keep", "discard"] = "keep"
         try:
-            yield _Session(session)
+            yield _Session(session, settings)
+            outcome = "discard"
         finally:
             with suppress(MeshMotionError):  # the results do not depend on it
-                session.close("discard")
+                session.close(outcome if session.step else "discard")
 
 
 class _Session:
     """A client's session as a :class:`Driver`."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    def __init__(self, session: Session, settings: dict[str, Any]) -> None:
+        self._session, self.settings = session, settings
 
     @property
-    def settings(self) -> dict[str, Any]:
-        return dict(self._session.settings)
+    def step(self) -> int:
+        return self._session.step
+
+    def points(self) -> FloatArray:
+        return self._session.points()
 
     @property
     def mesh_warnings(self) -> list[str]:

@@ -1,8 +1,9 @@
-"""The results of a played case: a folder that receives all of them when the case has ended well, or none.
+"""The results of a run: ``summary.json``, ``points.npy`` (final coordinates, the file's node order), ``steps.csv``,
+``mesh.pvd`` with ``mesh_0000.vtu``, … and ``quality.png``.
 
-``summary.json``, ``points.npy`` (final coordinates, the file's node order), ``steps.csv``, ``mesh.pvd`` with
-``mesh_0000.vtu``, … and ``quality.png``. Results of an earlier run are removed first: a folder
-never holds results of another case than the one it was last asked for.
+A case that is refused on its way leaves what it has, with ``accepted.npy`` (the last accepted coordinates) in place of
+``points.npy``, and ``refused.vtu``; one that never began leaves nothing. Results of an earlier run are removed first: a
+folder never holds results of another case than the one it was last asked for.
 """
 
 from __future__ import annotations
@@ -20,16 +21,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.faces import FACES
+from mesh_motion_server.cases.kept import KEPT, Kept
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import ResourceError
 
-__all__ = ["RESULTS", "remove_results", "result_folder", "write_points", "write_steps", "write_summary"]
+__all__ = [
+    "RESULTS",
+    "remove_ended",
+    "remove_results",
+    "result_folder",
+    "run_folder",
+    "write_points",
+    "write_steps",
+    "write_summary",
+]
 
 SERIES = "mesh"
 #: What a run leaves, as patterns.
 RESULTS = (
     "summary.json",
     "points.npy",
+    "accepted.npy",
+    "refused.vtu",
     "steps.csv",
     f"{SERIES}.pvd",
     f"{SERIES}_[0-9]*.vtu",
@@ -37,6 +50,40 @@ RESULTS = (
     "comparison.json",
     "comparison.csv",
 )
+
+
+@contextmanager
+def run_folder(folder: Path, *, resumed: bool) -> Iterator[Kept]:
+    """A folder that results are written to as they come; where nothing is worth keeping, it is as if never made.
+
+    Yields
+    ------
+    Kept
+        What is needed to go on; gone when the block ends well.
+
+    Raises
+    ------
+    ResourceError
+        If the folder cannot be made or written.
+    """
+    kept, made = Kept(folder / KEPT), not folder.exists()
+    if not resumed:
+        remove_results(folder)
+        try:
+            kept.folder.mkdir(mode=0o700, parents=True)
+        except OSError as error:
+            raise _unwritable(folder, error) from None
+    try:
+        yield kept
+    except BaseException:
+        if not resumed and not (folder / "summary.json").exists():
+            remove_results(folder)
+            if made:
+                _remove_if_empty(folder)
+        elif kept.is_empty:
+            shutil.rmtree(kept.folder, ignore_errors=True)
+        raise
+    shutil.rmtree(kept.folder)
 
 
 @contextmanager
@@ -79,8 +126,16 @@ def remove_results(folder: Path) -> None:
         for pattern in RESULTS:
             for file in folder.glob(pattern):
                 file.unlink()
+        if (folder / KEPT).exists():
+            shutil.rmtree(folder / KEPT)
     except OSError as error:
         raise _unwritable(folder, error) from None
+
+
+def remove_ended(folder: Path) -> None:
+    """Remove what only a run that ended early has."""
+    for name in ("accepted.npy", "refused.vtu"):
+        (folder / name).unlink(missing_ok=True)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
@@ -89,9 +144,9 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
-def write_points(folder: Path, points: NDArray[np.float64]) -> None:
-    """points.npy."""
-    np.save(folder / "points.npy", points, allow_pickle=False)
+def write_points(folder: Path, points: NDArray[np.float64], name: str = "points.npy") -> None:
+    """points.npy, or ``name``."""
+    np.save(folder / name, points, allow_pickle=False)
 
 
 def write_steps(folder: Path, steps: Sequence[StepRecord]) -> None:

@@ -29,7 +29,13 @@ _MINIMUM, _MEAN, _BEFORE = LIGHT.runs[0], LIGHT.runs[2], LIGHT.faint
 
 
 def write_picture(
-    path: Path, title: str, before: Snapshot, after: Snapshot, steps: Sequence[StepRecord], metric: str = "size-skew"
+    path: Path,
+    title: str,
+    before: Snapshot,
+    after: Snapshot,
+    steps: Sequence[StepRecord],
+    metric: str = "size-skew",
+    last: str = "",
 ) -> None:
     """Draw both meshes and the history into one PNG.
 
@@ -42,12 +48,14 @@ def write_picture(
     steps : sequence of StepRecord
     metric : str
         The quality metric that the steps' predictions are of.
+    last : str
+        What ``after`` is, where it is no committed step.
     """
     plane = choose_plane(before, after)
     window = choose_window(before, after, plane)
     figure, (first, second), bar, below = _panels(*(window[1] - window[0]))
     figure.suptitle(title, y=1.0 - 0.2 / figure.get_figheight(), va="top", fontsize=15, fontweight="bold", color=INK)
-    last = f"after step {after.step} of {len(steps)}" + (", the worst" if len(steps) > 1 else "")
+    last = last or f"after step {after.step} of {len(steps)}" + (", the worst" if len(steps) > 1 else "")
     if before.points.shape[1] > 1:
         draw_mesh(first, before, plane, "at opening", window)
         colours = draw_mesh(second, after, plane, last, window)
@@ -108,7 +116,7 @@ def _draw_history(axes: Any, before: Snapshot, steps: Sequence[StepRecord], metr
     if metric == drawn(metric) and any(s.predicted_standard < s.predicted_min for s in steps):
         standard = [before.quality.min(), *(s.predicted_standard for s in steps)]
         axes.plot(number, standard, ":", marker=marker, color=_BEFORE, markersize=3, label="without correction")
-    axes.set(title=f"{drawn(metric)} over the steps", xlabel="step", xlim=(0, max(number)))
+    axes.set(title=f"{drawn(metric)} over the steps", xlabel="step", xlim=(0, max(1, *number)))
     axes.set_ylim(top=1.0)
     axes.legend(loc="best", frameon=False, fontsize=9)
     axes.xaxis.get_major_locator().set_params(integer=True)

@@ -10,7 +10,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +24,22 @@ from mesh_motion_server import __version__
 from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.driver import Driver, Reply, open_session
 from mesh_motion_server.cases.faces import faces_numbers
+from mesh_motion_server.cases.kept import Kept
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import (
     SERIES,
+    remove_ended,
     remove_results,
-    result_folder,
+    run_folder,
     write_points,
     write_steps,
     write_summary,
 )
 from mesh_motion_server.cases.picture import write_picture
+from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
-from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.cases.refused import write_refused
+from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, VtuSeries
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
@@ -50,6 +54,8 @@ Progress = Callable[[int, int, StepRecord | None], None]
 
 #: An iteration halves the distance to the step's final displacement, as relaxation by 0.5 does.
 _RELAXATION = 0.5
+#: Of the mesh's extent: a motion that differs by less from the one that was played is the same.
+_AGREEMENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +94,9 @@ def play(
     progress: Progress | None = None,
     distributed: str | None = None,
     keys: Keys | None = None,
+    resume: bool = False,
 ) -> Played:
-    """Play a case and write its results.
+    """Play a case and write its results as they come.
 
     Parameters
     ----------
@@ -106,45 +113,67 @@ def play(
         For a private server: the Dask scheduler of the workers that it computes on.
     keys : Keys, optional
         For a server that asks for them.
+    resume : bool
+        Go on behind the last committed step of the run that ended early in this folder, for whatever reason.
 
     Raises
     ------
     InvalidInput
         If the case, its mesh or its tables do not fit.
     MeshMotionError
-        If the server refuses a step. The folder then holds no results.
+        If the server refuses a step. The folder then has the results of the steps before it, ``accepted.npy`` instead
+        of ``points.npy``, and the refused mesh in ``refused.vtu`` and ``quality.png``.
     """
-    if folder.is_dir() and case_file.is_file():  # a misspelt name does not cost what an earlier run has left
+    if folder.is_dir() and case_file.is_file() and not resume:  # a misspelt name costs nothing of an earlier run
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
     options = () if distributed is None else ("--distributed", distributed)
-    opening = open_session(case, mesh, endpoint, server_options=options, keys=keys)
-    with result_folder(folder) as work:
+    with run_folder(folder, resumed=resume) as kept:
+        opening = open_session(case, mesh, endpoint, kept, resumed=resume, server_options=options, keys=keys)
         with opening as driver:
-            run = _Run(case, mesh, program, driver, VtuSeries(work, SERIES), every)
-            for step in run.steps():
-                if progress is not None:
-                    progress(step.step, program.count, step)
+            written = [0, *range(every, driver.step, every)] if driver.step else []
+            series = VtuSeries(folder, SERIES, list(map(float, written)))
+            run = _Run(case, mesh, program, driver, series, every, kept)
+            try:
+                for step in run.steps():
+                    if progress is not None:
+                        progress(step.step, program.count, step)
+            except BaseException as error:
+                run.keep(folder, error)
+                raise
             played = run.result()
-        write_summary(work, played.summary)
-        write_steps(work, played.steps)
-        write_points(work, played.points)
-        if pictures_are_possible():
-            metric = case.content.method.quality_metric
-            write_picture(work / "quality.png", case.name, played.before, played.worst, played.steps, metric)
+        remove_ended(folder)
+        write_points(folder, played.points)
+        _write(folder, case, played)
     return played
+
+
+def _write(folder: Path, case: Case, played: Played, refused: str = "") -> None:
+    """All results but coordinates and series."""
+    write_summary(folder, played.summary)
+    write_steps(folder, played.steps)
+    if pictures_are_possible():
+        metric = case.content.method.quality_metric
+        write_picture(folder / "quality.png", case.name, played.before, played.worst, played.steps, metric, refused)
 
 
 class _Run:
     """The state of a case being played."""
 
     def __init__(
-        self, case: Case, mesh: MeshFile, program: MotionProgram, driver: Driver, series: VtuSeries, every: int
+        self,
+        case: Case,
+        mesh: MeshFile,
+        program: MotionProgram,
+        driver: Driver,
+        series: VtuSeries,
+        every: int,
+        kept: Kept,
     ) -> None:
         self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
-        self._series, self._every = series, every
+        self._series, self._every, self._kept = series, every, kept
         self._cells, sizes, _ = oriented(mesh.points, mesh.cell_table)
         self._sizes = cells_at_rest(mesh.points, self._cells, sizes)
         roles = BoundaryRoles.from_patches(
@@ -160,7 +189,36 @@ class _Run:
         self._warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
         self._warnings += [*mesh.notes, *driver.mesh_warnings]
         self._begin = time.perf_counter()
-        self._write(0)
+        if driver.step:
+            self._go_on(driver.step)
+        else:
+            self._write(0)
+
+    def _go_on(self, step: int) -> None:
+        """Take up what was kept of the steps before.
+
+        Raises
+        ------
+        InvalidInput
+            If the motion up to here is another one now.
+        """
+        self._records, self._warnings = self._kept.steps(step)
+        self._begin -= sum(record.seconds for record in self._records)
+        lowest = min(self._records, key=lambda record: record.shown(self._drawn)[0]).step
+        for at, points in ((lowest, self._kept.worst(lowest)), (step, self._driver.points())):
+            if points is not None:
+                self._points = points
+                self._quality = cell_quality(points, self._cells, self._sizes)
+            self._worst = self._snapshot(at) if at == lowest else self._worst
+        target = self._program.displacement(min(step, self._program.count))
+        extent = float(np.ptp(self._mesh.points, axis=0).max())
+        if not self._boundary_error(target) <= self._records[-1].boundary_error + _AGREEMENT * extent:
+            raise InvalidInput(
+                f"{self._case.path}: the motion up to step {step} is another than the one that was played",
+                hint="put it back, or play from the beginning without --resume",
+            )
+        if step % self._every == 0 or step == self._program.count:
+            self._write(step)  # again: a kill may have come between the commit and its file
 
     def _snapshot(self, step: int) -> Snapshot:
         """The mesh as it is now."""
@@ -168,10 +226,11 @@ class _Run:
 
     def steps(self) -> Iterator[StepRecord]:
         """Play all steps."""
-        for step in range(1, self._program.count + 1):
+        for step in range(len(self._records) + 1, self._program.count + 1):
             self._records.append(self._step(step))
             if step == 1 or self._records[-1].shown(self._drawn)[0] < float(self._worst.quality.min()):
                 self._worst = self._snapshot(step)
+                self._kept.keep_worst(step, self._points)
             if step % self._every == 0 or step == self._program.count:
                 self._write(step)
             yield self._records[-1]
@@ -187,12 +246,12 @@ class _Run:
             wanted = target if fraction == 1.0 else before + fraction * (target - before)
             moved = self._move(step, wanted, "faces" if iteration == iterations else "")
             seconds = add_seconds(seconds, moved.seconds)
-        self._driver.commit()
         elapsed = time.perf_counter() - begin
         self._warnings += [w for w in moved.warnings if w not in self._warnings]
+        accepted = self._points, self._quality
         self._points = self._mesh.points + moved.displacement
         self._quality = cell_quality(self._points, self._cells, self._sizes)
-        return StepRecord(
+        record = StepRecord(
             step=step,
             **quality_numbers(self._quality),
             predicted_min=moved.predicted,
@@ -209,6 +268,14 @@ class _Run:
             sub_steps=moved.sub_steps,
             faces=faces_numbers(moved.faces),
         )
+        self._kept.add(record, self._warnings)  # before the commit: a step that is committed is never unknown
+        begin = time.perf_counter()
+        try:
+            self._driver.commit()
+        except BaseException:
+            self._points, self._quality = accepted
+            raise
+        return replace(record, seconds=elapsed + time.perf_counter() - begin)
 
     def _move(self, step: int, displacement: FloatArray, report: Report) -> Reply:
         """One coupling iteration; an error says in which step."""
@@ -230,12 +297,43 @@ class _Run:
         displacement = {"displacement": self._points - self._mesh.points}
         self._series.write(float(step), self._points, self._cells, point_data=displacement, cell_data=quality)
 
+    def keep(self, folder: Path, error: BaseException) -> None:
+        """Write what an error leaves: the steps before it, and a refused mesh with its worst cells."""
+        refused = isinstance(error, MeshMotionError | ClientError) and error.code == NumericalError.default_code
+        if not (refused or self._records):
+            return
+        step = len(self._records) + 1
+        told: dict[str, Any] = {"step": step, "message": str(error) or type(error).__name__}
+        remove_ended(folder)
+        title = ""
+        if refused:
+            told |= self._refused(folder, step, error)
+            title = f"the refused step {step}"
+        if self._records:
+            write_points(folder, self._points, "accepted.npy")
+            error.add_note(f"{step - 1} of {self._program.count} steps are kept in {folder}: play --resume goes on")
+        played = self.result()
+        _write(folder, self._case, replace(played, summary=played.summary | {"ended_early": told}), title)
+
+    def _refused(self, folder: Path, step: int, error: Any) -> dict[str, Any]:
+        """Write refused.vtu, name its worst cell in the error, and tell of it."""
+        prediction = Prediction.of(self._case, self._mesh, self._program)
+        path = folder / "refused.vtu"
+        points, worst = write_refused(path, prediction, self._points, step, self._cells, self._sizes)
+        if points is not None and worst:
+            quality = cell_quality(points, self._cells, self._sizes).metric(self._drawn)
+            self._worst = Snapshot(step, points, self._cells, quality, self._program.nodes)
+            error.message += f"; {named(worst[0])}"
+        details = getattr(error, "details", {})
+        told = {name: getattr(error, name, details.get(name)) for name in ("best", "fraction")}
+        return {"code": error.code, **told, "worst": worst}
+
     def result(self) -> Played:
         """What the case has come to."""
         if not pictures_are_possible():
             self._warnings.append("no quality.png without matplotlib: pip install 'mesh-motion-server[plot]'")
         records = self._records
-        worst = min(records, key=lambda record: record.shown(self._drawn)[0])
+        worst = min(records, key=lambda record: record.shown(self._drawn)[0], default=None)
         summary = {
             "case": str(self._case.path),
             "version": __version__,
@@ -248,17 +346,24 @@ class _Run:
                 "moving_nodes": len(self._program.nodes),
                 "reference": self._at_opening,
             },
-            "worst_step": worst.step,
-            "min_size_skew": min(record.min_size_skew for record in records),
-            "min_relative_size_skew": min(record.min_relative_size_skew for record in records),
-            "inverted_cells": max(record.inverted_cells for record in records),
-            "boundary_error": max(record.boundary_error for record in records),
-            "peak_memory_bytes": _own_peak_memory() + self._driver.peak_memory_bytes(),
+            "worst_step": worst.step if worst else 0,
+            "min_size_skew": min((record.min_size_skew for record in records), default=None),
+            "min_relative_size_skew": min((record.min_relative_size_skew for record in records), default=None),
+            "inverted_cells": max((record.inverted_cells for record in records), default=0),
+            "boundary_error": max((record.boundary_error for record in records), default=0.0),
+            "peak_memory_bytes": _own_peak_memory() + self._peak_memory_of_the_server(),
             "seconds": time.perf_counter() - self._begin,
             "warnings": self._warnings,
             "steps": [record.as_dict() for record in records],
         }
         return Played(self._mesh, self._points, records, self._warnings, summary, self._reference, self._worst)
+
+    def _peak_memory_of_the_server(self) -> int:
+        """In bytes; 0 where it is gone."""
+        try:
+            return self._driver.peak_memory_bytes()
+        except ClientError:
+            return 0
 
 
 def _plain(quality: FloatArray) -> dict[str, float]:

@@ -84,12 +84,13 @@ def _show(table: RenderableType) -> None:
 def check(
     path: Annotated[Path, typer.Argument(metavar="CASE.toml|MESH", help="A case or a mesh file.", show_default=False)],
     zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of a mesh file that has several.")] = "",
+    seconds: Annotated[float, typer.Option(min=0.0, metavar="S", help="Predict a case's motion for so long.")] = 20.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
-    """Say what is wrong or odd about a case or a mesh, and what it will cost, without moving anything.
+    """Say what is wrong or odd about a case or a mesh, what will be refused, and what it will cost.
 
-    Roles of the patches, degenerate and inverted cells, duplicated and orphan nodes, a suggested support radius, and an
-    estimate of memory and time.
+    Roles of the patches, degenerate and inverted cells, duplicated and orphan nodes, a suggested support radius, an
+    estimate of memory and time, and which step of a case's motion will be refused, why and where: status 3.
 
     \b
     mesh-motion check case.toml
@@ -98,13 +99,16 @@ def check(
     from mesh_motion_server.cases.check import check as check_path
 
     with expected_errors():
-        report = check_path(path, zone)
+        report = check_path(path, zone, seconds=seconds)
     if as_json:
         typer.echo(json.dumps(_check_values(report), indent=2, ensure_ascii=False))
     else:
         _print_check(report)
     for warning in report.warnings:
         complain(f"warning: {warning}")
+    if report.refused:
+        complain(report.refused)
+        raise typer.Exit(ExitStatus.REFUSED)
 
 
 def _check_values(report: CheckReport) -> dict[str, Any]:
@@ -125,6 +129,8 @@ def _check_values(report: CheckReport) -> dict[str, Any]:
         "estimated_seconds_factorize": costs.factorize_seconds,
         "estimated_seconds_evaluate": costs.evaluate_seconds,
         "estimated_memory_bytes": costs.memory_bytes,
+        "steps_accepted": report.steps,
+        "refused": report.refused,
         "warnings": report.warnings,
     }
 
@@ -154,8 +160,11 @@ def _print_check(report: CheckReport) -> None:
         f"{costs.memory_bytes / 2**20:.0f} MB; {costs.solver} factorization {_about(costs.factorize_seconds)}, then "
         f"{_about(costs.evaluate_seconds)} a move, and what a correction needs",
     )
+    if report.steps:
+        table.add_row("motion", f"{report.steps} steps are accepted")
     _show(table)
-    typer.echo(f"usable{' as a case' if report.roles else ' as a mesh'}")
+    if not report.refused:
+        typer.echo(f"usable{' as a case' if report.roles else ' as a mesh'}")
 
 
 def _about(seconds: float) -> str:

@@ -20,11 +20,17 @@ def expected_errors() -> Iterator[None]:
     try:
         yield
     except _kinds() as error:
-        complain(str(error))
+        _tell(str(error), error)
         raise typer.Exit(status_of(getattr(error, "code", ""))) from None
-    except KeyboardInterrupt:
-        complain("interrupted")
+    except KeyboardInterrupt as interrupt:
+        _tell("interrupted", interrupt)
         raise typer.Exit(ExitStatus.INTERRUPTED) from None
+
+
+def _tell(line: str, error: BaseException) -> None:
+    """The line, and what was noted of the error on its way."""
+    for told in (line, *getattr(error, "__notes__", ())):
+        complain(told)
 
 
 def _kinds() -> tuple[type[Exception], ...]:

@@ -38,7 +38,7 @@ from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.quality.metrics import QualitySummary
+from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 
 __all__ = ["DistributedEvaluator"]
 

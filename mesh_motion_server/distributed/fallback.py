@@ -16,8 +16,9 @@ from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.quality.metrics import CellsAtRest, QualitySummary, cells_at_rest
+from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
+from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 
 __all__ = ["LocalWhenAlone"]
 

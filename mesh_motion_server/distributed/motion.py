@@ -37,7 +37,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.acceptance import refuse_unacceptable
 from mesh_motion_server.numerics.motion.motion_field import Stage
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
-from mesh_motion_server.numerics.quality.metrics import QualitySummary
+from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 __all__ = ["PartitionedMotion", "PartitionedTrial"]

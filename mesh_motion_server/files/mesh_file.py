@@ -93,7 +93,9 @@ def assemble(
     points = _drop_coordinates(np.asarray(points, dtype=np.float64), dimension, path)
     used = {name: nodes for name, nodes in used.items() if CELL_TYPES[name].dimension == dimension}
     nodes_of = {name: np.unique(nodes) for name, nodes in patches.items()}
-    return MeshFile(points, used, nodes_of, path)
+    only_lines = ("the mesh is 1D, it has lines only: was the group of its surface or volume not saved?",)
+    notes = only_lines if dimension == 1 else ()
+    return MeshFile(points, used, nodes_of, path, notes=notes)
 
 
 def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
@@ -127,7 +129,9 @@ def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatAr
         raise InvalidInput(
             f"{path}: the cells are {dimension}D, but the coordinate {'xyz'[dimension]} varies "
             f"between {extra[:, 0].min():g} and {extra[:, 0].max():g}",
-            hint="a 2D mesh lies in the x-y plane; a 3D mesh needs volume cells: save the volume's physical group too",
+            hint="a 2D mesh lies in the x-y plane; a 3D mesh needs volume cells: save the volume's physical group too"
+            if dimension == 2
+            else "the file has lines only: save the physical group of the surface or the volume too",
         )
     return np.ascontiguousarray(points[:, :dimension])
 

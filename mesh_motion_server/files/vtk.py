@@ -47,7 +47,9 @@ def read_vtk(path: Path) -> MeshFile:
     if foreign:
         raise InvalidInput(
             f"{path}: cells of type {', '.join(foreign)}; known are {', '.join(CELL_TYPES)}",
-            hint="save the mesh with first-order cells",
+            hint="divide polygons and polyhedra into simple cells: ParaView's filters Triangulate and Tetrahedralize do"
+            if any(name.startswith("poly") for name in foreign)
+            else "save the mesh with first-order cells",
         )
     cells: dict[str, list[IntArray]] = defaultdict(list)
     for name, nodes in blocks:

@@ -8,7 +8,7 @@ https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape  # xml.sax.saxutils has the same and imports the web
 from pathlib import Path
 from typing import BinaryIO
@@ -77,12 +77,14 @@ class VtuSeries:
         Exists.
     name : str
         Stem of all files.
+    written : sequence of float
+        Times whose files are there: the series goes on behind them.
     """
 
-    def __init__(self, folder: Path, name: str) -> None:
+    def __init__(self, folder: Path, name: str, written: Sequence[float] = ()) -> None:
         self._folder = folder
         self._name = name
-        self._entries: list[tuple[float, str]] = []
+        self._entries = [(time, f"{name}_{k:04d}.vtu") for k, time in enumerate(written)]
 
     def write(
         self,

@@ -30,7 +30,7 @@ from mesh_motion_server.session.model import ModelBuilder, check_basis, model_bu
 from mesh_motion_server.session.replay import Progress, silent
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import SessionSpec
-from mesh_motion_server.session.state import State
+from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings, check_durability
 
@@ -211,12 +211,18 @@ class SessionHost:
         return epoch
 
     def suspend(self) -> list[Envelope]:
-        """The lease ended: whoever comes back has to join again."""
-        self._session.suspend()
-        self._teller.suspended()
-        return self._execution.abandon(
+        """The lease ended: whoever comes back has to join again; a session without a mesh is closed."""
+        closes = self._session.admit(Operation.LEASE_END) is State.CLOSED
+        if not closes:
+            self._session.suspend()
+            self._teller.suspended()
+        abandoned = self._execution.abandon(
             SessionError("the lease ended while the request waited", code="ABORTED", hint="JOIN again")
         )
+        if closes:
+            self.close()
+            self.closed = True
+        return abandoned
 
     def close(self) -> None:
         """Give files and lock back; the session stays resumable if it was built. Idempotent."""

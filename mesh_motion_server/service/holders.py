@@ -46,9 +46,11 @@ class Holders:
                 code="INVALID_ARGUMENT.VALUE",
                 details={"partition": request.partition, "partitions": spec.partitions},
             )
-        if request.epoch != self._session.epoch:
+        current = self._session.epoch
+        if request.epoch != current:
+            reason = "another holder resumed the session" if request.epoch < current else "it was never given out"
             raise SessionError(
-                f"epoch {request.epoch} is not the current one: the session was resumed by another holder",
+                f"epoch {request.epoch} is not the current one: {reason}",
                 code="ABORTED.FENCED",
                 details={"epoch": request.epoch},
             )

@@ -26,8 +26,6 @@ def answer(session: Session, request: Upload) -> Uploaded:
             code="INVALID_ARGUMENT.SHAPE",
             details={"item": request.item},
         )
-    rows = np.asarray(request.rows)
-    if rows.dtype.kind in "fi" and (request.item != "cells" or rows.dtype != np.int32):
-        rows = rows.astype(np.float64 if rows.dtype.kind == "f" else np.int64, copy=False)
-    total = session.add_part(request.partition, Part(request.item, request.name, request.role, rows))
+    part = Part(request.item, request.name, request.role, np.asarray(request.rows))
+    total = session.add_part(request.partition, part)
     return Uploaded(client=request.client, sequence=request.sequence, rows_total=total)

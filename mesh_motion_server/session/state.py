@@ -101,14 +101,14 @@ TABLE: Mapping[State, Row] = MappingProxyType(
     {
         _S.NEW: _row(
             _NOT_BUILT,
-            _staying(_S.NEW, _O.JOIN, _O.STATUS, _O.RESUME, _O.LEASE_END)
-            | {_O.UPLOAD: _S.OPENING, _O.CLOSE: _S.CLOSED},
+            _staying(_S.NEW, _O.JOIN, _O.STATUS, _O.RESUME)
+            | {_O.UPLOAD: _S.OPENING, _O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.CLOSED},
             {_O.BUILD: _NO_MESH},
         ),
         _S.OPENING: _row(
             _NOT_BUILT,
-            _staying(_S.OPENING, _O.JOIN, _O.STATUS, _O.UPLOAD, _O.RESUME, _O.LEASE_END)
-            | {_O.BUILD: _S.READY, _O.CLOSE: _S.CLOSED},
+            _staying(_S.OPENING, _O.JOIN, _O.STATUS, _O.UPLOAD, _O.RESUME)
+            | {_O.BUILD: _S.READY, _O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.CLOSED},
         ),
         _S.READY: _row(
             _BUILT,

@@ -151,7 +151,8 @@ class Gateway:
     def _greet(self, hello: Hello) -> Message:
         """WELCOME with the common version, or the versions we speak."""
         major, minor = PROTOCOL_VERSION
-        theirs = [version[1] for version in hello.versions if version[:1] == [major] and len(version) == 2]
+        offered = [version for version in hello.versions if len(version) == 2 and min(version) >= 0]
+        theirs = [version[1] for version in offered if version[0] == major]
         if not theirs:
             error = MeshMotionError(
                 f"this server speaks protocol {major}.{minor}, the client offers {hello.versions!r:.80}",

@@ -178,8 +178,8 @@ class Registry:
             del self.live[session]
 
     def working(self) -> int:
-        """Sessions with a worker."""
-        return sum(live.status != "dead" for live in self.live.values())
+        """Sessions with a worker that still serves them."""
+        return sum(live.status != "dead" and live.state != "CLOSED" for live in self.live.values())
 
     def page(self, after: str, shown: Callable[[str], bool]) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
         """LISTED's sessions behind ``after`` with their owners, and whether there are more; reads what is on the page.

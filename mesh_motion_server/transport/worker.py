@@ -6,7 +6,7 @@ time: frames → message → host → replies → frames. While it computes nobo
 is asked at the gateway (PROBE).
 
 The lease holds while any connection is open. Without one the host is told after ``lease_seconds``, and after
-``idle_seconds`` the process ends; the session stays resumable.
+``idle_seconds`` the process ends; the session stays resumable. One without a mesh ends with its lease.
 """
 
 from __future__ import annotations
@@ -203,7 +203,10 @@ class Worker:
             shortage = ProtocolError("no memory for the arrays of the message", code="RESOURCE_EXHAUSTED.MEMORY")
             self._send([Envelope(peer.bytes, undecodable(shortage, state=state))])
             return
-        self._send(self._answer(Envelope(peer.bytes, request), user, state))
+        replies = self._answer(Envelope(peer.bytes, request), user, state)
+        if self._host.closed:
+            self._report()  # the client may open the next session as soon as it has the reply
+        self._send(replies)
         if request.type in _STEPS:
             self._tally_due = 0.0
         milliseconds = round(1000 * (time.perf_counter() - started), 3)

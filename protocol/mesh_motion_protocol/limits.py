@@ -57,7 +57,8 @@ LIMITS: dict[str, Limit] = {
         Limit("stored_replies", 8, "replies", False, "replies kept for repeated requests, per client"),
         Limit("stored_reply_bytes", 32 << 20, "bytes", False, "arrays of all kept replies of a session"),
         Limit("collective_timeout_ms", 120_000, "ms", False, "a collective request waits for the other partitions"),
-        Limit("lease_ms", 60_000, "ms", False, "a session without any connection keeps its worker"),
+        Limit("lease_ms", 60_000, "ms", False, "a session without any connection keeps its trial"),
+        Limit("idle_ms", 3_600_000, "ms", False, "a session without any connection keeps its worker"),
         Limit("drain_ms", 30_000, "ms", False, "a stopping server lets running requests finish"),
     )
 }

@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
+from mesh_motion_client import QualityRefused, Server
 
 from mesh_motion_server.cases.check import check, estimate_costs
+from mesh_motion_server.cases.play import play
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh, write_npz
 
@@ -148,3 +152,88 @@ def test_costs_follow_the_solver_that_would_be_chosen() -> None:
     many = estimate_costs(points, rng.random((12_000, 3)), 10_000, 1.0)
     assert many.solver == "two-scale"
     assert many.memory_bytes < dense.memory_bytes
+
+
+# --- the motion ------------------------------------------------------------------------------------------------------
+
+
+MOTION = "translation = [0.05, 0.02], rotation = 10.0, centre = [0.5, 0.5]"
+
+
+def test_a_motion_that_is_accepted(make_case) -> None:
+    report = check(make_case(), seconds=60.0)
+    assert (report.steps, report.refused, report.warnings) == (2, "", [])
+    assert check(make_case()).steps == 0
+
+
+def test_the_refused_step_is_the_one_that_play_refuses(make_case, server: Server, tmp_path: Path) -> None:
+    path = make_case(
+        (MOTION, "translation = [0.03, 0.01], rotation = 90.0, centre = [0.5, 0.5]"), ("count = 2", "count = 9")
+    )
+    report = check(path, seconds=60.0)
+    with pytest.raises(QualityRefused) as refused:
+        play(path, tmp_path / "out", endpoint=server.endpoint)
+    assert 0 < report.steps < 9
+    step = f"step {report.steps + 1} of 9"
+    assert report.refused == refused.value.message.replace(step, f"{step} will be refused", 1)
+    assert "; the worst cell is triangle " in report.refused
+
+
+def test_steps_below_the_threshold_are_counted_and_time_is_kept(make_case) -> None:
+    low = ('"none"', '"none"\nquality_metric = "size-skew"\nquality_threshold = 0.99')
+    (warning,) = check(make_case(low), seconds=60.0).warnings
+    assert warning.startswith("2 of 2 steps stay below the threshold 0.99, the first is step 1; lowest minimum 0.")
+    report = check(make_case(("count = 2", "count = 1000")), seconds=1e-9)
+    assert (report.steps, report.refused) == (1, "")
+    assert report.warnings == ["steps 2 to 1000 were not tried in 1e-09 s: --seconds gives them more"]
+
+
+@pytest.mark.parametrize(
+    ("motion", "part"),
+    [
+        ("translation = [50.0, 20.0]", r"largest displacement is 53\.9 and the mesh's extent 1\.41: is it one unit"),
+        ("translation = [5e-6, 2e-6]", "is it one unit"),
+        ("translation = [0.6, 0.0]", r"the body leaves the domain in step 2: node \d+ comes to \(1\.\d+, "),
+    ],
+)
+def test_a_motion_that_cannot_be_meant(make_case, motion: str, part: str) -> None:
+    (warning,) = check(make_case((MOTION, motion))).warnings
+    assert re.search(part, warning)
+
+
+def test_a_patch_of_the_outer_boundary_may_bulge(make_case) -> None:
+    path = make_case((MOTION, "translation = [-0.2, 0.0]"))
+    mesh = read_mesh(path.parent / "mesh.npz")
+    wall = mesh.points[:, 0] == 0.0
+    patches = {
+        "block": np.flatnonzero(wall),
+        "outer": np.setdiff1d(np.concatenate([*mesh.patches.values()]), wall.nonzero()),
+    }
+    write_npz(mesh.path, replace(mesh, patches=patches))
+    assert check(path).warnings == []
+
+
+def test_a_file_of_lines_is_told_to_be_one(tmp_path: Path) -> None:
+    """What Gmsh saves where only the group of a straight wall is there."""
+    straight = np.c_[np.linspace(0.0, 1.0, 5), np.zeros((5, 2))]
+    lines = np.c_[np.arange(4), np.arange(1, 5)]
+    meshio.write(tmp_path / "wall.vtu", meshio.Mesh(straight, [("line", lines)]))
+    assert (
+        "it has lines only: was the group of its surface or volume not saved?"
+        in check(tmp_path / "wall.vtu").warnings[0]
+    )
+    bent = straight + np.c_[np.zeros(5), np.arange(5.0) % 2, np.zeros(5)]
+    meshio.write(tmp_path / "bent.vtu", meshio.Mesh(bent, [("line", lines)]))
+    with pytest.raises(InvalidInput, match="save the physical group of the surface"):
+        check(tmp_path / "bent.vtu")
+
+
+@pytest.mark.parametrize(
+    ("kind", "nodes", "way_out"), [("polygon", 5, "divide polygons"), ("triangle6", 6, "first-order")]
+)
+def test_cells_of_another_kind_have_their_own_way_out(tmp_path: Path, kind: str, nodes: int, way_out: str) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, nodes, endpoint=False)
+    points = np.c_[np.cos(angle), np.sin(angle), np.zeros(nodes)]
+    meshio.write(tmp_path / "mesh.vtu", meshio.Mesh(points, [(kind, np.arange(nodes)[None])]))
+    with pytest.raises(InvalidInput, match=f"cells of type {kind}.*{way_out}"):
+        check(tmp_path / "mesh.vtu")

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput as Refusal
@@ -64,6 +65,11 @@ class StandIn:
         faces = {"before": told_faces(20.0), "after": told_faces(60.0 + len(self.moves))} if report else {}
         return Reply(moved, 0.5, 0.25, 3, 7, seconds, [f"warning {len(self.moves)}", "always"], faces=faces)
 
+    step = 0
+
+    def points(self) -> np.ndarray:
+        raise AssertionError("nothing is resumed")
+
     def commit(self) -> None:
         self.commits.append(len(self.moves))
 
@@ -89,8 +95,8 @@ def opener(sessions: list[StandIn], refuse_at: int | None = None) -> Any:
     """What replaces ``open_session``; the sessions it opened go to a list."""
 
     @contextmanager
-    def open_stand_in(case: Case, mesh: MeshFile, endpoint: str | None, **options: Any) -> Iterator[StandIn]:
-        del options
+    def open_stand_in(case: Case, mesh: MeshFile, *options: Any, **more: Any) -> Iterator[StandIn]:
+        del options, more
         sessions.append(StandIn(case, mesh, refuse_at))
         yield sessions[-1]
 
@@ -211,18 +217,45 @@ def test_every_writes_fewer_files_but_always_the_last_step(make_case, stand_in: 
     assert [float(part.split('"')[1]) for part in text.split("timestep=")[1:]] == [0.0, 3.0, 5.0]
 
 
-def test_a_refused_step_leaves_nothing_and_takes_old_results_away(make_case, stand_in: Plays, tmp_path: Path) -> None:
+def test_a_refused_step_keeps_the_steps_before_it(make_case, stand_in: Plays, tmp_path: Path) -> None:
     out = tmp_path / "out"
     stand_in()
     play(make_case(), out)
     (out / "notes.txt").write_text("mine")
     stand_in(refuse_at=2)
-    with pytest.raises(NumericalError, match="step 2 of 2: no valid mesh was found"):
+    with pytest.raises(NumericalError) as refused:
         play(make_case(), out)
-    assert [f.name for f in out.iterdir()] == ["notes.txt"]
+    found = {f.name for f in out.iterdir()}
+    # what the first run has left is gone, and the last accepted mesh does not pass for the final one
+    assert "points.npy" not in found
+    assert {"notes.txt", "accepted.npy", "refused.vtu", "mesh_0000.vtu", "mesh_0001.vtu", "quality.png"} <= found
+    assert "mesh_0002.vtu" not in found
+    summary = json.loads((out / "summary.json").read_text())
+    ended, mesh = summary["ended_early"], read_mesh(make_case().parent / "mesh.npz")
+    assert [step["step"] for step in summary["steps"]] == [1]
+    assert (ended["step"], ended["code"], len(ended["worst"])) == (2, "FAILED_PRECONDITION.QUALITY", 10)
+    grid = meshio.read(out / "refused.vtu")
+    assert int(grid.cell_data["worst"][0].sum()) == 10
+    worst = ended["worst"][0]
+    triangle = grid.cells[0].data[worst["cell"]]
+    np.testing.assert_allclose(grid.points[triangle][:, :2].mean(axis=0), worst["centre"])
+    near = ", ".join(f"{x:.4g}" for x in worst["centre"])
+    assert refused.value.message == (
+        f"step 2 of 2: no valid mesh was found; the worst cell is triangle {worst['cell']} near ({near})"
+    )
+    assert refused.value.__notes__ == [f"1 of 2 steps are kept in {out}: play --resume goes on"]
+    accepted = np.load(out / "accepted.npy")
+    first = MotionProgram.of(read_case(make_case()), mesh)
+    np.testing.assert_allclose(accepted[first.nodes], mesh.points[first.nodes] + first.displacement(1), atol=1e-12)
+
+
+def test_a_refusal_of_the_first_step_can_be_looked_at(make_case, stand_in: Plays, tmp_path: Path) -> None:
+    stand_in(refuse_at=1)
     with pytest.raises(NumericalError):
         play(make_case(), tmp_path / "new")
-    assert not (tmp_path / "new").exists()
+    names = {f.name for f in (tmp_path / "new").iterdir()}
+    assert {"refused.vtu", "quality.png", "summary.json", "mesh_0000.vtu"} <= names
+    assert not names & {"points.npy", "accepted.npy"}
 
 
 def test_an_invalid_case_takes_old_results_away_and_makes_no_folder(make_case, stand_in: Plays, tmp_path: Path) -> None:
@@ -246,14 +279,17 @@ def test_a_misspelt_case_file_costs_no_old_results(make_case, stand_in: Plays, t
     assert results(tmp_path / "out") == before != []
 
 
-def test_an_interrupt_leaves_nothing(make_case, stand_in: Plays, tmp_path: Path) -> None:
+def test_an_interrupt_before_the_first_step_leaves_nothing(
+    make_case, stand_in: Plays, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stand_in()
 
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
+    monkeypatch.setattr(StandIn, "move", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        play(make_case(), tmp_path / "out", progress=interrupt)
+        play(make_case(), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -311,19 +347,19 @@ def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path)
     np.testing.assert_array_equal(again.points, played.points)
 
 
-def test_what_the_server_refuses_leaves_nothing(make_case, server: Server, tmp_path: Path) -> None:
+def test_what_the_server_refuses_leaves_no_final_mesh_and_no_session(make_case, server: Server, tmp_path: Path) -> None:
     out = tmp_path / "out"
     through_the_wall = make_case(("[0.05, 0.02], rotation = 10.0, centre = [0.5, 0.5]", "[0.9, 0.0]"))
     with pytest.raises(QualityRefused) as refused:
         play(through_the_wall, out, endpoint=server.endpoint)
     assert "\n" not in str(refused.value)
-    assert not out.exists()
+    assert not (out / "points.npy").exists()
     strict = ('"none"', '"none"\nquality_threshold = 0.999\nrefuse_below_threshold = true')
     with pytest.raises(QualityRefused):
         play(make_case(strict), out, endpoint=server.endpoint)
     with pytest.raises(Refusal, match="wendland-c9"):
         play(make_case(("0.6", '0.6\nbasis = "wendland-c9"')), out, endpoint=server.endpoint)
-    assert not out.exists()
+    assert not out.exists() or results(out) == []
     assert nothing_is_left(server)
 
 
@@ -347,3 +383,83 @@ def test_a_valid_motion_below_the_threshold_is_kept_with_a_warning(make_case, se
     played = play(make_case(('"none"', '"none"\nquality_threshold = 0.99')), tmp_path / "out", endpoint=server.endpoint)
     assert played.warnings
     assert (tmp_path / "out" / "points.npy").exists()
+
+
+# --- resumed ---------------------------------------------------------------------------------------------------------
+
+
+RUN = (("count = 2", "count = 4\niterations = 2"), ('"none"', '"optimised"\nquality_threshold = 0.6'))
+
+
+def stopped_at(step: int) -> Any:
+    """A progress function that interrupts the run."""
+
+    def advance(done: int, total: int, record: object) -> None:
+        del total, record
+        if done == step:
+            raise KeyboardInterrupt
+
+    return advance
+
+
+@pytest.fixture
+def stopped(make_case, tmp_path: Path) -> Path:
+    """The results of a run that was interrupted behind its second of four steps; of a private server."""
+    with pytest.raises(KeyboardInterrupt):
+        play(make_case(*RUN), tmp_path / "out", progress=stopped_at(2))
+    return tmp_path / "out"
+
+
+def test_a_resumed_run_has_the_bits_of_one_that_was_never_stopped(make_case, stopped: Path, tmp_path: Path) -> None:
+    case_file = make_case(*RUN)
+    assert not (stopped / "points.npy").exists()
+    with pytest.raises(KeyboardInterrupt):
+        play(case_file, stopped, progress=stopped_at(3), resume=True)
+    resumed = play(case_file, stopped, resume=True)
+    whole = play(case_file, tmp_path / "whole")
+    assert results(stopped) == results(tmp_path / "whole")
+    assert not list(stopped.glob(".*"))
+    for name in results(stopped):
+        if name.endswith((".npy", ".vtu", ".pvd")):
+            assert (stopped / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
+    told = [
+        [{k: v for k, v in s.as_dict().items() if "seconds" not in k} for s in run.steps] for run in (resumed, whole)
+    ]
+    assert told[0] == told[1]
+    assert resumed.warnings == whole.warnings
+    assert resumed.worst.step == whole.worst.step
+    np.testing.assert_array_equal(resumed.worst.points, whole.worst.points)
+    assert {*resumed.summary} == {*whole.summary}
+
+
+def test_a_killed_run_is_resumed(make_case, stopped: Path) -> None:
+    """As a kill leaves it: no summary, a step that is not in the series, one that was kept and not committed."""
+    (stopped / "summary.json").unlink()
+    (stopped / "mesh_0002.vtu").unlink()
+    lines = (stopped / ".session" / "steps.jsonl").read_text().splitlines(keepends=True)
+    (stopped / ".session" / "steps.jsonl").write_text("".join([*lines, lines[-1]]))
+    assert [step.step for step in play(make_case(*RUN), stopped, resume=True).steps] == [1, 2, 3, 4]
+    assert len(list(stopped.glob("mesh_*.vtu"))) == 5
+
+
+def test_what_comes_later_may_change_but_not_what_was_played(make_case, stopped: Path) -> None:
+    before = results(stopped)
+    for changes, named in (
+        (("rotation = 10.0", "rotation = 11.0"), "motion up to step 2 is another"),
+        (("support_radius = 0.6", "support_radius = 0.7"), "another method"),
+        (("count = 4", "count = 1"), "motion up to step 2 is another"),
+    ):
+        with pytest.raises(InvalidInput, match=named):
+            play(make_case(*RUN, changes), stopped, resume=True)
+    assert results(stopped) == before
+    with pytest.raises(InvalidInput, match="no unfinished run is kept there"):
+        play(make_case(*RUN), stopped.parent / "elsewhere", resume=True)
+    assert play(make_case(*RUN), stopped).steps[0].step == 1  # anew
+
+
+def test_a_run_on_another_server_is_resumed(make_case, server: Server, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        play(make_case(*RUN), tmp_path / "out", endpoint=server.endpoint, progress=stopped_at(2))
+    played = play(make_case(*RUN), tmp_path / "out", endpoint=server.endpoint, resume=True)
+    np.testing.assert_array_equal(played.points, play(make_case(*RUN), tmp_path / "whole").points)
+    assert nothing_is_left(server)

@@ -11,7 +11,8 @@ from box_meshes import box_mesh
 from mesh_motion_server.distributed.held import HeldPartition, Positions, judge, questioned
 from mesh_motion_server.distributed.split import Split
 from mesh_motion_server.distributed.summaries import joined
-from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, summarize
+from mesh_motion_server.numerics.quality.mesh_summary import summarize
+from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 
 

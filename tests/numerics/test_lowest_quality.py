@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from tiny_meshes import tiny_mesh, tiny_meshes
 
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.quality.lowest_quality import LowestJudge, lowest_quality
-from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary
 from mesh_motion_server.numerics.quality.metrics import (
     QUALITY_METRICS,
     CellsAtRest,
@@ -29,6 +28,8 @@ def assert_same(points: np.ndarray, cells: CellTable, sizes: np.ndarray, metric:
     assert (found.metric.min, found.inverted, found.cells) == (full.metric.min, full.inverted, full.cells)
     assert repr(found.worst) == repr(full.worst)
     assert found.metric_name == full.metric_name
+    of_all = lowest_of(cell_quality(points, cells, sizes), points, cells, metric=metric)
+    assert repr(of_all) == repr(found)
 
 
 @pytest.mark.parametrize("metric", QUALITY_METRICS)
@@ -95,10 +96,10 @@ def test_positions_that_are_no_numbers_and_few_cells():
 def test_threads_do_not_matter():
     points, cells = TETRA
     moved = points + np.random.default_rng(3).uniform(-0.02, 0.02, points.shape)
-    judge, before, found = LowestJudge(cells, reference_sizes(points, cells)), kernels.get_threads(), []
+    sizes, before, found = reference_sizes(points, cells), kernels.get_threads(), []
     for threads in (1, kernels.available_threads()):
         kernels.set_threads(threads)
-        found.append(judge.summary(moved, "size-skew"))
+        found.append(lowest_quality(moved, cells, sizes))
     kernels.set_threads(before)
     assert found[0] == found[1]
 

@@ -7,13 +7,12 @@ from tiny_meshes import tiny_meshes
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary, summarize
 from mesh_motion_server.numerics.quality.metrics import (
     QUALITY_METRICS,
     cell_quality,
     cells_at_rest,
     reference_sizes,
-    summarize,
 )
 
 MESHES = dict(tiny_meshes(6))

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary, summarize
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.quality_summary import distribution, percentile_ranks, smallest, summarize
+from mesh_motion_server.numerics.quality.quality_summary import distribution, percentile_ranks, smallest
 
 NEAR_ONE = st.integers(0, 2000).map(lambda k: 1.0 - k * 2.0**-53)
 VALUES = st.lists(st.floats(-1, 1) | NEAR_ONE | st.sampled_from([-np.inf, 1.0, 1.0 + 2.0**-52, -1.0]), min_size=1)

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes, summarize
+from mesh_motion_server.numerics.quality.mesh_summary import summarize
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.quality.quality_summary import distribution, smallest
 
 VALUES = st.lists(

@@ -5,12 +5,13 @@ import importlib.util
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
-from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.digests import STATE_PREFIX
 from mesh_motion_protocol.errors import ERROR_CODES
 from mesh_motion_protocol.limits import LIMITS
-from mesh_motion_protocol.messages import MESSAGES, Ping
+from mesh_motion_protocol.messages import MESSAGES, Move, Ping
 
 from mesh_motion_server.settings import ServerSettings
 
@@ -72,12 +73,26 @@ def test_codes_in_the_server_exist():
     assert found <= set(ERROR_CODES)
 
 
-def test_the_bytes_of_ping_in_the_text(text):
-    block = text.partition("is one frame of 65 bytes:")[2].split("```")[1]
+def shown_bytes(text, title):
+    """The bytes of the block after a line."""
+    block = text.partition(title)[2].split("```")[1]
     rows = (re.match(r"\s*((?:[0-9a-f]{2}\s+)+)", line + " ") for line in block.splitlines())
-    shown = bytes.fromhex("".join(match[1] for match in rows if match))
+    return bytes.fromhex("".join(match[1] for match in rows if match))
+
+
+def test_the_bytes_of_ping_in_the_text(text):
+    shown = shown_bytes(text, "is one frame of 65 bytes:")
     assert [shown] == encode(Ping(client=bytes(range(16)), sequence=7))
     assert len(shown) == 65
+
+
+def test_the_bytes_of_move_in_the_text(text):
+    header, array = shown_bytes(text, "The first has 174 bytes:"), shown_bytes(text, "and the second 32")
+    assert (len(header), len(array)) == (174, 32)
+    shown = decode([header, array])
+    assert isinstance(shown, Move)
+    assert (shown.client, shown.sequence, shown.step, shown.frame) == (bytes(range(16)), 8, 1, "reference")
+    np.testing.assert_array_equal(shown.displacement, [[0.0, 0.5], [0.0, 1.0]])
 
 
 def test_the_prefix_of_the_digest_is_twenty_bytes():

@@ -200,7 +200,8 @@ def test_a_new_epoch_fences_the_old_holder(kit: Any, ready: Any) -> None:
     assert ready.ask(Status).code == "UNAUTHENTICATED"
     ready.join()
     assert ready.all(Commit, step=1)[0].code == "ABORTED.TRIAL_LOST"
-    assert ready.ask(Join, epoch=3, token=kit.TOKEN).code == "ABORTED.FENCED"
+    future = ready.ask(Join, epoch=3, token=kit.TOKEN)
+    assert (future.code, "never given out" in future.message) == ("ABORTED.FENCED", True)
 
 
 def test_the_epoch_is_durable(kit: Any, ready: Any, store: Any) -> None:
@@ -237,6 +238,19 @@ def test_an_upload_without_rows(driver: Any) -> None:
     driver.join()
     assert driver.ask(Upload, item="nodes").code == "INVALID_ARGUMENT.SHAPE"
     assert driver.host.state is State.NEW
+
+
+def test_an_upload_of_another_type_is_named_as_it_was_sent(driver: Any) -> None:
+    driver.join()
+    refused = driver.ask(Upload, item="nodes", rows=np.zeros((1, 2), np.int32))
+    assert (refused.code, "got int32" in refused.message) == ("INVALID_ARGUMENT.DTYPE", True)
+
+
+def test_a_session_without_a_mesh_ends_with_its_lease(driver: Any, store: Any) -> None:
+    driver.join()
+    driver.ask(Upload, item="nodes", rows=np.zeros((1, 2)))
+    assert driver.host.suspend() == []
+    assert (driver.host.closed, store.sessions()) == (True, [])
 
 
 def test_closing(kit: Any, ready: Any, store: Any) -> None:

@@ -170,7 +170,7 @@ class SessionHost:
         return m.Committed(**identity, step=self.step, durable_step=self.step, digest=b"d" * 32, quality={})
 
     def close_session(self, request, identity):
-        self.closed = True
+        self.closed, self.state = True, "CLOSED"
         return m.Closed(**identity, step=self.step)
 
     def expire(self, now):

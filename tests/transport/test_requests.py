@@ -49,9 +49,10 @@ def test_hello_tells_version_limits_and_boot(server, connect):
 
 
 def test_hello_of_another_major_version_is_told_ours(server, connect):
-    refused = connect(server.endpoint).ask(Hello, versions=[[2, 0]])
-    assert refused.code == "UNIMPLEMENTED.VERSION"
-    assert refused.details == {"versions": [[1, 0]]}
+    for versions in ([[2, 0]], [[1, -1]], [[1]]):
+        refused = connect(server.endpoint).ask(Hello, versions=versions)
+        assert refused.code == "UNIMPLEMENTED.VERSION"
+        assert refused.details == {"versions": [[1, 0]]}
 
 
 def test_large_arrays_go_both_ways(server, open_session):

@@ -22,7 +22,6 @@ less time than an enrichment takes to be set up, at every size that was measured
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -56,8 +55,8 @@ from mesh_motion_server.numerics.correction.enrichment.placement import (
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime, travel
-from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach
-from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
+from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = [
     "CORRECTIONS",
@@ -99,6 +98,8 @@ class Correction:
     iterations : int
     history : tuple of Stage
         What was descended, where nodes were freed.
+    quality : CellQuality or None
+        Of every cell at ``points``; None where only the minimum was needed, and known.
     """
 
     points: Floats
@@ -109,6 +110,7 @@ class Correction:
     freed_nodes: int = 0
     iterations: int = 0
     history: tuple[Stage, ...] = ()
+    quality: CellQuality | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,55 +144,58 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
         return _smooth_in_time(problem, settings, mesh)
     if p.known is not None and p.valid is None and (settings.correction == "none" or p.known >= goal(settings)):
         return _judged(problem, settings, _Found(p.begin), "none", p.known)
-    quality = mesh.quality(p.begin)
-    if settings.correction == "none" or (p.valid is None and quality.min() >= goal(settings)):
-        return _judged(problem, settings, _Found(p.begin), "none", float(quality.min()))
+    before = mesh.cell_quality(p.begin)
+    quality = signed(before, mesh.metric)
+    least = float(quality.min())
+    if settings.correction == "none" or (p.valid is None and least >= goal(settings)):
+        return _judged(problem, settings, _Found(p.begin), "none", least, before)
     found = _Found(p.begin)
     if p.valid is None or settings.correction == "optimised":
         with one_blas_thread():
-            found = CORRECTIONS[settings.correction](problem, settings, mesh)
-    corrected = mesh.quality(found.points)
-    gain = float(corrected.min() / quality.min()) if quality.min() > 0.0 else math.inf
+            found = CORRECTIONS[settings.correction](problem, settings, mesh, quality)
+    after = before if found.points is p.begin else mesh.cell_quality(found.points)
+    corrected = signed(after, mesh.metric)
     # a method may fail, or gain less than it spoils: the mesh never gets worse by it
-    if corrected.min() < quality.min() or _spoils(found.points, p.begin, mesh, gain):
-        found, corrected = _Found(p.begin), quality
+    if corrected.min() < least or (least > 0.0 and _spoils(before, after, mesh.metric, float(corrected.min() / least))):
+        found, after, corrected = _Found(p.begin), before, quality
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
-    return _judged(problem, settings, found, settings.correction, float(corrected.min()))
+    return _judged(problem, settings, found, settings.correction, float(corrected.min()), after)
 
 
-def _spoils(corrected: Floats, begin: Floats, mesh: TrialMesh, gain: float) -> bool:
+def _spoils(before: CellQuality, after: CellQuality, metric: str, gain: float) -> bool:
     """Whether the smallest relative skew or size falls by more than the ``gain``, a factor, of the minimum quality."""
-    if mesh.metric != "relative-size-skew" or math.isinf(gain):
+    if metric != "relative-size-skew":
         return False
-    before, after = (
-        cell_quality(points, mesh.cells, mesh.reference_sizes).relative_extremes() for points in (begin, corrected)
-    )
-    return any(own > max(gain, _NOTICED) * new for own, new in zip(before, after, strict=True))
+    extremes = zip(before.relative_extremes(), after.relative_extremes(), strict=True)
+    return any(own > max(gain, _NOTICED) * new for own, new in extremes)
 
 
 def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:
     """The correction that is a smooth function of the boundary, judged but never switched by its quality."""
     if mesh.held.all():
-        return _judged(problem, settings, _Found(problem.standard), "none", float(mesh.quality(problem.standard).min()))
+        quality = mesh.cell_quality(problem.standard)
+        minimum = float(signed(quality, mesh.metric).min())
+        return _judged(problem, settings, _Found(problem.standard), "none", minimum, quality)
     with one_blas_thread():
         smooth = problem.smooth or SmoothInTime.build(mesh)
         travelled = travel(mesh.reference, problem.standard, mesh.held)
         found = smooth.correct(problem.standard, travelled, problem.near, problem.valid)
-    corrected = mesh.quality(found.points)
+    quality = mesh.cell_quality(found.points)
+    corrected = signed(quality, mesh.metric)
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
-    return _judged(
-        problem,
-        settings,
-        _Found(found.points, None, found.freed, found.iterations, found.history),
-        settings.correction,
-        float(corrected.min()),
-    )
+    freed = _Found(found.points, None, found.freed, found.iterations, found.history)
+    return _judged(problem, settings, freed, settings.correction, float(corrected.min()), quality)
 
 
 def _judged(
-    problem: CorrectionProblem, settings: CorrectionSettings, found: _Found, method: str, minimum: float
+    problem: CorrectionProblem,
+    settings: CorrectionSettings,
+    found: _Found,
+    method: str,
+    minimum: float,
+    quality: CellQuality | None = None,
 ) -> Correction:
     """The answer, with the smallest quality of its mesh."""
     none = np.empty((0, problem.start.shape[1]))
@@ -203,6 +208,7 @@ def _judged(
         freed_nodes=found.freed_nodes,
         iterations=found.iterations,
         history=found.history,
+        quality=quality,
     )
 
 
@@ -219,17 +225,17 @@ def _refusal(quality: Floats, settings: CorrectionSettings) -> NumericalError:
     )
 
 
-def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats) -> _Found:
     """Free trial nodes: all for the maximum, a growing region for the threshold."""
     if problem.start.shape[1] == 1:
         return _Found(equal_stretch(problem.begin, mesh), freed_nodes=int(np.count_nonzero(~mesh.held)))
     mesh = mesh.released(problem.constraint)
-    if mesh.held.all() or not _could_be_valid(problem.begin, mesh):
+    if mesh.held.all() or not _could_be_valid(mesh, quality):
         return _Found(problem.begin)
     target = target_quality(problem, settings)
     found: Polished
     if np.isfinite(target):
-        found = reach(problem.begin, mesh, target)
+        found = reach(problem.begin, mesh, target, quality=quality)
         if settings.target == "auto" and mesh.metric == "relative-size-skew" and found.minimum >= target:
             found = _raised(found, mesh, _AMPLE * target)
     else:
@@ -239,7 +245,8 @@ def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
 
 def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
     """What met the threshold raised to a higher target, as far as freeing few nodes does that."""
-    more = reach(found.points, mesh, target, most=SMALL_MESH[mesh.reference.shape[1]])
+    most = SMALL_MESH[mesh.reference.shape[1]]
+    more = reach(found.points, mesh, target, most=most, quality=found.quality)
     if not more.minimum > found.minimum:
         return found
     return replace(
@@ -250,25 +257,25 @@ def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
     )
 
 
-def _could_be_valid(points: Floats, mesh: TrialMesh) -> bool:
-    """Whether every cell without a free node, which nothing can mend, is valid at the points (n, d)."""
+def _could_be_valid(mesh: TrialMesh, quality: Floats) -> bool:
+    """Whether every cell without a free node, which nothing can mend, is valid by the quality (m,) of all cells."""
     fixed = np.concatenate([mesh.held[block.nodes].all(axis=1) for block in mesh.cells])
-    return bool((mesh.quality(points)[fixed] > 0.0).all())
+    return bool((quality[fixed] > 0.0).all())
 
 
-def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats) -> _Found:
     """Enrichment points, all coefficients optimised."""
     if settings.max_enrichment_points == 0:
         return _Found(problem.standard)
     p = problem
-    space = EnrichmentSpace(_placement(problem, settings, mesh), p.factorization, p.evaluator, settings.functions)
+    space = EnrichmentSpace(_placement(problem, settings, quality), p.factorization, p.evaluator, settings.functions)
     found = optimised_enrichment(mesh, p.start, p.standard, space, target=target_quality(problem, settings))
     return _Found(found.points, found.enrichment_points, 0, found.iterations)
 
 
-def _placement(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Placement:
+def _placement(problem: CorrectionProblem, settings: CorrectionSettings, quality: Floats) -> Placement:
     """The enrichment points of an optimised enrichment."""
-    p, quality = problem, mesh.quality(problem.standard)
+    p = problem
     count, radius, least = settings.max_enrichment_points, settings.enrichment_radius, goal(settings)
     if settings.enrichment_placement == "minima":
         return minima_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=least)
@@ -277,8 +284,9 @@ def _placement(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
     return optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
 
 
-def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats) -> _Found:
     """The thesis' explicit iterations."""
+    del quality
     found = explicit_iterations(
         problem,
         ExplicitSettings(
@@ -293,11 +301,13 @@ def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: Tr
     return _Found(found.points, found.enrichment_points, 0, len(found.history) - 1)
 
 
-def _imposed_gradient(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+def _imposed_gradient(
+    problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats
+) -> _Found:
     """The thesis' imposed gradient: of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
     p = problem
     if p.cells.dimension == 1:
-        return _imposed_slopes(problem, settings, mesh)
+        return _imposed_slopes(problem, settings, quality)
     found = imposed_jacobians(
         problem,
         mesh,
@@ -312,9 +322,9 @@ def _imposed_gradient(problem: CorrectionProblem, settings: CorrectionSettings, 
     return _Found(found.points, found.enrichment_points, 0, len(found.minima) - 1)
 
 
-def _imposed_slopes(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> _Found:
+def _imposed_slopes(problem: CorrectionProblem, settings: CorrectionSettings, quality: Floats) -> _Found:
     """Thesis chapter 4: points in the middle of the gap that holds the worst cell, or at the worst-quality minima."""
-    p, quality = problem, mesh.quality(problem.standard)
+    p = problem
     boundary = np.flatnonzero(p.held)
     if settings.enrichment_placement == "minima":
         worst = local_minima(p.cells, quality, goal(settings))[: settings.max_enrichment_points]
@@ -327,16 +337,16 @@ def _imposed_slopes(problem: CorrectionProblem, settings: CorrectionSettings, me
         basis=p.factorization.basis.name,
         function=settings.function,
     )
-    told = p.standard[boundary] - p.start[boundary]
-    moved = p.start + enriched_displacement(p.start, p.start[boundary], told, points, radii)
+    displacement = p.standard[boundary] - p.start[boundary]
+    moved = p.start + enriched_displacement(p.start, p.start[boundary], displacement, points, radii)
     moved[boundary] = p.standard[boundary]
     return _Found(moved, points, 0, 1)
 
 
-CORRECTIONS: dict[str, Callable[[CorrectionProblem, CorrectionSettings, TrialMesh], _Found]] = {
+CORRECTIONS: dict[str, Callable[[CorrectionProblem, CorrectionSettings, TrialMesh, Floats], _Found]] = {
     "imposed-gradient": _imposed_gradient,
     "explicit": _explicit,
     "enrichment": _enrichment,
     "optimised": _optimised,
 }
-"""Correction by name; each gives positions that are judged on all cells afterwards."""
+"""Correction by name: from the quality (m,) of all cells where it begins; what it finds is judged afterwards."""

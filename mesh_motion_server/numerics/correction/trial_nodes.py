@@ -23,9 +23,9 @@ from mesh_motion_server.numerics.correction.newton import Accuracy, newton
 from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint, RegionConstraint, StepSolver
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import AtRest, cell_quality
+from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cell_quality, subset_quality
 
-__all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach", "untangle"]
+__all__ = ["Polished", "Stage", "TrialMesh", "polish", "reach", "signed", "untangle"]
 
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
@@ -103,7 +103,15 @@ class TrialMesh:
 
     def quality(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The metric (m,) of every cell; negative where a cell is inverted."""
-        return signed_quality(points, self.cells, self.reference_sizes, self.metric)
+        return signed(self.cell_quality(points), self.metric)
+
+    def cell_quality(self, points: NDArray[np.float64]) -> CellQuality:
+        """Size, skew and validity of every cell."""
+        return cell_quality(points, self.cells, self.reference_sizes)
+
+    def quality_of(self, points: NDArray[np.float64], numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+        """As :meth:`quality`, of the cells with these numbers (k,) only."""
+        return signed(subset_quality(points, self.cells, self.reference_sizes, numbers), self.metric)
 
     def free(self, marked: NDArray[np.bool_]) -> FreeRegion:
         """The region in which the marked (n) nodes are free, but for the held ones, and those tied to them."""
@@ -111,18 +119,15 @@ class TrialMesh:
         return free_region(self.reference, self.cells, self.reference_sizes, marked & ~self.held)
 
 
-def signed_quality(
-    points: NDArray[np.float64], cells: CellTable, reference_sizes: AtRest, metric: str
-) -> NDArray[np.float64]:
-    """The metric (m,) of every cell; negative where any corner is inverted, whatever the metric says."""
-    quality = cell_quality(points, cells, reference_sizes)
+def signed(quality: CellQuality, metric: str) -> NDArray[np.float64]:
+    """The metric (m,) of cells; negative where any corner is inverted, whatever the metric says."""
     values = quality.metric(metric)
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
 
 
 def region_quality(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
     """The metric (k,) of the cells of a region at its local points (l, d)."""
-    return signed_quality(points, region.cells, region.reference_sizes, metric)
+    return signed(cell_quality(points, region.cells, region.reference_sizes), metric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +145,8 @@ class Polished:
     history : tuple of Stage
     forecast : float
         What all levels would have reached about, where they were not worth finishing.
+    quality : (m,) array, of :func:`reach` only
+        The metric of every cell at ``points``.
     """
 
     points: NDArray[np.float64]
@@ -148,6 +155,7 @@ class Polished:
     iterations: int = 0
     history: tuple[Stage, ...] = ()
     forecast: float = math.inf
+    quality: NDArray[np.float64] | None = None
 
 
 @dataclass(eq=False)
@@ -288,7 +296,14 @@ def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.
     return points, least[-1] > 0.0
 
 
-def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float, *, most: float = math.inf) -> Polished:
+def reach(
+    points: NDArray[np.float64],
+    mesh: TrialMesh,
+    target: float,
+    *,
+    most: float = math.inf,
+    quality: NDArray[np.float64] | None = None,
+) -> Polished:
     """Free the nodes of the cells below a threshold, and more of them only while it is not met.
 
     Parameters
@@ -299,6 +314,8 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float, *, most: 
         Quality that every cell shall reach.
     most : float
         Nodes that are freed at most; with more the best so far has to do.
+    quality : (m,) array, optional
+        The metric of every cell at ``points``, where it is known.
 
     Notes
     -----
@@ -306,7 +323,7 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float, *, most: 
     is as much larger as the first one stayed below the target.
     """
     may_move = ~mesh.held
-    quality = mesh.quality(points)
+    quality = mesh.quality(points) if quality is None else quality
     best = Polished(points, float(quality.min()))
     bad = nodes_of_cells(mesh.cells, quality < target, len(points))
     free = bad & may_move
@@ -326,7 +343,7 @@ def reach(points: NDArray[np.float64], mesh: TrialMesh, target: float, *, most: 
             break
         growth = _MOST_GROWTH if found.forecast <= 0.0 else target / found.forecast
         free = _grown(mesh, free | (bad & may_move), min(max(growth, _LEAST_GROWTH), _MOST_GROWTH) * region.n_free)
-    return best
+    return replace(best, quality=quality)
 
 
 def _better(best: Polished, found: Polished, minimum: float) -> Polished:

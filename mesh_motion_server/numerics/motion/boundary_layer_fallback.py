@@ -58,9 +58,11 @@ def fitting_layer(
         away = (valid != trial).any(axis=1)
         return layer.without(away) if away[layer.nodes].any() else layer
     known = layer.known
-    bad = ~(mesh.quality(trial) > NEARLY_INVERTED * mesh.quality(layer.points))
-    bad &= np.concatenate([known[block.nodes].all(axis=1) for block in layer.cells])
-    return layer.giving_way(bad) if bad.any() else layer
+    inside = np.concatenate([known[block.nodes].all(axis=1) for block in layer.cells])
+    numbers = np.flatnonzero(inside)
+    spoiled = ~(mesh.quality_of(trial, numbers) > NEARLY_INVERTED * mesh.quality_of(layer.points, numbers))
+    inside[numbers] = spoiled
+    return layer.giving_way(inside) if spoiled.any() else layer
 
 
 def move_with_layer(

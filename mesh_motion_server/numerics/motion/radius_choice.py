@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.interpolation.factor_source import Recorded
 from mesh_motion_server.numerics.interpolation.support_radius import (
     candidate_support_radii,
     suggest_enrichment_radius,
@@ -42,11 +43,14 @@ class PredictedMotion:
     motion : StandardMotion
     trial : StandardTrial
     quality : Judgement
+    factors : Recorded
+        What was found in the cache for it.
     """
 
     motion: StandardMotion
     trial: StandardTrial
     quality: Judgement
+    factors: Recorded
 
 
 def with_radii(method: Method, points: NDArray[np.float64], roles: BoundaryRoles) -> Method:

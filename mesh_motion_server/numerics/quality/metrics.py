@@ -47,7 +47,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable, CellType
-from mesh_motion_server.numerics.quality.quality_summary import QualitySummary, summarize
 
 __all__ = [
     "METRIC_CODES",
@@ -56,7 +55,6 @@ __all__ = [
     "CellQuality",
     "CellsAtRest",
     "Extremes",
-    "QualitySummary",
     "cell_quality",
     "cells_at_rest",
     "minimum_quality",
@@ -66,7 +64,6 @@ __all__ = [
     "sizes_of",
     "skews_of",
     "subset_quality",
-    "summarize",
 ]
 
 Floats = NDArray[np.float64]

@@ -1,19 +1,16 @@
-"""What a report says about the quality of a mesh: extremes, mean, percentiles and the worst cells."""
+"""The values in which the quality of a mesh is reported: extremes, mean, percentiles and the worst cells."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.mesh.cells import CellTable
-
-if TYPE_CHECKING:
-    from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = [
     "Distribution",
@@ -27,7 +24,6 @@ __all__ = [
     "percentile_ranks",
     "reported_metrics",
     "smallest",
-    "summarize",
     "worst_cells",
 ]
 
@@ -177,44 +173,6 @@ def smallest(values: Floats, count: int) -> Ints:
     """Numbers of the smallest values, smallest first; of equal values the lower number first."""
     numbers: Ints = kernels.smallest_values(np.ascontiguousarray(values), count)
     return numbers
-
-
-def summarize(
-    quality: CellQuality,
-    points: NDArray[np.floating],
-    cells: CellTable,
-    *,
-    metric: str = "size-skew",
-    worst: int = 10,
-) -> QualitySummary:
-    """Reduce the quality of all cells to what a report says.
-
-    Parameters
-    ----------
-    quality : CellQuality
-        Of all m cells.
-    points : (n, d) array, mesh length unit
-        For the centres of the worst cells.
-    cells : CellTable
-    metric : str
-        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`; ranks the worst cells.
-    worst : int
-        How many of the worst cells to name.
-
-    Raises
-    ------
-    InvalidInput
-        On an unknown metric.
-    """
-    values = {name: quality.metric(name) for name in reported_metrics(metric)}
-    numbers = smallest(values[metric], worst)
-    return QualitySummary.of(
-        {name: distribution(own) for name, own in values.items()},
-        metric,
-        inverted=int(np.count_nonzero(quality.inverted)),
-        cells=len(quality),
-        worst=worst_cells(numbers, quality.subset(numbers), cells.centres(points, numbers), metric),
-    )
 
 
 def percentile_ranks(count: int) -> list[int]:

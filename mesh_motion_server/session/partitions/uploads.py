@@ -121,7 +121,7 @@ class MeshUpload:
                 hint="raise the server's max_session_bytes",
                 details={"bytes": self.nbytes + nbytes, "limit": self._budget},
             )
-        kept = _narrow(part.rows) if part.item == "cells" else part.rows
+        kept = _kept(part)
         rows = pile.parts.setdefault((part.item, part.name), [])
         self._added.append(_Added(pile, (part.item, part.name), nbytes))
         rows.append(kept)
@@ -201,13 +201,14 @@ class MeshUpload:
             _check_finite(part.rows, partition, before)
 
 
-def _narrow(rows: _Rows) -> _Rows:
-    """Node numbers (k, c) in half the memory where 4 bytes hold them: an upload is kept until the session is built."""
-    if rows.dtype == np.int32:
-        return rows
+def _kept(part: Part) -> _Rows:
+    """Rows of 8 bytes an item; of cells (k, c) of 4 where these hold the node numbers: an upload waits for BUILD."""
+    rows = part.rows
+    if part.item != "cells":
+        return rows.astype(np.float64 if part.item == "nodes" else np.int64, copy=False)
     limits = np.iinfo(np.int32)
     fits = rows.size and rows.min() >= limits.min and rows.max() <= limits.max
-    return rows.astype(np.int32) if fits else rows
+    return rows.astype(np.int32, copy=False) if fits else rows.astype(np.int64, copy=False)
 
 
 def _title(part: Part) -> str:

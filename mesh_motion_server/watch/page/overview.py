@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections import deque
-from contextlib import suppress
+import math
+import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.watch.observation.follow import EventTail
 from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
 from mesh_motion_server.watch.observation.standing import rests
+from mesh_motion_server.watch.observation.verdict import Recent, verdict
 
 __all__ = ["Overview"]
 
 #: Sessions that are listed, the last changed.
 _LISTED = 200
-#: Steps whose minimum the list shows as a line.
-_SPARK = 32
 #: Of a history's end so much is read at first for that line.
 _TAIL_BYTES = 512 << 10
-
-
-#: After these nothing is tried.
-_ENDS_A_TRIAL = ("committed", "rolled_back", "resumed", "suspended", "closed", "failed")
 
 
 #: A session that the supervisor does not know.
@@ -34,31 +30,14 @@ class _Brief:
 
     def __init__(self, folder: Path) -> None:
         self._tail = EventTail(folder, last_bytes=_TAIL_BYTES)
-        self.events = 0
-        self.changed_at = 0.0
-        self.minima: deque[float | None] = deque(maxlen=_SPARK)
-        self.iteration = 0
-        self.threshold: float | None = None
+        self.recent = Recent()
 
-    def catch_up(self) -> None:
+    def catch_up(self) -> Recent:
         """Read what has come."""
         while events := self._tail.read():
             for event in events:
-                with suppress(
-                    KeyError, TypeError, ValueError, AttributeError
-                ):  # as another version may have written it
-                    self._take(event)
-
-    def _take(self, event: dict[str, Any]) -> None:
-        self.events += 1
-        self.changed_at = float(event["at"])
-        if event["event"] in _ENDS_A_TRIAL:
-            self.iteration = 0
-        if event["event"] == "moved":
-            self.iteration, self.threshold = event["iteration"], event["quality"]["threshold"]
-        elif event["event"] == "committed":
-            minimum = event["quality"].get("metric", {}).get("min")
-            self.minima.append(None if minimum is None else round(minimum, 4))
+                self.recent.take(event)
+        return self.recent
 
 
 class Overview:
@@ -97,18 +76,17 @@ class Overview:
         return [*new, *listed]
 
     def _brief(self, view: SessionView) -> _Brief:
-        brief = self._briefs.get(view.session) or _Brief(Path(view.folder))
-        brief.catch_up()
-        return brief
+        return self._briefs.get(view.session) or _Brief(Path(view.folder))
 
     def _entry(self, view: SessionView, live: list[Any] | None) -> dict[str, Any]:
-        brief = self._briefs[view.session]
+        recent = self._briefs[view.session].catch_up()
         worker, state, step = "none", view.state, view.step
         if live is not None:
             worker = live[1]
             state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
         if worker == "none" and rests(state, held=False):
             state = "READY"
+        minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 4) for commit in recent.commits]
         return {
             "session": view.session,
             "label": view.label,
@@ -119,14 +97,15 @@ class Overview:
             "state": state,
             "worker": worker,
             "step": step,
-            "iteration": brief.iteration if worker == "alive" else 0,
-            "minimum": brief.minima[-1] if brief.minima else None,
-            "threshold": brief.threshold,
-            "spark": list(brief.minima),
+            "iteration": recent.iteration if worker == "alive" else 0,
+            "minimum": minima[-1] if minima else None,
+            "threshold": recent.threshold,
+            "spark": minima,
             "recorded": view.recorded,
             # every event counts, for a refusal changes neither state nor step
-            "version": f"{view.changed_at:.6f}-{view.state}-{view.step}-{brief.events}",
-            "changed_at": max(view.changed_at, brief.changed_at),
+            "version": f"{view.changed_at:.6f}-{view.state}-{view.step}-{recent.events}",
+            "changed_at": max(view.changed_at, recent.changed_at),
+            "verdict": asdict(verdict(recent, time.time(), worker=worker)),
         }
 
 
@@ -150,4 +129,5 @@ def _unbuilt(live: list[Any]) -> dict[str, Any]:
         "recorded": False,
         "version": f"new-{epoch}-{state}",
         "changed_at": None,
+        "verdict": asdict(verdict(Recent(), 0.0)),
     }

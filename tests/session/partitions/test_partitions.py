@@ -61,7 +61,7 @@ def _kit() -> Any:
     import sys  # noqa: PLC0415
 
     return next(
-        module for name, module in sys.modules.items() if name.endswith("conftest") and hasattr(module, "grid_mesh")
+        module for name, module in sys.modules.items() if name.endswith("conftest") and hasattr(module, "split_mesh")
     )
 
 

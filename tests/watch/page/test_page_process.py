@@ -76,7 +76,7 @@ def test_it_is_announced_and_streams_the_list(server: ServerProcess) -> None:
         while b"event: sessions" not in told:
             told += line.recv(4096)
     assert b"text/event-stream" in told
-    assert os.getpriority(os.PRIO_PROCESS, page_process(server)) == 19
+    assert os.getpriority(os.PRIO_PROCESS, page_process(server)) == 10
 
 
 def test_what_falls_comes_back_at_the_same_address(server: ServerProcess) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from mesh_motion_conformance.client.scripted_server import ScriptedServer
 
 __all__ = ["ACTIONS"]
+
+#: A reply has left within this, seconds.
+_ON_ITS_WAY = 0.1
 
 Action = Callable[["ScriptedServer", "zmq.Socket[bytes]", bytes, Message, dict[str, Any]], None]
 
@@ -42,6 +46,14 @@ def drop(server: ScriptedServer, socket: Any, peer: bytes, request: Message, giv
 def cut(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
     """Executed, not answered, and all data connections end; the worker lives."""
     lose(server, socket, peer, request, given)
+    server.cut_data()
+
+
+def cut_after(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
+    """Executed and answered, and while the client is idle all data connections end; the worker lives."""
+    del given
+    server.send(socket, peer, request, _executed(server, request))
+    time.sleep(_ON_ITS_WAY)
     server.cut_data()
 
 
@@ -157,7 +169,7 @@ def misframed(server: ScriptedServer, socket: Any, peer: bytes, request: Message
 ACTIONS: dict[str, Action] = {
     action.__name__.replace("_", "-"): action
     for action in (
-        delay, lose, drop, cut, cut_before, die, die_before, die_forgetting, fence, fence_silently, twice, refuse,
-        fields, header, foreign_first, garbage, narrow, spelled, misframed,
+        delay, lose, drop, cut, cut_after, cut_before, die, die_before, die_forgetting, fence, fence_silently, twice,
+        refuse, fields, header, foreign_first, garbage, narrow, spelled, misframed,
     )
 }  # fmt: skip

@@ -73,6 +73,7 @@ class ScriptedServer:
         self._disturbances = disturbances
         self._welcome = welcome
         self._arrivals: Counter[str] = Counter()
+        self._joined: set[bytes] = set()
         self._control_replies: dict[tuple[bytes, int], Reply] = {}
         self._delayed: list[tuple[float, zmq.Socket[bytes], list[bytes]]] = []
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
@@ -120,6 +121,11 @@ class ScriptedServer:
             request = read(frames)
         except Malformed as malformed:
             self.broken.append(str(malformed))
+            return
+        if endpoint == "data" and request.kind == "JOIN":
+            self._joined.add(peer)
+        elif endpoint == "data" and request.kind != "PING" and peer not in self._joined:
+            self.send(socket, peer, request, error("UNAUTHENTICATED", self.session.state, partition=0))
             return
         wrong = tuple(offences(request))
         self.seen.append(Seen(request, endpoint, peer, time.monotonic(), wrong))

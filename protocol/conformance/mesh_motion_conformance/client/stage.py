@@ -114,14 +114,13 @@ def _digest() -> str:
 
 
 def _judge_requests(scenario: Scenario, server: ScriptedServer) -> None:
-    """What arrived: requests all of them, ids used once, JOIN first, and as often as the scenario says."""
+    """What arrived: requests all of them, ids used once, and as often as the scenario says."""
     if server.broken:
         raise Unmet("messages of SPEC.md", server.broken[0])
     for seen in server.seen:
         if seen.wrong:
             raise Unmet("requests as sections 4, 5 and 12 want them", f"{seen.wrong[0]}: {show(seen.message)}")
     _judge_ids(server.seen)
-    _judge_joins(server.seen)
     _judge_counts(scenario, server.session, server.seen)
 
 
@@ -140,17 +139,6 @@ def _judge_ids(seen: list[Seen]) -> None:
         if message.sequence > known + 16:
             raise Unmet("sequence counted upwards by 1 (SPEC 4)", f"{message.sequence} after {known}")
         highest[key[:2]] = max(known, message.sequence)
-
-
-def _judge_joins(seen: list[Seen]) -> None:
-    """JOIN comes first on every data connection."""
-    firsts: dict[bytes, str] = {}
-    for entry in seen:
-        if entry.endpoint == "data" and entry.message.kind != "PING":
-            firsts.setdefault(entry.peer, entry.message.kind)
-    for kind in firsts.values():
-        if kind != "JOIN":
-            raise Unmet("JOIN first on every data connection (SPEC 7)", f"{kind} first")
 
 
 def _judge_counts(scenario: Scenario, session: ScriptedSession, seen: list[Seen]) -> None:

@@ -152,8 +152,8 @@ def commit_without_any_trial(stage: Stage) -> None:
     refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="READY")
 
 
-def _suspended(stage: Stage, state: str) -> Session:
-    """A session whose lease has ended in this state."""
+def _suspended(stage: Stage, state: str, *, connect: bool = True) -> Session:
+    """A session whose lease has ended in this state; its connections are there again."""
     lease = stage.limits()["lease_ms"] / 1000
     if lease > stage.patience:
         raise Skip(f"the lease takes {lease:g} s; start the server with a shorter one, or use --patience")
@@ -161,7 +161,7 @@ def _suspended(stage: Stage, state: str) -> Session:
     for line in session.lines:
         line.close()
     time.sleep(1.6 * lease)
-    session.lines = [session.connect() for _ in session.parts]
+    session.lines = [session.connect() for _ in session.parts] if connect else []
     return session
 
 
@@ -194,6 +194,21 @@ def SUSPENDED_RESUME(stage: Stage) -> None:
         raise Unmet("state READY", show(resumed))
     session.join()
     session.do("MOVE")
+
+
+@suite.family
+def without_a_mesh() -> Iterator[Case]:
+    """A session that is not BUILT ends with its lease."""
+
+    def run(state: str) -> Callable[[Stage], None]:
+        def lease_ended(stage: Stage) -> None:
+            session = _suspended(stage, state, connect=False)
+            refused(stage.ask(session.request("RESUME")), "NOT_FOUND", state="")
+
+        return lease_ended
+
+    for state in ("NEW", "OPENING"):
+        yield Case("8", f"{state}-lease-ends", f"{state}: the lease ends, CLOSED; the session is gone", run(state))
 
 
 @suite("2.8")

@@ -1,0 +1,62 @@
+"""The mesh that a refused step would have made, to be looked at: refused.vtu, and where its worst cells are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.cases.prediction import Prediction
+from mesh_motion_server.cases.records import VTU_METRICS
+from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.files import write_vtu
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import AtRest, cell_quality
+
+__all__ = ["write_refused"]
+
+Floats = NDArray[np.float64]
+
+
+def write_refused(
+    path: Path, prediction: Prediction, committed: Floats, step: int, cells: CellTable, sizes: AtRest
+) -> tuple[Floats | None, list[dict[str, Any]]]:
+    """Write the refused mesh of a step with its worst cells marked.
+
+    Parameters
+    ----------
+    path : path
+        Of a VTU file.
+    prediction : Prediction
+    committed : (n, d) array
+        Coordinates before the step, mesh length unit.
+    step : int
+    cells : CellTable
+    sizes : AtRest
+        Of the cells at opening.
+
+    Returns
+    -------
+    points : (n, d) array or None
+        None where no mesh was found at all.
+    worst : list of dict
+        As of :meth:`.Prediction.worst`.
+    """
+    try:
+        points = prediction.trial(committed, step)
+    except MeshMotionError:
+        return None, []
+    worst = prediction.worst(points)
+    quality = cell_quality(points, cells, sizes)
+    mark = np.zeros(len(cells), dtype=np.int8)
+    mark[[cell["number"] for cell in worst]] = 1
+    write_vtu(
+        path,
+        points,
+        cells,
+        point_data={"displacement": points - prediction.reference},
+        cell_data={name.replace("-", "_"): quality.metric(name) for name in VTU_METRICS} | {"worst": mark},
+    )
+    return points, worst

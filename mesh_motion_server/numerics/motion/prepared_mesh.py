@@ -1,0 +1,198 @@
+"""What every motion of a session needs and none changes: the reference mesh, its roles, and what is made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
+from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, LocalEvaluator
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_server.numerics.motion.crossing import PossibleCrossing
+from mesh_motion_server.numerics.motion.layered_walls import LayeredWalls
+from mesh_motion_server.numerics.motion.method_check import check_method
+from mesh_motion_server.numerics.motion.radius_choice import with_other_radii, with_radii
+from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
+from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
+from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
+from mesh_motion_server.numerics.quality.quality_summary import Judge, Judgement
+
+__all__ = ["PreparedMesh"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMesh:
+    """A checked mesh with a method, prepared for its motions.
+
+    Attributes
+    ----------
+    points : (n, d) array
+        Reference coordinates, mesh length unit.
+    cells : CellTable
+    roles : BoundaryRoles
+    method : Method
+        With both radii filled in.
+    reference_sizes : (m,) array or CellsAtRest
+        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews where these count.
+    held : (n,) bool array
+        Nodes on the boundary or on a patch, which no correction may move; nor may it move those of a boundary layer.
+    standard_motion : StandardMotion
+    other_radii : tuple of StandardMotion
+        The same with other support radii, where the radius is chosen from each motion.
+    constraint : BoundaryConstraint or None
+        Which of the held nodes the optimised correction may move nevertheless, and how.
+    warnings : tuple of str
+        What :func:`checked_mesh` noticed.
+    evaluator : Evaluator
+    smooth : SmoothInTime or None
+        What ``correction_in_time`` "smooth" prepares.
+    judge : Judge or None
+        What judges whole meshes; None: this machine.
+    layered : LayeredWalls or None
+        Walls whose layers move with them where interpolation would spoil these; None where the method says which do.
+    distributions : bool
+        Whether a judgement has the distributions, or the worst cells alone.
+    """
+
+    points: Floats
+    cells: CellTable
+    roles: BoundaryRoles
+    method: Method
+    reference_sizes: AtRest
+    held: NDArray[np.bool_]
+    standard_motion: StandardMotion
+    constraint: BoundaryConstraint | None
+    warnings: tuple[str, ...]
+    evaluator: Evaluator
+    smooth: SmoothInTime | None = None
+    other_radii: tuple[StandardMotion, ...] = ()
+    judge: Judge | None = None
+    layered: LayeredWalls | None = None
+    distributions: bool = True
+
+    @classmethod
+    def build(
+        cls,
+        points: Floats,
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        method: Method,
+        *,
+        evaluator: Evaluator | None = None,
+        judge: Judge | None = None,
+    ) -> Self:
+        """Check the mesh and prepare what every motion needs.
+
+        Raises
+        ------
+        InvalidInput
+            When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
+        """
+        cells, sizes, warnings = checked_mesh(points, cells, patches)
+        at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
+        roles = BoundaryRoles.from_patches(patches)
+        periodic = any(patch.role == "periodic" for patch in patches.values())
+        check_method(method, points, roles, periodic=periodic)
+        given, method = method, with_radii(method, points, roles)
+        evaluator = evaluator or LocalEvaluator()
+        held = np.zeros(len(points), dtype=bool)
+        held[boundary_nodes(cells)] = True
+        held[roles.all] = True
+        motion = StandardMotion.build(points, cells, patches, method, evaluator)
+        if motion.layer is None and method.boundary_layer_thickness is not None:
+            warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
+        smooth, never_free = None, held_with(held, motion.layer)
+        if method.correction_in_time == "smooth" and not never_free.all():
+            smooth = SmoothInTime.build(TrialMesh(points, cells, at_rest, never_free, method.quality_metric))
+        layered, others = None, tuple[StandardMotion, ...]()
+        if method.boundary_layer_thickness is None and motion.periodic is None:
+            layered = LayeredWalls.build(points, cells, patches, motion.sliding)
+        if method.support_radius_choice == "motion":
+            others = with_other_radii(motion, given.enrichment_radius)
+        return cls(
+            points,
+            cells,
+            roles,
+            method,
+            at_rest,
+            held,
+            motion,
+            BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic),
+            tuple(warnings),
+            evaluator,
+            smooth,
+            others,
+            judge,
+            layered,
+        )
+
+    def without_distributions(self) -> Self:
+        """The same, which judges a mesh by its worst cells, exactly, and leaves its distributions out.
+
+        Where the method judges otherwise (another predictor, partitions elsewhere) it is this one.
+        """
+        if self.judge is not None or not self.predicts_exactly:
+            return self
+        return replace(self, distributions=False)
+
+    def with_method(self, **choices: Any) -> Self:
+        """The same with other choices of its method that need no other preparation."""
+        method = replace(self.method, **choices)
+        return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))
+
+    @property
+    def predicts_exactly(self) -> bool:
+        """Whether a motion is predicted by what judges the mesh afterwards too."""
+        return self.method.predictor == "trial-nodes"
+
+    @cached_property
+    def boundary(self) -> PossibleCrossing:
+        """The boundary, which may cross itself."""
+        return PossibleCrossing.build(self.points, self.cells, self.roles)
+
+    def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
+        """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.
+
+        Where the ``quality`` of every cell there is known, this machine judges no cell again.
+        """
+        metric = self.method.quality_metric
+        if self.judge is not None:
+            return self.judge.summary(points, metric)
+        if quality is not None:
+            return (summarize if self.distributions else lowest_of)(quality, points, self.cells, metric=metric)
+        judged = mesh_summary if self.distributions else lowest_quality
+        return judged(points, self.cells, self.reference_sizes, metric=metric)
+
+    def motions_with(self, layer: BoundaryLayer | None) -> tuple[StandardMotion, ...]:
+        """The standard motion with this boundary layer, once for each support radius."""
+        if layer is self.standard_motion.layer:
+            return (self.standard_motion, *self.other_radii)
+        first = self.standard_motion.with_layer(layer)
+        radii = (float(other.method.support_radius or 0.0) for other in self.other_radii)
+        plans = (first.plans.with_support_radius(radius) for radius in radii)
+        others = zip(self.other_radii, plans, strict=True)
+        return (first, *(replace(other, layer=layer, plans=own) for other, own in others))
+
+    def constraint_with(self, layer: BoundaryLayer | None) -> BoundaryConstraint | None:
+        """The constraint of the boundary nodes that are not in this boundary layer."""
+        if self.constraint is None or layer is None:
+            return self.constraint
+        return replace(self.constraint, released=self.constraint.released & ~layer.known)
+
+    def smooth_with(self, layer: BoundaryLayer | None) -> SmoothInTime | None:
+        """The prepared correction that is smooth in time; with another layer it is prepared when it is needed."""
+        return self.smooth if layer is self.standard_motion.layer else None

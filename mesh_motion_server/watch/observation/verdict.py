@@ -1,0 +1,265 @@
+"""One line on how a session stands, from the end of its history: the same in the list, the page and the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import fmean, median
+from typing import Any, Literal
+
+__all__ = ["Recent", "Verdict", "duration", "server_gone", "verdict"]
+
+Tone = Literal["good", "warn", "bad", ""]
+
+#: Commits that are kept: those of a trend, and those whose minimum a list shows as a line.
+_TREND, _KEPT = 16, 32
+#: A trend needs so many commits, and is told if it meets the threshold within so many steps.
+_FEWEST, _HORIZON = 6, 100
+#: The trend must be this much of what the minimum does (squared correlation); the rest is noise.
+_SHARE = 0.5
+#: A session is stalled after so many usual pauses between commits, but never within so many seconds.
+_PAUSES, _PATIENCE = 10.0, 30.0
+
+_ENDS_A_TRIAL = ("committed", "rolled_back", "resumed", "suspended", "closed", "failed")
+_BEGINS = ("built", "resumed", "joined")
+#: After these nothing is expected of the client.
+_RESTS = ("suspended", "closed", "failed", "frozen")
+
+
+@dataclass(frozen=True)
+class _Commit:
+    at: float
+    step: int
+    minimum: float  # NaN where it was not told
+
+
+class Recent:
+    """The end of one session's history; bounded, whatever comes.
+
+    Attributes
+    ----------
+    events : int
+        How many were taken in.
+    changed_at : float
+        Unix time of the latest; 0 without one.
+    iteration : int
+        Of the trial that stands; 0 without one.
+    threshold : float or None
+    commits : deque of (at, step, minimum)
+        The latest, oldest first.
+    """
+
+    def __init__(self) -> None:
+        self.events, self.iteration = 0, 0
+        self.changed_at = self.begun_at = 0.0
+        self.threshold: float | None = None
+        self.commits: deque[_Commit] = deque(maxlen=_KEPT)
+        self.lowest_before = math.inf
+        self.refusals, self.refused_at, self.refusal = 0, 0.0, ""
+        self.below: _Commit | None = None
+        self.rests: dict[str, Any] = {}
+
+    @property
+    def pause(self) -> float:
+        """The usual seconds from one commit to the next, the median; infinite with fewer than three commits."""
+        times = [commit.at for commit in self.commits]
+        return median(after - before for before, after in pairwise(times)) if len(times) > 2 else math.inf
+
+    def take(self, event: Mapping[str, Any]) -> None:
+        """The next event; one that lacks what its kind has is passed over, another version may have written it."""
+        with suppress(KeyError, TypeError, ValueError, AttributeError):
+            self._take(event)
+
+    def _take(self, event: Mapping[str, Any]) -> None:
+        kind, at = event["event"], float(event["at"])
+        self.events += 1
+        self.changed_at = at
+        if kind in _ENDS_A_TRIAL:
+            self.iteration = 0
+        if kind in _BEGINS:
+            self.begun_at = at
+        if kind != "refused":
+            self.rests = dict(event) if kind in _RESTS else {}
+        if kind in ("moved", "committed", "resumed"):
+            self.refusals = 0
+        if kind == "built":
+            self.threshold = event["settings"].get("quality_threshold")
+        elif kind == "moved":
+            self.iteration, self.threshold = event["iteration"], event["quality"]["threshold"]
+        elif kind == "resumed":
+            while self.commits and self.commits[-1].step > event["step"]:
+                self.commits.pop()  # a crash has taken them back
+        elif kind == "refused":
+            fraction = event.get("details", {}).get("fraction")
+            passes = f"; {math.floor(100.0 * fraction)} % of the motion would pass" if fraction else ""
+            request = "" if event["request"] == "MOVE" else f"{event['request']} of "
+            self.refusal = f"{request}step {event['step']}: {event['message']}{passes}"
+            self.refused_at = self.refused_at if self.refusals else at
+            self.refusals += 1 + int(event.get("untold", 0))
+        elif kind == "committed":
+            self._commit(_Commit(at, event["step"], _number(event["quality"].get("metric", {}).get("min"))))
+
+    def _commit(self, commit: _Commit) -> None:
+        if len(self.commits) >= _TREND and not math.isnan(out := self.commits[-_TREND].minimum):
+            self.lowest_before = min(self.lowest_before, out)
+        self.commits.append(commit)
+        is_below = self.threshold is not None and commit.minimum < self.threshold
+        self.below = (self.below or commit) if is_below else None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a session stands.
+
+    Attributes
+    ----------
+    kind : str
+        running, degrading, refused, stalled, suspended, frozen, failed, closed, at rest, worker fell, server gone or
+        no mesh yet.
+    tone : str
+        good, warn, bad, or empty where nothing runs.
+    why : str
+        The rest of the line; does not change while nothing happens.
+    since : float
+        Unix time since when it is so; of a running session its last commit. 0: not known.
+    """
+
+    kind: str
+    tone: Tone
+    why: str
+    since: float
+
+    def line(self, now: float) -> str:
+        """The whole line at a time."""
+        begin = self.kind
+        if self.since:
+            passed = duration(now - self.since)
+            begin += f", last commit {passed} ago" if self.kind == "running" else f" for {passed}"
+        return f"{begin}: {self.why}" if self.why else begin
+
+
+def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
+    """How a session stands at a time.
+
+    Parameters
+    ----------
+    recent : Recent
+    now : float
+        Unix time.
+    worker : str
+        alive, dead, or none: nobody holds the session.
+    """
+    return (
+        _fell(recent, worker)
+        or _refused(recent)
+        or _left(recent, worker)
+        or _stalled(recent, now)
+        or _degrading(recent)
+        or Verdict("running", "good", _stands(recent), recent.commits[-1].at if recent.commits else 0.0)
+    )
+
+
+def server_gone(since: float) -> Verdict:
+    """Of any session whose server does not answer since a Unix time."""
+    return Verdict("server gone", "bad", "what is shown is as it was then", since)
+
+
+def _stands(recent: Recent) -> str:
+    """Step, minimum and pace."""
+    if not recent.commits:
+        return f"trial {recent.iteration} of step 1" if recent.iteration else "no step yet"
+    latest = recent.commits[-1]
+    told = [f"step {latest.step}"]
+    if not math.isnan(latest.minimum):
+        told.append(f"minimum {latest.minimum:.3f}")
+    if 0.0 < recent.pause < math.inf:
+        told.append(f"{3600.0 / recent.pause:,.0f} steps an hour".replace(",", "\u202f"))
+    return ", ".join(told)
+
+
+def _fell(recent: Recent, worker: str) -> Verdict | None:
+    """Its worker or its disk failed, or it was closed."""
+    end = recent.rests.get("event", "")
+    if end == "closed":
+        return Verdict("closed", "", _stands(recent), recent.changed_at)
+    if worker == "dead" or end in ("failed", "frozen"):
+        told = str(recent.rests.get("message", "")) or _stands(recent)
+        return Verdict(end or "worker fell", "bad", told, recent.changed_at)
+    return None
+
+
+def _refused(recent: Recent) -> Verdict | None:
+    """How often in a row, and why."""
+    if not recent.refusals:
+        return None
+    often = f"{recent.refusals} times in a row, " if recent.refusals > 1 else ""
+    return Verdict("refused", "bad", often + recent.refusal, recent.refused_at)
+
+
+def _left(recent: Recent, worker: str) -> Verdict | None:
+    """Nobody works with it."""
+    if recent.rests.get("event") == "suspended":
+        return Verdict("suspended", "warn", f"its client is gone; {_stands(recent)}", recent.changed_at)
+    if worker == "none":
+        return Verdict("at rest", "", _stands(recent), recent.changed_at)
+    return None if recent.events else Verdict("no mesh yet", "", "", 0.0)
+
+
+def _stalled(recent: Recent, now: float) -> Verdict | None:
+    """No commit for many times the usual."""
+    since = max(recent.begun_at, recent.commits[-1].at if recent.commits else 0.0)
+    if now - since <= max(_PATIENCE, _PAUSES * recent.pause):
+        return None
+    why = f"no commit after step {recent.commits[-1].step}, usually one every {duration(recent.pause)}"
+    return Verdict("stalled", "bad", why + (f"; trial {recent.iteration} stands" if recent.iteration else ""), since)
+
+
+def _degrading(recent: Recent) -> Verdict | None:
+    """Below the threshold, or at a new low on a line that meets the threshold soon."""
+    if recent.threshold is None or not recent.commits:
+        return None
+    latest = recent.commits[-1]
+    if recent.below is not None:
+        why = f"minimum {latest.minimum:.3f} is below the threshold {recent.threshold:g} since step {recent.below.step}"
+        return Verdict("degrading", "warn", why, recent.below.at)
+    last = [commit for commit in list(recent.commits)[-_TREND:] if not math.isnan(commit.minimum)]
+    # A motion that comes and goes is at no new low on its second way down.
+    if len(last) < _FEWEST or min(recent.lowest_before, *(c.minimum for c in last[:-1])) <= last[-1].minimum:
+        return None
+    slope, share = _line([commit.step for commit in last], [commit.minimum for commit in last])
+    if share < _SHARE or (left := (last[-1].minimum - recent.threshold) / -slope) > _HORIZON:
+        return None
+    steps = max(1, math.ceil(left - 1e-9))
+    soon = f" or {duration(steps * recent.pause)}" if 0.0 < recent.pause < math.inf else ""
+    why = (
+        f"minimum {latest.minimum:.3f} falls by {-slope:.2g} a step and meets the threshold {recent.threshold:g} in "
+        f"about {steps} step{'s' if steps > 1 else ''}{soon}"
+    )
+    return Verdict("degrading", "warn", why, last[0].at)
+
+
+def _line(steps: list[int], values: list[float]) -> tuple[float, float]:
+    """Slope of the least-squares line, and its squared correlation."""
+    step, value = fmean(steps), fmean(values)
+    both = sum((s - step) * (v - value) for s, v in zip(steps, values, strict=True))
+    spread = sum((s - step) ** 2 for s in steps)
+    return both / spread, both * both / (spread * sum((v - value) ** 2 for v in values))
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them."""
+    if seconds < 1.0:
+        return f"{1e3 * max(0.0, seconds):.0f} ms"
+    if seconds < 10.0:
+        return f"{seconds:.2g} s"
+    units = ((120, 1, "s"), (7200, 60, "min"), (172800, 3600, "h"), (math.inf, 86400, "days"))
+    size, unit = next((size, unit) for until, size, unit in units if seconds < until)
+    return f"{seconds / size:.0f} {unit}"
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
