@@ -26,25 +26,33 @@ def convert(folder: Path, *arguments: object) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
-def test_there_and_back_and_moved(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", ["npz", "vtu"])
+def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
+    pytest.importorskip("meshio")
     mesh = read_mesh(EXAMPLE)
-    status, out, _ = convert(tmp_path, EXAMPLE, "mesh.su2")
-    assert (status, out) == (0, "mesh.su2: 2D, 723 nodes, 1342 triangle, 2 patches\n")
+    status, out, _ = convert(tmp_path, EXAMPLE, f"mesh.{suffix}")
+    assert (status, out) == (0, f"mesh.{suffix}: 2D, 723 nodes, 1342 triangle, 2 patches\n")
     np.save(tmp_path / "points.npy", mesh.points * 2)
-    status, _, _ = convert(tmp_path, "mesh.su2", "moved.su2", "--points", "points.npy")
+    status, _, _ = convert(tmp_path, f"mesh.{suffix}", f"moved.{suffix}", "--points", "points.npy")
     assert status == 0
-    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2").points, mesh.points * 2)
+    moved = read_mesh(tmp_path / f"moved.{suffix}")
+    np.testing.assert_array_equal(moved.points, mesh.points * 2)
+    assert {name: nodes.tolist() for name, nodes in moved.patches.items()} == {
+        name: nodes.tolist() for name, nodes in mesh.patches.items()
+    }
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((EXAMPLE, "mesh.stl"), "mesh.stl: unknown kind of mesh file"),
-        (("none.msh", "mesh.su2"), "none.msh: no such mesh file"),
-        ((EXAMPLE, "mesh.su2", "--points", "none.npy"), "none.npy: cannot be read"),
-        (("none.msh", "missing/mesh.su2"), "missing/mesh.su2: there is no folder"),
-        (("none.msh", EXAMPLE / "case"), f"{EXAMPLE} is no folder"),
-        ((EXAMPLE, "mesh.su2", "--points", EXAMPLE), "not readable as a .npy file"),
+        (
+            (EXAMPLE, "mesh.su2"),
+            "mesh.su2: .npz and .vtu are written (write .vtu, then meshio convert ",
+        ),
+        (("none.msh", "mesh.npz"), "none.msh: no such mesh file"),
+        ((EXAMPLE, "mesh.npz", "--points", "none.npy"), "none.npy: cannot be read"),
+        (("none.msh", "missing/mesh.npz"), "missing/mesh.npz: there is no folder"),
+        ((EXAMPLE, "mesh.npz", "--points", EXAMPLE), "not readable as a .npy file"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(tmp_path: Path, arguments: tuple[object, ...], message: str) -> None:
@@ -53,3 +61,10 @@ def test_what_cannot_be_done_is_one_line(tmp_path: Path, arguments: tuple[object
     assert message in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_points_of_another_mesh_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "points.npy", np.zeros((2, 2)))
+    status, _, error = convert(tmp_path, EXAMPLE, "mesh.npz", "--points", "points.npy")
+    assert status == 2
+    assert "expected finite real coordinates of shape (723, 2), got float64 of shape (2, 2)" in error

@@ -1,5 +1,5 @@
 """The results of a run: ``summary.json``, ``points.npy`` (final coordinates, the file's node order), ``steps.csv``,
-``mesh.pvd`` with ``mesh_0000.vtu``, … (or ``mesh.vtkhdf``) and ``quality.png``.
+``mesh.pvd`` with ``mesh_0000.vtu``, … and ``quality.png``.
 
 A case that is refused on its way leaves what it has, with ``accepted.npy`` (the last accepted coordinates) in place of
 ``points.npy``, and ``refused.vtu``; one that never began leaves nothing. Results of an earlier run are removed first: a
@@ -46,7 +46,6 @@ RESULTS = (
     "steps.csv",
     f"{SERIES}.pvd",
     f"{SERIES}_[0-9]*.vtu",
-    f"{SERIES}.vtkhdf",
     "quality.png",
     "comparison.json",
     "comparison.csv",

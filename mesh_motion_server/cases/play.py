@@ -6,7 +6,6 @@ displacement, the way a relaxed fixed-point iteration does; the last one is comm
 
 from __future__ import annotations
 
-import math
 import resource
 import sys
 import time
@@ -41,7 +40,7 @@ from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
 from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
-from mesh_motion_server.files import MeshFile, Series, check_target, open_series, write_moved
+from mesh_motion_server.files import MeshFile, VtuSeries
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.numerics.quality.orientation import oriented
@@ -95,8 +94,6 @@ def play(
     progress: Progress | None = None,
     distributed: str | None = None,
     keys: Keys | None = None,
-    series_format: str = "vtu",
-    final_mesh: Path | None = None,
     resume: bool = False,
 ) -> Played:
     """Play a case and write its results as they come.
@@ -116,10 +113,6 @@ def play(
         For a private server: the Dask scheduler of the workers that it computes on.
     keys : Keys, optional
         For a server that asks for them.
-    series_format : str
-        One of :data:`~mesh_motion_server.files.SERIES_FORMATS`.
-    final_mesh : path, optional
-        Receives the mesh as the case leaves it (:func:`~mesh_motion_server.files.write_moved`).
     resume : bool
         Go on behind the last committed step of the run that ended early in this folder, for whatever reason.
 
@@ -137,28 +130,23 @@ def play(
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
     options = () if distributed is None else ("--distributed", distributed)
-    times = 1 + math.ceil(program.count / every)
     with run_folder(folder, resumed=resume) as kept:
-        if final_mesh is not None:  # now, for it may lie in the folder that is made just here
-            check_target(final_mesh, mesh)
         opening = open_session(case, mesh, endpoint, kept, resumed=resume, server_options=options, keys=keys)
         with opening as driver:
             written = [0, *range(every, driver.step, every)] if driver.step else []
-            with open_series(series_format, folder, SERIES, times, list(map(float, written))) as series:
-                run = _Run(case, mesh, program, driver, series, every, kept)
-                try:
-                    for step in run.steps():
-                        if progress is not None:
-                            progress(step.step, program.count, step)
-                except BaseException as error:
-                    run.keep(folder, error)
-                    raise
-                played = run.result()
+            series = VtuSeries(folder, SERIES, list(map(float, written)))
+            run = _Run(case, mesh, program, driver, series, every, kept)
+            try:
+                for step in run.steps():
+                    if progress is not None:
+                        progress(step.step, program.count, step)
+            except BaseException as error:
+                run.keep(folder, error)
+                raise
+            played = run.result()
         remove_ended(folder)
         write_points(folder, played.points)
         _write(folder, case, played)
-    if final_mesh is not None:
-        write_moved(final_mesh, mesh, played.points)
     return played
 
 
@@ -180,7 +168,7 @@ class _Run:
         mesh: MeshFile,
         program: MotionProgram,
         driver: Driver,
-        series: Series,
+        series: VtuSeries,
         every: int,
         kept: Kept,
     ) -> None:

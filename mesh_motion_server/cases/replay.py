@@ -7,7 +7,6 @@ version on the same machine the state digests are equal, bit for bit.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
@@ -34,7 +33,7 @@ from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_recorded
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn, quality_numbers
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
-from mesh_motion_server.files import Series, open_series
+from mesh_motion_server.files import VtuSeries
 from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 from mesh_motion_server.numerics.quality.orientation import oriented
 from mesh_motion_server.session.history.boundary import BoundaryStep
@@ -108,7 +107,6 @@ def replay(
     endpoint: str | None = None,
     keys: Keys | None = None,
     every: int = 1,
-    series_format: str = "vtu",
     progress: Progress | None = None,
 ) -> Comparison:
     """Replay a stored session in each of the variants and compare them with what was recorded.
@@ -123,7 +121,7 @@ def replay(
     variants : sequence of Variant
     until : int, optional
         The last step; by default the last one of which the boundary is recorded.
-    endpoint, keys, every, series_format, progress
+    endpoint, keys, every, progress
         As for :func:`~mesh_motion_server.cases.play.play`.
 
     Raises
@@ -143,10 +141,11 @@ def replay(
     with over_the_wire(recorded, endpoint, keys) as opener:
         for number, (variant, values) in enumerate(zip(variants, settings, strict=True), start=1):
             target = folder if len(variants) == 1 else folder / f"variant-{number}"
-            times = 1 + math.ceil(last / every)
             with result_folder(target) as work:
-                with open_series(series_format, work, SERIES, times) as series, opener(values) as runner:
-                    output = _Output(recorded, series, every, last, progress, str(values["quality_metric"]))
+                with opener(values) as runner:
+                    output = _Output(
+                        recorded, VtuSeries(work, SERIES), every, last, progress, str(values["quality_metric"])
+                    )
                     runs.append(replay_variant(recorded, variant, runner, last, output.take))
                 output.write(work, runs[-1], values)
     comparison = Comparison(recorded, last, runs, elsewhere=endpoint is not None)
@@ -220,7 +219,7 @@ class _Output:
     """The results of a played case, made of a replay."""
 
     def __init__(
-        self, recorded: Recorded, series: Series, every: int, last: int, progress: Progress | None, metric: str
+        self, recorded: Recorded, series: VtuSeries, every: int, last: int, progress: Progress | None, metric: str
     ) -> None:
         self._recorded, self._series, self._every, self._last = recorded, series, every, last
         self._progress, self._metric = progress, metric

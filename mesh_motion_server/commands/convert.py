@@ -1,9 +1,10 @@
-"""``mesh-motion convert``: a mesh in another format, or with the coordinates that a run left."""
+"""``mesh-motion convert``: a mesh as an archive or for ParaView, with the coordinates that a run left if need be."""
 
 # ruff: noqa: PLC0415
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -17,32 +18,28 @@ __all__ = ["convert"]
 
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A mesh file or an OpenFOAM case.", show_default=False)],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="Its suffix says how.", show_default=False)],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="Ends with .npz or .vtu.", show_default=False)],
     points: Annotated[
         Path | None, typer.Option(metavar="FILE.npy", help="Coordinates in the order of IN's nodes: play's points.npy.")
     ] = None,
     zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of IN, where it has several.")] = "",
 ) -> None:
-    """Write a mesh in another format: .msh, .su2, .vtu, .vtk, .cgns, .npz, or a folder, which is an OpenFOAM case.
-
-    With --points and the format of IN, coordinates alone are replaced: everything else of the file stays as it is. The
-    new points of an OpenFOAM case may go to one of its times (CASE/0.5).
+    """Write a mesh as .npz, or as .vtu for ParaView and for meshio, which converts that further.
 
     \b
-    mesh-motion convert mesh.msh mesh.cgns
-    mesh-motion convert mesh.npz moved.su2 --points out/points.npy
+    mesh-motion convert mesh.msh wing.npz
+    mesh-motion convert mesh.msh mesh.vtu
     """
     from mesh_motion_server.files import read_mesh
     from mesh_motion_server.files.npz import read_points
-    from mesh_motion_server.files.writer import check_target, write_mesh, write_moved
+    from mesh_motion_server.files.writer import check_target, write_mesh
 
     try:
         check_target(target)
         mesh = read_mesh(source, zone)
-        if points is None:
-            write_mesh(target, mesh)
-        else:
-            write_moved(target, mesh, read_points(points))
+        if points is not None:
+            mesh = replace(mesh, points=read_points(points, mesh.points.shape))
+        write_mesh(target, mesh)
     except MeshMotionError as error:
         complain(str(error))
         raise typer.Exit(status_of(error.code)) from None

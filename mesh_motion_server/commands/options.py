@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,14 +11,7 @@ import typer
 if TYPE_CHECKING:
     from mesh_motion_client import Keys
 
-__all__ = ["DistributedOption", "EndpointOption", "KeyOption", "SeriesFormat", "ServerKeyOption", "keys_of_options"]
-
-
-class SeriesFormat(StrEnum):
-    """What ``play`` writes a series in; those of :data:`~mesh_motion_server.files.SERIES_FORMATS`."""
-
-    VTU = "vtu"
-    VTKHDF = "vtkhdf"
+__all__ = ["DistributedOption", "EndpointOption", "KeyOption", "ServerKeyOption", "keys_of_options"]
 
 
 EndpointOption = Annotated[

@@ -18,7 +18,6 @@ from mesh_motion_server.commands.options import (
     DistributedOption,
     EndpointOption,
     KeyOption,
-    SeriesFormat,
     ServerKeyOption,
     keys_of_options,
 )
@@ -55,27 +54,19 @@ def play(
     key: KeyOption = None,
     server_key: ServerKeyOption = None,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series.")] = 1,
-    series: Annotated[
-        SeriesFormat, typer.Option("--format", help="Of the series for ParaView; vtkhdf is one file.")
-    ] = SeriesFormat.VTU,
-    write: Annotated[
-        Path | None,
-        typer.Option(metavar="MESH", help="Write the final mesh, too; of its file all else stays."),
-    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on behind the last step that is kept in DIR.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
     """Drive a session through a case, as a coupling code would.
 
     Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
-    mesh.pvd with its VTU files for ParaView (or mesh.vtkhdf), and quality.png. A run that is refused, interrupted or
+    mesh.pvd with its VTU files for ParaView, and quality.png. A run that is refused, interrupted or
     killed keeps the steps it has made: accepted.npy instead of points.npy, the refused mesh in refused.vtu and
     quality.png. Change what comes after them, or nothing, and --resume.
 
     \b
     mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
     mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
-    mesh-motion play case.toml -o out --write moved.su2
 
     With --from-journal the boundary of a stored session, or of a copy of its folder, moves again as it was recorded,
     with the session's own settings or others, and a table compares what came out; DIR receives comparison.json and .csv
@@ -96,8 +87,6 @@ def play(
         raise typer.BadParameter("--set, --variant and --until need --from-journal; a case has its own settings")
     if resume and case is None:
         raise typer.BadParameter("a replay is not resumed; it begins again", param_hint="--resume")
-    if write is not None and from_journal is not None:
-        raise typer.BadParameter("a stored session has no mesh file; convert the mesh with --points DIR/points.npy")
     if distributed is not None and (endpoint is not None or from_journal is not None):
         raise typer.BadParameter("only a private server that plays a case computes with --distributed")
     if out is None:
@@ -115,7 +104,6 @@ def play(
                 endpoint=endpoint,
                 keys=keys_of_options(endpoint, key, server_key),
                 every=every,
-                series_format=series.value,
                 progress=advance,
             )
         tell_comparison(comparison, quiet=quiet)
@@ -130,8 +118,6 @@ def play(
             progress=advance,
             distributed=distributed,
             keys=keys,
-            series_format=series.value,
-            final_mesh=write,
             resume=resume,
         )
     for warning in played.warnings:

@@ -5,30 +5,16 @@
 ``.msh``          Gmsh 2.2 and 4.1, ASCII and binary; physical groups become patches (:mod:`.gmsh`)
 ``.su2``          SU2; markers become patches (:mod:`.su2`)
 ``.cgns``         an unstructured zone, read with the extra ``mesh``; families become patches (:mod:`.cgns`)
-folders, ``.foam``  OpenFOAM's polyMesh, ASCII and binary (:mod:`.polymesh`)
+folders, ``.foam``  OpenFOAM's polyMesh, ASCII and binary (:mod:`.openfoam`)
 ``.vtk``, ``.vtu``  read with the extra ``mesh``; patches from arrays with agreed names (:mod:`.vtk`)
 ``.vtu``, ``.pvd``  written for ParaView (:mod:`.vtu`)
-``.vtkhdf``       a whole series in one file, written with the extra ``mesh`` (:mod:`.vtkhdf`)
 ================  ======================================================================================
 """
 
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import write_npz
 from mesh_motion_server.files.reader import read_mesh
-from mesh_motion_server.files.series import SERIES_FORMATS, Series, open_series
 from mesh_motion_server.files.vtu import VtuSeries, write_vtu
-from mesh_motion_server.files.writer import check_target, write_mesh, write_moved
+from mesh_motion_server.files.writer import check_target, write_mesh
 
-__all__ = [
-    "SERIES_FORMATS",
-    "MeshFile",
-    "Series",
-    "VtuSeries",
-    "check_target",
-    "open_series",
-    "read_mesh",
-    "write_mesh",
-    "write_moved",
-    "write_npz",
-    "write_vtu",
-]
+__all__ = ["MeshFile", "VtuSeries", "check_target", "read_mesh", "write_mesh", "write_npz", "write_vtu"]

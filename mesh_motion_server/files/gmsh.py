@@ -62,10 +62,10 @@ def read_gmsh(path: Path) -> MeshFile:
     try:
         content = _read_sections(path.read_bytes())
         rows = _NodeRows.of(content.tags)
-        cells, (patches, facets) = _cells(content, rows), _patches(content, rows)
+        cells, patches = _cells(content, rows), _patches(content, rows)
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed or unsupported Gmsh file: {error}") from None
-    return assemble(path, content.points, cells, patches, facets)
+    return assemble(path, content.points, cells, patches)
 
 
 def _read_sections(data: bytes) -> _Content:
@@ -236,17 +236,13 @@ def _merge(blocks: list[_Block]) -> IntArray:
     return nodes[np.sort(first)]
 
 
-def _patches(content: _Content, rows: _NodeRows) -> tuple[dict[str, IntArray], dict[str, dict[str, IntArray]]]:
-    """{name: (p,) node rows, with repeats} of the groups of lower dimension than the mesh, and their facets."""
+def _patches(content: _Content, rows: _NodeRows) -> dict[str, IntArray]:
+    """{name: (p,) node rows, with repeats} of the groups of lower dimension than the mesh."""
     top = max((block.dimension for block in content.blocks), default=0)
     found: dict[str, list[IntArray]] = defaultdict(list)
-    facets: dict[str, dict[str, list[IntArray]]] = defaultdict(lambda: defaultdict(list))
     for block in content.blocks:
         if block.dimension < top:
             for group in block.groups:
                 name = content.names.get((block.dimension, group), str(group))
                 found[name].append(rows(block.nodes.ravel()))
-                if block.name:
-                    facets[name][block.name].append(rows(block.nodes))
-    joined = {name: {kind: np.concatenate(parts) for kind, parts in of.items()} for name, of in facets.items()}
-    return {name: np.concatenate(parts) for name, parts in found.items()}, joined
+    return {name: np.concatenate(parts) for name, parts in found.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +32,6 @@ class MeshFile:
         Node ids of each patch, ascending, each once.
     path : Path
         Where it was read from.
-    facets : dict of str to dict of str to (f, k) int64 arrays
-        {patch: {type: nodes}}: the facets of the patches, where the file says them.
     periodic : tuple of str
         Patches that the file says are one side of a period.
     zone : str
@@ -46,7 +44,6 @@ class MeshFile:
     cells: dict[str, IntArray]
     patches: dict[str, IntArray]
     path: Path
-    facets: dict[str, dict[str, IntArray]] = field(default_factory=dict)
     periodic: tuple[str, ...] = ()
     zone: str = ""
     notes: tuple[str, ...] = ()
@@ -66,14 +63,6 @@ class MeshFile:
         """The cells as the numerics take them."""
         return CellTable.from_arrays(self.cells)
 
-    def oriented(self) -> MeshFile:
-        """The mesh with the mirror image of each cell that is listed the other way round."""
-        # imported here: whoever only reads meshes has no compiler
-        from mesh_motion_server.numerics.quality.orientation import oriented  # noqa: PLC0415
-
-        cells = {block.type.name: block.nodes for block in oriented(self.points, self.cell_table).cells}
-        return replace(self, cells={name: cells[name] for name in self.cells})
-
     def __post_init__(self) -> None:
         _check_points(self.points, self.path)
         _check_cells(self.cells, self.points.shape, self.path)
@@ -86,12 +75,11 @@ def assemble(
     points: FloatArray,
     cells: Mapping[str, IntArray],
     patches: Mapping[str, IntArray],
-    facets: Mapping[str, Mapping[str, IntArray]] | None = None,
 ) -> MeshFile:
     """Make a mesh of a foreign file's content: cells of all dimensions, always three coordinates.
 
     The cells of the highest dimension are the mesh. Coordinates beyond that dimension are dropped, which needs them to
-    be constant. Of the ``facets`` of patches those of one dimension less than the mesh's are kept.
+    be constant.
 
     Raises
     ------
@@ -107,7 +95,7 @@ def assemble(
     nodes_of = {name: np.unique(nodes) for name, nodes in patches.items()}
     only_lines = ("the mesh is 1D, it has lines only: was the group of its surface or volume not saved?",)
     notes = only_lines if dimension == 1 else ()
-    return MeshFile(points, used, nodes_of, path, _facets(facets or {}, dimension - 1), notes=notes)
+    return MeshFile(points, used, nodes_of, path, notes=notes)
 
 
 def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
@@ -130,15 +118,6 @@ def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
         f"{path}: {asked}{len(names)} zone{'s' if len(names) > 1 else ''}: {listed}",
         hint='choose one: zone = "…" in [mesh] of the case, --zone of check and convert' if names else "",
     )
-
-
-def _facets(facets: Mapping[str, Mapping[str, IntArray]], dimension: int) -> dict[str, dict[str, IntArray]]:
-    """Those of a dimension, of the patches that have any."""
-    found = {
-        patch: {name: nodes for name, nodes in of.items() if len(nodes) and CELL_TYPES[name].dimension == dimension}
-        for patch, of in facets.items()
-    }
-    return {patch: of for patch, of in found.items() if of}
 
 
 def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatArray:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.memory import most_memory
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.replace import replacing
@@ -58,21 +57,25 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def read_points(path: Path) -> NDArray[np.generic]:
-    """The array of a ``.npy`` file, such as ``points.npy`` of a run.
+def read_points(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Coordinates of a ``.npy`` file, such as ``points.npy`` of a run.
 
     Raises
     ------
     InvalidInput
-        If it is no such file.
+        If it is no such file, or holds something else than finite numbers of this shape.
     """
     try:
         with path.open("rb") as file:
-            return np.lib.format.read_array(file, allow_pickle=False)
+            points = np.lib.format.read_array(file, allow_pickle=False)
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, EOFError, MemoryError, OverflowError) as error:
         raise InvalidInput(f"{path}: not readable as a .npy file of plain numbers: {reason_of(error)}") from None
+    if points.dtype.kind != "f" or points.shape != shape or not bool(np.isfinite(points).all()):
+        got = f"{points.dtype} of shape {points.shape}"
+        raise InvalidInput(f"{path}: expected finite real coordinates of shape {shape}, got {got}")
+    return points.astype(np.float64)
 
 
 def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
@@ -88,11 +91,6 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
             archive = np.load(file, allow_pickle=False)
             if isinstance(archive, np.ndarray):
                 raise InvalidInput(f"{path}: a single array, not an .npz archive")
-            most, size = most_memory(path.stat().st_size), 0
-            for entry in archive.zip.infolist():
-                size += entry.file_size
-                if size > most:
-                    raise ValueError(f"up to {entry.filename} the arrays are {size} bytes; {most} would be a mesh's")
             return {key: archive[key] for key in archive.files}
     except _DAMAGED as error:
         raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {reason_of(error)}") from None

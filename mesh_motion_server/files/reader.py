@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.cgns import read_cgns
+from mesh_motion_server.files.cgns.zone import read_cgns
 from mesh_motion_server.files.gmsh import read_gmsh
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import read_npz
-from mesh_motion_server.files.polymesh import read_polymesh
+from mesh_motion_server.files.openfoam.polymesh import read_polymesh
 from mesh_motion_server.files.su2 import read_su2
 from mesh_motion_server.files.vtk import read_vtk
 

@@ -22,7 +22,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import IntArray, MeshFile, assemble, chosen_zone
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["key_of", "read_su2"]
+__all__ = ["read_su2"]
 
 #: Name and number of nodes of SU2's numbers of types, which are VTK's; a marker may have vertices, too.
 _CELLS = {cell_type.vtk: (cell_type.name, cell_type.n_nodes) for cell_type in CELL_TYPES.values()}
@@ -68,8 +68,7 @@ class _Zone:
         notes += [f"a marker without a name is the patch {_UNNAMED!r}"] if "" in self.markers else []
         notes += [f"cells of the halo ({_HALO}) that are left out: {left}"] if left else []
         patches = {name: of for name, of in nodes.items() if len(of)}
-        facets = {name: {kind: part for kind, part in of.items() if kind} for name, of in markers.items()}
-        mesh = assemble(path, points, cells, patches, facets)
+        mesh = assemble(path, points, cells, patches)
         return replace(mesh, zone=zone, notes=tuple(notes))
 
 
@@ -164,14 +163,14 @@ def _sections(text: str) -> Iterator[tuple[str, str, _Rows]]:
     if "%" in text:
         lines = [line.partition("%")[0] for line in lines]
     lines = [line for line in lines if line and not line.isspace()]
-    keys = [(place, *key_of(line)) for place, line in enumerate(lines) if "=" in line]
+    keys = [(place, *_key_of(line)) for place, line in enumerate(lines) if "=" in line]
     keys = [(place, key, value) for place, key, value in keys if not key.startswith("SEND")]
     for (place, key, value), (end, _, _) in pairwise([*keys, (len(lines), "", "")]):
         rows = lines[place + 1 : end]
         yield key, value, [row for row in rows if "=" not in row] if key == "MARKERELEMS" else rows
 
 
-def key_of(line: str) -> tuple[str, str]:
+def _key_of(line: str) -> tuple[str, str]:
     """The key of a line, without underscores, and its value; a line of numbers has no key."""
     key, equals, value = line.partition("=")
     return (key.strip().replace("_", "").upper(), value.strip()) if equals else ("", "")

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.replace import replacing
-from mesh_motion_server.files.vtk_arrays import three_components, topology
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["VtuSeries", "write_vtu"]
@@ -48,10 +47,10 @@ def write_vtu(
         Vectors with d = 2 are filled up to three components.
     """
     body = _Appended()
-    point_lines = [body.array(name, three_components(values)) for name, values in (point_data or {}).items()]
-    cell_lines = [body.array(name, three_components(values)) for name, values in (cell_data or {}).items()]
-    geometry = [body.array("Points", three_components(points, vector=True))]
-    structure = [body.array(name, values) for name, values in topology(cells).items()]
+    point_lines = [body.array(name, _three_components(values)) for name, values in (point_data or {}).items()]
+    cell_lines = [body.array(name, _three_components(values)) for name, values in (cell_data or {}).items()]
+    geometry = [body.array("Points", _three_components(points, vector=True))]
+    structure = [body.array(name, values) for name, values in _topology(cells).items()]
     sections = (("PointData", point_lines), ("CellData", cell_lines), ("Points", geometry), ("Cells", structure))
     head = "\n".join(
         [
@@ -103,9 +102,6 @@ class VtuSeries:
         self._write_collection()
         return path
 
-    def close(self) -> None:
-        """Nothing is left open between two times."""
-
     def _write_collection(self) -> None:
         rows = "\n".join(f'<DataSet timestep="{time:.17g}" file="{escape(name)}"/>' for time, name in self._entries)
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>'
@@ -138,3 +134,19 @@ class _Appended:
         for values in self._arrays:
             file.write(np.array(values.nbytes, dtype="<u8").tobytes())
             file.write(values.data if values.size else b"")
+
+
+def _three_components(values: NDArray[np.generic], *, vector: bool = False) -> NDArray[np.generic]:
+    """Fill vectors up to three components; scalars and booleans become what VTK knows."""
+    if values.dtype == np.bool_:
+        values = values.astype(np.uint8)
+    if values.ndim == 2 and (vector or values.shape[1] == 2):
+        return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+    return values
+
+
+def _topology(cells: CellTable) -> dict[str, NDArray[np.generic]]:
+    """VTK's connectivity, offsets (ends of the cells) and types."""
+    ends = np.cumsum(np.concatenate([np.full(len(block), block.type.n_nodes, dtype=np.int64) for block in cells]))
+    types = np.concatenate([np.full(len(block), block.type.vtk, dtype=np.uint8) for block in cells])
+    return {"connectivity": np.concatenate([block.nodes.ravel() for block in cells]), "offsets": ends, "types": types}

@@ -26,7 +26,7 @@ from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import RESULTS
 from mesh_motion_server.cases.play import play
 from mesh_motion_server.errors import InvalidInput, NumericalError, ResourceError
-from mesh_motion_server.files import MeshFile, read_mesh, write_mesh, write_npz
+from mesh_motion_server.files import MeshFile, read_mesh, write_npz
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
@@ -120,46 +120,6 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> Plays:
 
 def results(folder: Path) -> list[str]:
     return sorted(f.name for pattern in RESULTS for f in folder.glob(pattern))
-
-
-def test_the_final_mesh_is_written_too_and_refused_before_any_step(make_case, stand_in: Plays, tmp_path: Path) -> None:
-    sessions = stand_in()
-    case = make_case()
-    with pytest.raises(InvalidInput, match="unknown kind of mesh file"):
-        play(case, tmp_path / "out", final_mesh=tmp_path / "final.stl")
-    write_mesh(tmp_path / "taken", read_case(case).read_mesh())
-    with pytest.raises(InvalidInput, match="there is a mesh already"):
-        play(case, tmp_path / "out", final_mesh=tmp_path / "taken")
-    for name in ("missing/final.su2", "missing/dir/final.npz"):
-        with pytest.raises(InvalidInput, match=r"there is no folder .*missing.* \(mkdir -p '.*missing"):
-            play(case, tmp_path / "out", final_mesh=tmp_path / name)
-    assert not sessions
-    assert not (tmp_path / "out").exists()
-    for name in ("final.npz", "final.su2", "case", "out/final.su2"):
-        played = play(case, tmp_path / "out", final_mesh=tmp_path / name)
-        mesh = read_mesh(tmp_path / name)
-        np.testing.assert_array_equal(mesh.points, played.points)
-        assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {
-            name: nodes.tolist() for name, nodes in played.mesh.patches.items()
-        }
-
-
-def test_the_series_may_be_one_file_and_the_other_kind_of_an_earlier_run_goes(
-    make_case, stand_in: Plays, tmp_path: Path
-) -> None:
-    h5py = pytest.importorskip("h5py")
-    stand_in()
-    case = make_case(("count = 2", "count = 7"))
-    play(case, tmp_path / "out")
-    played = play(case, tmp_path / "out", series_format="vtkhdf", every=3)
-    assert "mesh.vtkhdf" in results(tmp_path / "out")
-    assert not [name for name in results(tmp_path / "out") if name.endswith((".vtu", ".pvd"))]
-    with h5py.File(tmp_path / "out" / "mesh.vtkhdf") as file:
-        root = file["VTKHDF"]
-        assert root["Steps/Values"][:].tolist() == [0.0, 3.0, 6.0, 7.0]
-        last = root["Points"][-len(played.points) :, :2]
-        np.testing.assert_array_equal(last, played.points)
-        assert set(root["CellData"]) == {"size", "skew", "size_skew", "relative_size_skew"}
 
 
 def test_all_results_and_every_promised_key(make_case, stand_in: Plays, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh, write_mesh
+from mesh_motion_server.files import read_mesh
 
 gmsh = pytest.importorskip("gmsh", exc_type=OSError)
 
@@ -112,16 +112,6 @@ def test_second_order_cells_are_refused(model: Any, tmp_path: Path, version: flo
     model.mesh.setOrder(2)
     with pytest.raises(InvalidInput, match=r"square\.msh: .*first-order"):
         read_mesh(save(tmp_path / "square.msh", version, binary))
-
-
-def test_a_mirrored_surface_is_converted_in_the_usual_orientation(model: Any, tmp_path: Path) -> None:
-    square(model)
-    model.mesh.reverse([(2, tag) for _, tag in model.getEntities(2)])
-    listed = read_mesh(save(tmp_path / "mirrored.msh", 4.1, 0))
-    assert (_areas(listed.points[listed.cells["triangle"]]) < 0).all()
-    write_mesh(tmp_path / "mesh.su2", listed)
-    mesh = read_mesh(tmp_path / "mesh.su2")
-    assert (_areas(mesh.points[mesh.cells["triangle"]]) > 0).all()
 
 
 def test_a_surface_in_space_is_refused(model: Any, tmp_path: Path) -> None:

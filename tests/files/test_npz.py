@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import memory, read_mesh, write_npz
+from mesh_motion_server.files import read_mesh, write_npz
 from mesh_motion_server.files.npz import read_points
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -111,28 +111,7 @@ def test_a_header_of_more_rows_than_any_memory_has_is_refused(tmp_path: Path, ro
         read_mesh(tmp_path / "m.npz")
     assert "\n" not in str(caught.value)
     with pytest.raises(InvalidInput, match=r"not readable as a \.npy file"):
-        read_points(tmp_path / "p.npy")
-
-
-def test_zeros_that_unpack_to_more_than_a_mesh_may_be_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    points = np.zeros((100_000, 2))
-    np.savez_compressed(tmp_path / "m.npz", points=points, cells_triangle=TRIANGLE)
-    assert len(read_mesh(tmp_path / "m.npz").points) == len(points)
-    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
-    with pytest.raises(InvalidInput, match=r"up to points\.npy the arrays are \d+ bytes; 1048576 would be a mesh's"):
-        read_mesh(tmp_path / "m.npz")
-
-
-def test_all_arrays_together_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """None of them is more than a mesh's may be."""
-    zeros = {f"patch_{number}": np.zeros(40_000, dtype=np.int64) for number in range(8)}
-    np.savez_compressed(tmp_path / "m.npz", points=POINTS, cells_triangle=TRIANGLE, **zeros)
-    assert len(read_mesh(tmp_path / "m.npz").patches) == 8
-    monkeypatch.setattr(memory, "_ALWAYS", 1 << 20)
-    with pytest.raises(InvalidInput, match=r"up to patch_3\.npy the arrays are \d+ bytes"):
-        read_mesh(tmp_path / "m.npz")
+        read_points(tmp_path / "p.npy", (3, 2))
 
 
 def test_a_single_array_is_no_mesh(tmp_path: Path) -> None:

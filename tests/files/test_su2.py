@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh, write_moved
+from mesh_motion_server.files import read_mesh
 
 REFERENCES = Path(__file__).parents[1] / "references"
 
@@ -185,11 +185,3 @@ def test_one_zone_of_several_is_chosen(tmp_path: Path) -> None:
     assert [read_mesh(path, zone).points[0, 1] for zone in ("1", "2")] == [0.0, -7.0]
     with pytest.raises(InvalidInput, match="this format has no zones"):
         read_mesh(REFERENCES / "thesis_slab.npz", "1")
-
-
-def test_the_coordinates_of_one_zone_are_replaced(tmp_path: Path) -> None:
-    path = zones(tmp_path)
-    mesh = read_mesh(path, "2")
-    write_moved(tmp_path / "moved.su2", mesh, mesh.points + 1.0)
-    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2", "2").points, mesh.points + 1.0)
-    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2", "1").points, read_mesh(path, "1").points)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import foam_cases as foam
@@ -11,7 +12,8 @@ import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from scipy.spatial.transform import Rotation
 
-from mesh_motion_server.files import MeshFile, write_moved
+from benchmarks.peers.openfoam.foam_files import write_polymesh
+from benchmarks.peers.openfoam.polymesh import PolyMesh
 from mesh_motion_server.numerics.mesh import finite_volume
 from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
@@ -177,8 +179,10 @@ def checked(text: str, pattern: str) -> float:
 def test_the_numbers_are_those_of_checkmesh(tmp_path: Path, kind: str, share: float) -> None:
     points, cells = shaken(kind, share)
     case = foam.FoamCase.new(tmp_path)
-    arrays = {block.type.name: block.nodes for block in cells}
-    write_moved(tmp_path, MeshFile(shaken(kind, 0.0)[0], arrays, {}, tmp_path / "mesh.npz"), points)
+    mesh = PolyMesh.from_cells(shaken(kind, 0.0)[0], cells, {"walls": np.arange(len(points))})
+    moved = mesh.points.copy()
+    moved[:, : cells.dimension] = np.tile(points, (mesh.copies, 1))
+    write_polymesh(replace(mesh, points=moved), tmp_path)
     text = case.run("checkMesh", "-constant", "-allGeometry")
     found = measured(points, cells)
     printed = checked(text, r"non-orthogonality Max: ([\d.e+-]+)")

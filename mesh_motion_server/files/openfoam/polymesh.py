@@ -1,7 +1,7 @@
 """OpenFOAM's polyMesh: a case, its ``constant/polyMesh``, or any folder with points, faces, owner, neighbour, boundary.
 
-Cells are found again from their faces (:mod:`.face_cells`), polyhedra are divided (:mod:`.face_pieces`), and one layer
-of cells between empty patches is a mesh in the plane (:mod:`.polymesh_plane`), all as the motion solver for OpenFOAM
+Cells are found again from their faces (``polyhedra.cells``), polyhedra are divided (``polyhedra.pieces``), one layer of
+cells between empty patches is a mesh in the plane (:mod:`.plane`), all as the motion solver for OpenFOAM
 does it. Patches keep their names; empty ones and those without faces are no patches here.
 """
 
@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.face_cells import find_cells
-from mesh_motion_server.files.face_mesh import FaceMesh, FacePatch
-from mesh_motion_server.files.face_pieces import divide
-from mesh_motion_server.files.foam_file import FoamFile, dictionaries
 from mesh_motion_server.files.mesh_file import IntArray, MeshFile
-from mesh_motion_server.files.polymesh_plane import plane_axes, project
+from mesh_motion_server.files.openfoam.foam_file import FoamFile, dictionaries
+from mesh_motion_server.files.openfoam.plane import plane_axes, project
+from mesh_motion_server.files.polyhedra.cells import find_cells
+from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
+from mesh_motion_server.files.polyhedra.pieces import divide
 
-__all__ = ["polymesh_folder", "read_face_mesh", "read_polymesh"]
+__all__ = ["read_face_mesh", "read_polymesh"]
 
 
 def read_polymesh(path: Path) -> MeshFile:
@@ -30,34 +30,33 @@ def read_polymesh(path: Path) -> MeshFile:
     InvalidInput
         Without such a mesh, for damaged files, decomposed cases, axisymmetric meshes, and cells that cannot be divided.
     """
-    mesh = read_face_mesh(polymesh_folder(path))
+    mesh = read_face_mesh(_polymesh_folder(path))
     axes = plane_axes(mesh)
     patches = [patch for patch in mesh.patches if patch.count and patch.kind != "empty"]
     cyclic = tuple(patch.name for patch in patches if patch.kind.startswith("cyclic"))
     if len(axes) == 2:
         plane = project(mesh, axes)
-        facets = {patch.name: {"line": plane.edges(mesh, patch)} for patch in patches}
-        return _mesh(path, plane.points, plane.cells, facets, cyclic)
+        edges = {patch.name: plane.edges(mesh, patch) for patch in patches}
+        return _mesh(path, plane.points, plane.cells, edges, cyclic)
     pieces = divide(mesh, find_cells(mesh))
     facets = {patch.name: pieces.facets(mesh, mesh.boundary_faces(patch)) for patch in patches}
-    return _mesh(path, pieces.points, pieces.cells, facets, cyclic)
+    nodes = {name: np.concatenate([part.ravel() for part in parts.values()]) for name, parts in facets.items()}
+    return _mesh(path, pieces.points, pieces.cells, nodes, cyclic)
 
 
 def _mesh(
     path: Path,
     points: np.ndarray,
     cells: dict[str, IntArray],
-    facets: dict[str, dict[str, IntArray]],
+    nodes: dict[str, IntArray],
     cyclic: tuple[str, ...],
 ) -> MeshFile:
-    """The mesh; the nodes of a patch are those of its facets."""
-    patches = {
-        name: np.unique(np.concatenate([nodes.ravel() for nodes in parts.values()])) for name, parts in facets.items()
-    }
-    return MeshFile(points, cells, patches, path, facets, cyclic)
+    """The mesh; ``nodes`` are those of the faces of each patch, with repeats."""
+    patches = {name: np.unique(of) for name, of in nodes.items()}
+    return MeshFile(points, cells, patches, path, cyclic)
 
 
-def polymesh_folder(path: Path) -> Path:
+def _polymesh_folder(path: Path) -> Path:
     """The folder with points and faces of a case, or of a folder that may be it.
 
     Raises

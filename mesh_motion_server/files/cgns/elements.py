@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.files.cgns_tree import Node
+from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.files.mesh_file import IntArray
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 

@@ -15,19 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from mesh_motion_server.files.cgns_conditions import read_conditions
-from mesh_motion_server.files.cgns_elements import NFACE, NGON, VERTEX, Elements, ListedElements, read_elements
-from mesh_motion_server.files.cgns_faces import NumberedFaces, join_faces
-from mesh_motion_server.files.cgns_tree import Node, open_cgns
-from mesh_motion_server.files.face_cells import find_cells
-from mesh_motion_server.files.face_pieces import divide
+from mesh_motion_server.files.cgns.conditions import read_conditions
+from mesh_motion_server.files.cgns.elements import NFACE, NGON, VERTEX, Elements, ListedElements, read_elements
+from mesh_motion_server.files.cgns.faces import NumberedFaces, join_faces
+from mesh_motion_server.files.cgns.tree import Node, open_cgns
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble, chosen_zone
+from mesh_motion_server.files.polyhedra.cells import find_cells
+from mesh_motion_server.files.polyhedra.pieces import divide
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["coordinate_nodes", "read_cgns", "the_zone"]
+__all__ = ["read_cgns"]
 
 _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
-_Facets = dict[str, dict[str, list[IntArray]]]
 
 
 def read_cgns(path: Path, zone: str = "") -> MeshFile:
@@ -40,7 +39,7 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
         elements, and damaged files.
     """
     with open_cgns(path) as root:
-        base, node = the_zone(root, zone)
+        base, node = _the_zone(root, zone)
         points = _points(node)
         parts = [part for section in node.children("Elements_t") for part in read_elements(section)]
         listed = [part for part in parts if isinstance(part, ListedElements)]
@@ -53,7 +52,7 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
         return replace(mesh, zone=node.name)
 
 
-def the_zone(root: Node, name: str) -> tuple[Node, Node]:
+def _the_zone(root: Node, name: str) -> tuple[Node, Node]:
     """The only base and its zone with a name, which must be unstructured; none is needed for an only one."""
     base = root.only("CGNSBase_t", "bases")
     zones = {zone.name: zone for zone in base.children("Zone_t")}
@@ -65,7 +64,7 @@ def the_zone(root: Node, name: str) -> tuple[Node, Node]:
     return base, zone
 
 
-def coordinate_nodes(zone: Node) -> list[Node]:
+def _coordinate_nodes(zone: Node) -> list[Node]:
     """The arrays of x, y and, if there is one, z."""
     grid = zone.child("GridCoordinates") or zone.only("GridCoordinates_t", "grids of coordinates")
     found = [node for axis in _AXES if (node := grid.child(axis)) is not None]
@@ -78,7 +77,7 @@ def coordinate_nodes(zone: Node) -> list[Node]:
 def _points(zone: Node) -> FloatArray:
     """(n, 2 | 3) the coordinates."""
     counts = zone.integers()
-    columns = [node.reals() for node in coordinate_nodes(zone)]
+    columns = [node.reals() for node in _coordinate_nodes(zone)]
     for axis, column in zip(_AXES, columns, strict=False):
         if not len(counts) or len(column) != counts[0]:
             expected = int(counts[0]) if len(counts) else "no"
@@ -106,21 +105,19 @@ def _simple(path: Path, base: Node, zone: Node, points: FloatArray, fixed: list[
     dimension = max((CELL_TYPES[name].dimension for name in cells), default=0)
     flat = [part for part in fixed if part.name == VERTEX or CELL_TYPES[part.name].dimension < dimension]
     numbers = _numbers(flat), _numbers([part for part in fixed if part not in flat])
-    facets: _Facets = defaultdict(lambda: defaultdict(list))
-    loose: dict[str, list[IntArray]] = defaultdict(list)
+    nodes_of: dict[str, list[IntArray]] = defaultdict(list)
     conditions = read_conditions(base, zone, len(points))
     for condition in conditions:
         condition.check(*numbers, "element of lower dimension than the cells")
-        loose[condition.patch].append(condition.nodes)
+        nodes_of[condition.patch].append(condition.nodes)
         for part in flat:
-            _add(facets, loose, condition.patch, part, part.nodes[condition.elements(part.numbers)])
+            nodes_of[condition.patch].append(part.nodes[condition.elements(part.numbers)].ravel())
     if not conditions:
         for part in flat:
-            _add(facets, loose, part.section, part, part.nodes)
-    nodes_of = {name: np.concatenate(parts) for name, parts in loose.items()}
-    patches = {name: nodes for name, nodes in nodes_of.items() if len(nodes)}
+            nodes_of[part.section].append(part.nodes.ravel())
+    patches = _patches(nodes_of)
     joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-    return assemble(path, points, joined, patches, _joined(facets))
+    return assemble(path, points, joined, patches)
 
 
 def _numbers(parts: list[Elements]) -> IntArray:
@@ -128,15 +125,10 @@ def _numbers(parts: list[Elements]) -> IntArray:
     return np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
 
 
-def _add(facets: _Facets, loose: dict[str, list[IntArray]], patch: str, part: Elements, nodes: IntArray) -> None:
-    """Give a patch elements (m, k) of a part."""
-    if part.name != VERTEX:
-        facets[patch][part.name].append(nodes)
-    loose[patch].append(nodes.ravel())
-
-
-def _joined(facets: _Facets) -> dict[str, dict[str, IntArray]]:
-    return {name: {kind: np.concatenate(parts) for kind, parts in of.items()} for name, of in facets.items()}
+def _patches(nodes_of: dict[str, list[IntArray]]) -> dict[str, IntArray]:
+    """Nodes of each patch that has any."""
+    joined = {name: np.concatenate(parts) for name, parts in nodes_of.items() if parts}
+    return {name: nodes for name, nodes in joined.items() if len(nodes)}
 
 
 def _polyhedral(
@@ -152,22 +144,18 @@ def _polyhedral(
     numbers = np.concatenate([faces.numbers[boundary], _numbers(single)])
     volumes = np.concatenate([numbers[:0], *(part.numbers for part in listed if part.kind == NFACE)])
     chosen: dict[str, list[IntArray]] = defaultdict(list)
-    loose: dict[str, list[IntArray]] = defaultdict(list)
+    nodes_of: dict[str, list[IntArray]] = defaultdict(list)
     conditions = read_conditions(base, zone, len(points))
     for condition in conditions:
         condition.check(numbers, volumes, "face of the boundary")
         chosen[condition.patch].append(boundary[condition.elements(faces.numbers[boundary])])
-        loose[condition.patch].append(condition.nodes)
-        loose[condition.patch] += [part.nodes[condition.elements(part.numbers)].ravel() for part in single]
+        nodes_of[condition.patch].append(condition.nodes)
+        nodes_of[condition.patch] += [part.nodes[condition.elements(part.numbers)].ravel() for part in single]
     if not conditions:
         chosen |= _boundary_sections(listed, faces)
-    facets, patches = {}, {}
     for name, parts in chosen.items():
-        facets[name] = pieces.facets(faces.mesh, np.unique(np.concatenate(parts)))
-        nodes = np.concatenate([*loose[name], *(of.ravel() for of in facets[name].values())])
-        if len(nodes):
-            patches[name] = nodes
-    return assemble(path, pieces.points, pieces.cells, patches, facets)
+        nodes_of[name] += [of.ravel() for of in pieces.facets(faces.mesh, np.unique(np.concatenate(parts))).values()]
+    return assemble(path, pieces.points, pieces.cells, _patches(nodes_of))
 
 
 def _boundary_sections(listed: list[ListedElements], faces: NumberedFaces) -> dict[str, list[IntArray]]:

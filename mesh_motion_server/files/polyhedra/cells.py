@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.files.face_mesh import FaceMesh
 from mesh_motion_server.files.mesh_file import IntArray
+from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 

@@ -1,8 +1,5 @@
 """The nodes of a CGNS file in HDF5: each is a group with a label, and perhaps an array, or a link to such a group.
 
-No more is read than a file of its size can hold. An array that HDF5 would fill up from nothing is refused, and so is
-a chunk that unpacks to more than a chunk: HDF5 itself unpacks it whole, whatever it comes to, before it looks.
-
 https://cgns.github.io/CGNS_docs_current/hdf5/index.html
 """
 
@@ -10,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.hdf5_packed import Unpacked
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 from mesh_motion_server.files.packages import load_h5py, reason_of
 
@@ -53,12 +49,11 @@ def open_cgns(path: Path) -> Iterator[Node]:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One node; ``group`` is h5py's, ``unpacked`` what the nodes of the file have come to."""
+    """One node; ``group`` is h5py's."""
 
     path: Path
     name: str
     group: Any
-    unpacked: Unpacked = field(default_factory=Unpacked)
 
     def refused(self, reason: str, hint: str = "") -> InvalidInput:
         """An error that names the file and the node."""
@@ -84,7 +79,7 @@ class Node:
         found = self._followed(self.group, name)
         if hasattr(found, "keys") and found.attrs.get("type") == _LINK:
             found = self._followed(found, _LINK_DATA)
-        return Node(self.path, name, found, self.unpacked) if hasattr(found, "keys") else None
+        return Node(self.path, name, found) if hasattr(found, "keys") else None
 
     def _followed(self, group: Any, name: str) -> Any:
         """What a name in a group of HDF5 stands for, which may be in another file."""
@@ -131,8 +126,4 @@ class Node:
             raise self.refused("it has no data")
         if data.dtype.kind not in kinds:
             raise self.refused(f"data of type {data.dtype}, expected {'real numbers' if kinds == 'f' else 'integers'}")
-        try:
-            self.unpacked.add(data)
-        except ValueError as error:
-            raise self.refused(str(error)) from None
         return np.asarray(data[()])

@@ -8,7 +8,6 @@ https://www.openfoam.com/documentation/user-guide/2-openfoam-cases/2.2-basic-inp
 from __future__ import annotations
 
 import gzip
-import io
 import re
 import zlib
 from dataclasses import dataclass
@@ -19,9 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.memory import most_memory
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
-from mesh_motion_server.files.text_rows import real_rows
 
 __all__ = ["FoamFile", "dictionaries"]
 
@@ -78,7 +75,7 @@ class FoamFile:
             )
         data = path.read_bytes()
         try:
-            return cls._of(path, _unpacked(path, data) if path.suffix == ".gz" else data)
+            return cls._of(path, gzip.decompress(data) if path.suffix == ".gz" else data)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise InvalidInput(f"{path}: damaged gzip file: {error}") from None
 
@@ -121,15 +118,6 @@ class FoamFile:
             return self._binary(0, self.scalar, 3, len(self.body))[0].astype(np.float64)
         count, values, _ = self._ascii()
         return self._counted(self._numbers(values, np.float64), 3 * count).reshape(count, 3)
-
-    def with_vectors(self, values: FloatArray) -> bytes:
-        """The file with other vectors (n, 3), in its own form."""
-        if self.binary:
-            gap = _GAP.match(self.body)
-            head = self.header + self.body[: gap.end() if gap else 0]
-            return head + f"{len(values)}\n(".encode() + values.astype(self.scalar).tobytes() + b")\n"
-        rows = "\n".join(f"({row})" for row in real_rows(values))
-        return self.header + f"\n\n{len(values)}\n(\n{rows}\n)\n".encode()
 
     def faces(self) -> tuple[IntArray, IntArray]:
         """(f + 1,) where the points of each face begin, and the points of all faces."""
@@ -222,16 +210,6 @@ class FoamFile:
         if len(values) != count:
             raise self.refused(f"{count} numbers were announced, {len(values)} follow")
         return values
-
-
-def _unpacked(path: Path, data: bytes) -> bytes:
-    """What gzip packed, if that is no more than a mesh may be."""
-    most = most_memory(len(data))
-    with gzip.open(io.BytesIO(data)) as file:
-        found = file.read(most + 1)
-    if len(found) > most:
-        raise InvalidInput(f"{path}: {len(data)} bytes of gzip unpack to more than {most}: no list of a mesh")
-    return found
 
 
 def _entries(text: str) -> dict[str, str]:

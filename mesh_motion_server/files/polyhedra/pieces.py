@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.face_cells import FoundCells
-from mesh_motion_server.files.face_mesh import FaceMesh
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+from mesh_motion_server.files.polyhedra.cells import FoundCells
+from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
 
 __all__ = ["Pieces", "divide"]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.face_mesh import FaceMesh, FacePatch
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
 
 __all__ = ["Plane", "plane_axes", "project"]
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.files.cgns_elements import NFACE, NGON, ListedElements
-from mesh_motion_server.files.cgns_tree import Node
-from mesh_motion_server.files.face_mesh import FaceMesh
+from mesh_motion_server.files.cgns.elements import NFACE, NGON, ListedElements
+from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
 
 __all__ = ["NumberedFaces", "join_faces"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.files.cgns_tree import Node
+from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.files.mesh_file import IntArray
 
 __all__ = ["Condition", "read_conditions"]

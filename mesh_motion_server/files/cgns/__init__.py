@@ -1,0 +1,1 @@
+"""CGNS: the zone, its boundary conditions, elements and faces, and the tree of nodes in HDF5."""
