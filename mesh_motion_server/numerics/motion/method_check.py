@@ -142,8 +142,8 @@ def _naming(setting: str, method: Method) -> Iterator[None]:
         yield
     except InvalidInput as error:
         said = error.message
-        told = said if setting in said else f"{setting} = {getattr(method, setting)!r}: {said}"
-        raise _unfit(setting, told, hint=error.hint) from error
+        message = said if setting in said else f"{setting} = {getattr(method, setting)!r}: {said}"
+        raise _unfit(setting, message, hint=error.hint) from error
 
 
 def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:

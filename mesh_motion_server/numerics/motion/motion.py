@@ -30,6 +30,7 @@ from mesh_motion_server.numerics.motion.acceptance import (
 from mesh_motion_server.numerics.motion.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_server.numerics.motion.boundary_layer_fallback import fitting_layer, given_way, move_with_layer
+from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_server.numerics.motion.radius_choice import PredictedMotion, best_predicted
@@ -76,7 +77,7 @@ class MotionModel(PreparedMesh):
         targets: Floats,
         factors: FactorSource | None = None,
         *,
-        sent: tuple[Floats, Floats] | None = None,
+        boundary_displacement: BoundaryDisplacement | None = None,
     ) -> Motion:
         """The motion that takes the moving nodes to ``targets``.
 
@@ -87,15 +88,14 @@ class MotionModel(PreparedMesh):
         targets : (k, d) array
             Where ``roles.moving`` shall be.
         factors : FactorSource, optional
-        sent : (origin, displacement), a pair of (k, d) arrays, optional
-            What the targets are the sum of, as it was asked for; by default the committed positions of the moving nodes
-            and what is left.
+        boundary_displacement : BoundaryDisplacement, optional
+            What the targets are the sum of; by default the committed positions of the moving nodes and what is left.
 
         Raises
         ------
         NumericalError
             When no valid mesh (or, where asked, none at the threshold) was found; carries the best minimum quality, the
-            worst cells and the largest fraction found of the displacement ``sent`` that is accepted instead of it.
+            worst cells and the largest fraction found of the ``boundary_displacement`` that is accepted instead of it.
         """
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
@@ -104,7 +104,8 @@ class MotionModel(PreparedMesh):
             if not _of_the_mesh(refusal):
                 raise
             origin = committed[self.roles.moving]
-            fraction = self._acceptable_fraction(step, *(sent or (origin, targets - origin)))
+            whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
+            fraction = self._acceptable_fraction(step, whole)
             raise NumericalError(
                 refusal.message,
                 best=refusal.best,
@@ -322,12 +323,12 @@ class MotionModel(PreparedMesh):
             return iter([straight_way(origin, targets)])
         return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
 
-    def _acceptable_fraction(self, step: _Step, origin: Floats, displacement: Floats) -> float:
-        """A fraction of a ``displacement`` (k, d) from an ``origin`` (k, d) that is accepted instead of the step."""
+    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
+        """A fraction of the ``whole`` displacement that is accepted instead of all of it."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
-                model._accept_or_lead(replace(step, targets=origin + fraction * displacement))
+                model._accept_or_lead(replace(step, targets=whole.at(fraction)))
             except NumericalError:
                 return False
             return True

@@ -90,8 +90,8 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     _check_geometry(points, cells, sizes)
     check_patches(len(points), patches)
     boundary = _boundary_of(points, listed, read)
-    told = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
-    odd = [*read.warnings, *_coincident(points, told), *_orphans(len(points), cells)]
+    checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
+    odd = [*read.warnings, *_coincident(points, checked), *_orphans(len(points), cells)]
     return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches)])
 
 
