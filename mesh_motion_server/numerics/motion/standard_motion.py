@@ -295,7 +295,7 @@ class StandardMotion:
 
         Where the boundary has changed so much that the reference mesh's plan does no longer, with a new one.
         """
-        plan = self.plans.plan_for(controls)
+        plan = self.plans.of(controls)
         try:
             if plan is None:
                 return factorization_of(points[controls], self.method, factors)
