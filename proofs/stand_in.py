@@ -14,6 +14,7 @@ from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary, WorstCell
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
 __all__ = ["StandIn", "grid_mesh", "split_mesh"]
@@ -55,35 +56,35 @@ class StandIn:
             areas.append(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
         return np.concatenate(areas)
 
-    def summary(self, points: Any) -> Any:
+    def summary(self, points: Any) -> QualitySummary:
         """Areas as quality."""
         areas = self._areas(points)
-        values = SimpleNamespace(
-            min=areas.min(), mean=areas.mean(), p1=areas.min(), p5=areas.min(), p50=float(np.median(areas))
-        )
-        worst = [
-            SimpleNamespace(number=int(c), centre=(0.0, 0.0), value=areas[c], size=areas[c], skew=1.0, size_skew=1.0)
+        least = float(areas.min())
+        values = Distribution(least, float(areas.mean()), least, least, float(np.median(areas)))
+        worst = tuple(
+            WorstCell(int(c), (0.0, 0.0), float(areas[c]), float(areas[c]), 1.0, 1.0)
             for c in np.argsort(areas, kind="stable")[:3]
-        ]
-        return SimpleNamespace(
-            size=values, skew=values, size_skew=values, metric=values, worst=worst,
-            inverted=int((areas <= 0).sum()), cells=len(areas),
-        )  # fmt: skip
+        )
+        inverted = int((areas <= 0).sum())
+        return QualitySummary("size-skew", values, values, values, values, inverted, len(areas), worst)
 
     def without_distributions(self) -> StandIn:
         """Itself: its summaries are cheap."""
         return self
 
-    def move(self, committed: Any, targets: Any, factors: Any, *, sent: Any = None) -> Any:
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def move(self, committed: Any, targets: Any, factors: Any, *, boundary_displacement: Any = None) -> Any:
         """Spread the boundary's displacement by inverse distance squared."""
-        del sent
+        del boundary_displacement
         moving = self.roles.moving
         held = np.union1d(moving, self.roles.fixed)
         key = hashlib.sha256(committed.tobytes()).digest()
         weights, reused = factors.get_or_make(key, lambda: self._weights(committed, held))
-        told = np.zeros((len(committed), committed.shape[1]))
-        told[moving] = targets - committed[moving]
-        points = committed + weights @ told[held]
+        displacement = np.zeros((len(committed), committed.shape[1]))
+        displacement[moving] = targets - committed[moving]
+        points = committed + weights @ displacement[held]
         points[moving] = targets
         points[self.roles.fixed] = committed[self.roles.fixed]
         summary = self.summary(points)

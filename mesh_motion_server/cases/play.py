@@ -42,8 +42,8 @@ from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, VtuSeries
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
-from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.watch.pictures.page import pictures_are_possible
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
@@ -174,8 +174,7 @@ class _Run:
     ) -> None:
         self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
         self._series, self._every, self._kept = series, every, kept
-        self._cells, sizes, _ = oriented(mesh.points, mesh.cell_table)
-        self._sizes = cells_at_rest(mesh.points, self._cells, sizes)
+        self._cells, self._sizes = oriented_at_rest(mesh.points, mesh.cell_table)
         roles = BoundaryRoles.from_patches(
             {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
         )

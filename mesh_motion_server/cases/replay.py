@@ -34,8 +34,8 @@ from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_record
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn, quality_numbers
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import VtuSeries
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
-from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.session.history.boundary import BoundaryStep
 from mesh_motion_server.settings import MethodSettings
 from mesh_motion_server.watch.pictures.page import pictures_are_possible
@@ -225,8 +225,7 @@ class _Output:
         self._progress, self._metric = progress, metric
         view = recorded.mesh
         self._reference, self._points = view.points, view.points
-        self._cells, sizes, _ = oriented(view.points, view.cells)
-        self._sizes = cells_at_rest(view.points, self._cells, sizes)
+        self._cells, self._sizes = oriented_at_rest(view.points, view.cells)
         self._moving = np.unique(np.concatenate([p.nodes for p in view.patches.values() if p.role == "moving"]))
         self._quality = cell_quality(view.points, self._cells, self._sizes)
         self._before = self._worst = self._snapshot(0)

@@ -33,7 +33,7 @@ from mesh_motion_server.distributed.packing import pack
 from mesh_motion_server.distributed.split import Split, mesh_digest
 from mesh_motion_server.distributed.summaries import Questions, by_question, joined
 from mesh_motion_server.distributed.traffic import Traffic
-from mesh_motion_server.distributed.versions import Told, Version, Versions
+from mesh_motion_server.distributed.versions import Changed, Version, Versions
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -103,20 +103,22 @@ class DistributedEvaluator:
         """
         if not self._is_mesh(points) or interpolant.components != points.shape[1]:
             return self._local.displacement(interpolant, points)
-        told = self._versions.told(points)
+        changed = self._versions.changed(points)
         start, moved = self._versions.next(), self._versions.next()
         keep = self._versions.numbers
 
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:
             nodes = self._nodes[number]
-            packed = pack((interpolant,), told.box(number, nodes))
-            return told.to(nodes, whole=fresh), start, packed, moved, keep
+            packed = pack((interpolant,), changed.box(number, nodes))
+            return changed.to(nodes, whole=fresh), start, packed, moved, keep
 
         answers = self._crew.ask(Question(displace, "coefficients", "displacements", arguments))
         out = np.empty_like(points)
         for number, (own, _) in enumerate(answers):
             out[self._own[number]] = own
-        self._versions.know("start", start, self._frozen(told), [told.box(n, self._nodes[n]) for n in self._numbers])
+        self._versions.know(
+            "start", start, self._frozen(changed), [changed.box(n, self._nodes[n]) for n in self._numbers]
+        )
         self._versions.know("moved", moved, points + out, [box for _, box in answers])
         return out
 
@@ -124,11 +126,11 @@ class DistributedEvaluator:
         """(n, k, d) gradients at (n, d) points; on the workers where these are the nodes of the mesh."""
         if not self._is_mesh(points):
             return self._local.gradient(interpolant, points)
-        told = self._versions.told(points)
+        changed = self._versions.changed(points)
 
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:
             nodes = self._nodes[number]
-            return told.to(nodes, whole=fresh), pack((interpolant,), told.box(number, nodes))
+            return changed.to(nodes, whole=fresh), pack((interpolant,), changed.box(number, nodes))
 
         answers = self._crew.ask(Question(gradient, "coefficients", "displacements", arguments))
         out = np.empty((len(points), interpolant.components, points.shape[1]))
@@ -138,27 +140,27 @@ class DistributedEvaluator:
 
     def summary(self, points: Floats, metric: str) -> QualitySummary:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
-        told = self._versions.told(points)
+        changed = self._versions.changed(points)
         version, keep = self._versions.next(), self._versions.numbers
 
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:
-            return told.to(self._nodes[number], whole=fresh), version, metric, keep
+            return changed.to(self._nodes[number], whole=fresh), version, metric, keep
 
         answers = self._crew.ask(Question(judge, "positions", "summaries", arguments))
-        self._versions.know("judged", version, self._frozen(told), [box for _, box in answers])
-        return joined([part for part, _ in answers], metric, lambda questions: self._ask(questions, told, metric))
+        self._versions.know("judged", version, self._frozen(changed), [box for _, box in answers])
+        return joined([part for part, _ in answers], metric, lambda questions: self._ask(questions, changed, metric))
 
     def close(self) -> None:
         """Free the partitions on the workers. Idempotent."""
         if "_crew" in self.__dict__:
             self._crew.close()
 
-    def _ask(self, questions: Questions, told: Told, metric: str) -> list[list[BinContent]]:
+    def _ask(self, questions: Questions, changed: Changed, metric: str) -> list[list[BinContent]]:
         """Bins of all partitions, by question; a partition that was rebuilt is judged again first."""
         version, keep = self._versions.next(), self._versions.numbers
 
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:
-            where = told.to(self._nodes[number], whole=True) if fresh else None
+            where = changed.to(self._nodes[number], whole=True) if fresh else None
             return questions, where, version, metric, keep
 
         return by_question(self._crew.ask(Question(questioned, "questions", "summaries", arguments)))
@@ -167,9 +169,9 @@ class DistributedEvaluator:
         return points.shape == self._points.shape
 
     @staticmethod
-    def _frozen(told: Told) -> Floats:
+    def _frozen(changed: Changed) -> Floats:
         """The positions, in an array that their owner cannot change."""
-        return told.version.points if not len(told.rows) else told.points.copy()
+        return changed.version.points if not len(changed.rows) else changed.points.copy()
 
     @cached_property
     def _split(self) -> Split:

@@ -16,8 +16,8 @@ from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
-from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
+from mesh_motion_server.numerics.quality.metrics import CellsAtRest
+from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 
 __all__ = ["LocalWhenAlone"]
@@ -69,7 +69,7 @@ class LocalWhenAlone:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         return self._first(
             lambda: self._evaluator.summary(points, metric),
-            lambda: mesh_summary(points, self._oriented.cells, self._at_rest, metric=metric),
+            lambda: mesh_summary(points, *self._oriented, metric=metric),
         )
 
     def _first(self, distributed: Callable[[], _Found], local: Callable[[], _Found]) -> _Found:
@@ -84,9 +84,5 @@ class LocalWhenAlone:
             return local()
 
     @cached_property
-    def _oriented(self) -> OrientedCells:
-        return oriented(self._points, self._cells)
-
-    @cached_property
-    def _at_rest(self) -> CellsAtRest:
-        return cells_at_rest(self._points, *self._oriented[:2])
+    def _oriented(self) -> tuple[CellTable, CellsAtRest]:
+        return oriented_at_rest(self._points, self._cells)

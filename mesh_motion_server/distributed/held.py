@@ -81,7 +81,7 @@ class Step:
     interpolants : bytes
         The levels, from :func:`~mesh_motion_server.distributed.packing.pack`.
     rows : (k,) int64 array
-        Nodes that are told where to be, as rows of the partition.
+        Nodes with prescribed positions, as rows of the partition.
     values : (k, d) array, mesh length unit
     """
 

@@ -12,10 +12,11 @@ from mesh_motion_server.distributed.connection import Connection
 from mesh_motion_server.distributed.evaluator import DistributedEvaluator
 from mesh_motion_server.distributed.fallback import LocalWhenAlone
 from mesh_motion_server.distributed.traffic import Traffic
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
+from mesh_motion_server.numerics.interpolation.factor_source import CacheReport, FactorSource
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
@@ -100,12 +101,12 @@ class DistributedModel:
         targets: Floats,
         factors: FactorSource | None = None,
         *,
-        sent: tuple[Floats, Floats] | None = None,
+        boundary_displacement: BoundaryDisplacement | None = None,
     ) -> Motion:
         """As :meth:`MotionModel.move`; its ``caches`` tell the bytes on the wire too."""
         before = self.evaluator.traffic.copy()
-        motion = self.model.move(committed, targets, factors, sent=sent)
-        return replace(motion, caches=motion.caches | _told(self.evaluator.traffic.since(before)))
+        motion = self.model.move(committed, targets, factors, boundary_displacement=boundary_displacement)
+        return replace(motion, caches=motion.caches | _bytes_of(self.evaluator.traffic.since(before)))
 
     def close(self) -> None:
         """Free the partitions and leave the cluster. Idempotent."""
@@ -113,7 +114,7 @@ class DistributedModel:
         self.connection.close()
 
 
-def _told(traffic: Traffic) -> dict[str, str | int]:
+def _bytes_of(traffic: Traffic) -> CacheReport:
     """Bytes of a motion as a reply has them."""
     return {
         "bytes_to_workers": traffic.sent.total(),

@@ -1,7 +1,7 @@
 """Motions of a mesh that no single machine holds: the interpolation is solved for here, everything else on the workers.
 
 Here are the boundary nodes alone. Each step the coefficients go to the workers, which move their nodes, put boundary
-nodes where they were told to be, judge their cells, and answer with their part of the summary: nothing as large as the
+nodes at their targets, judge their cells, and answer with their part of the summary: nothing as large as the
 mesh travels or is kept in one place. Whoever owns a partition (a rank of a solver) fetches its positions.
 
 A partition that is rebuilt starts from the reference mesh and repeats the committed steps; from every so many on, it

@@ -1,6 +1,6 @@
-"""Positions that both sides know, and how others are told by the rows in which they differ.
+"""Positions that both sides know, and the rows in which others differ from them.
 
-Between two tasks few rows change: the boundary nodes are put where they were told to be, a correction moves some more.
+Between two tasks few rows change: the boundary nodes are put at their targets, a correction moves some more.
 So what travels are these rows, and the workers' own results stand for the others.
 """
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.distributed.held import Positions
 from mesh_motion_server.numerics.mesh.points import bounding_box
 
-__all__ = ["Told", "Version", "Versions"]
+__all__ = ["Changed", "Version", "Versions"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,7 +43,7 @@ class Version:
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class Changed:
     """Positions in terms of a version.
 
     Attributes
@@ -78,11 +78,11 @@ class Told:
         """(2, d) box of a partition's nodes."""
         if self._mostly_others:
             return bounding_box(self.points[nodes])
-        told = self.to(nodes, whole=False).values
+        values = self.to(nodes, whole=False).values
         box = self.version.boxes[number]
-        if told is None or not len(told):
+        if values is None or not len(values):
             return box
-        moved = bounding_box(told)
+        moved = bounding_box(values)
         return np.stack([np.minimum(box[0], moved[0]), np.maximum(box[1], moved[1])])
 
 
@@ -107,7 +107,7 @@ class Versions:
         """A new version; it takes the place of the last one of this name. ``points`` must not change any more."""
         self._known[name] = Version(number, points, tuple(boxes))
 
-    def told(self, points: Floats) -> Told:
+    def changed(self, points: Floats) -> Changed:
         """Positions (n, d) in terms of the nearest version."""
         stride = max(len(points) // _SAMPLE, 1)
         some = points[::stride]
@@ -116,4 +116,4 @@ class Versions:
         rows = differs[:, 0].copy()
         for axis in range(1, points.shape[1]):
             rows |= differs[:, axis]
-        return Told(nearest, points, np.flatnonzero(rows))
+        return Changed(nearest, points, np.flatnonzero(rows))

@@ -8,7 +8,7 @@ rooms above it::
     quality         metrics, prediction, summaries; whether a mesh is usable
     correction      freed nodes and enrichment: which motion raises the worst quality
     reduction       fewer control points, fewer places
-    motion          the Move: interpolate, predict, correct, accept; large motions in sub-steps
+    motion          the Move: interpolate, judge, correct, judge, accept or lead the mesh there in sub-steps
 
 Loops over nodes, cells and control points are compiled (``kernels/`` of the checkout, ``mesh_motion_kernels`` here);
 :mod:`.blas` keeps results of linear algebra the same for any number of threads, as those loops are.

@@ -14,14 +14,14 @@ from mesh_motion_server.service.reports import summary_report
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
-from mesh_motion_server.session.standing import CommitOutcome
 from mesh_motion_server.session.state import Operation, State
+from mesh_motion_server.session.values import CommitOutcome
 
 __all__ = ["check", "replies_of", "run"]
 
 
 def check(session: Session, request: CommitRequest) -> None:
-    """Step and state: the step first, so that one that is committed already is told from one without a trial."""
+    """Step and state: the step first, so that one that is committed already differs from one without a trial."""
     if session.state in (State.READY, State.TRIAL):
         session.require_next_step(request.step)
     session.admit(Operation.COMMIT)

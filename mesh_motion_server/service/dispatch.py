@@ -104,7 +104,7 @@ class SessionHost:
         build_model: ModelBuilder | None = None,
         progress: Progress = silent,
     ) -> SessionHost:
-        """A stored session, at its last committed step and under a new epoch; ``progress`` is told steps made again.
+        """A stored session, at its last committed step and under a new epoch; ``progress`` hears of steps made again.
 
         Raises
         ------

@@ -47,9 +47,9 @@ def check(session: Session, request: Move) -> None:
 def run(session: Session, requests: Sequence[Move], request_ids: Sequence[RequestId]) -> list[Moved]:
     """Compute the trial and give each partition its nodes' displacements."""
     del request_ids
-    rows = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
+    boundary_displacements = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
     report = "faces" if any(request.report == "faces" for request in requests) else ""
-    outcome = session.move(requests[0].frame, rows, report=report)
+    outcome = session.move(requests[0].frame, boundary_displacements, report=report)
     failpoint("request.moved")
     motion = outcome.motion
     quality, correction = move_quality(motion, session), correction_report(motion)
@@ -75,42 +75,44 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
 
 def _check_rows(session: Session, request: Move) -> None:
     """One finite row per moving node of the partition."""
-    rows, nodes = np.asarray(request.displacement), session.mesh.moving_local[request.partition]
+    displacement, nodes = np.asarray(request.displacement), session.mesh.moving_local[request.partition]
     expected = (len(nodes), session.spec.dimension)
-    if rows.shape != expected or rows.dtype.kind != "f":
+    if displacement.shape != expected or displacement.dtype.kind != "f":
         raise InvalidInput(
             f"displacement of partition {request.partition}: expected floats of shape {expected}, one row per node of "
-            f"BUILT.moving_nodes, got {rows.dtype} of shape {rows.shape}",
-            code="INVALID_ARGUMENT.SHAPE" if rows.dtype.kind == "f" else "INVALID_ARGUMENT.DTYPE",
-            details={"partition": request.partition, "expected": list(expected), "got": list(rows.shape)},
+            f"BUILT.moving_nodes, got {displacement.dtype} of shape {displacement.shape}",
+            code="INVALID_ARGUMENT.SHAPE" if displacement.dtype.kind == "f" else "INVALID_ARGUMENT.DTYPE",
+            details={"partition": request.partition, "expected": list(expected), "got": list(displacement.shape)},
         )
-    bad = np.argwhere(~np.isfinite(rows))
+    bad = np.argwhere(~np.isfinite(displacement))
     if len(bad):
         row, axis = (int(i) for i in bad[0])
         raise InvalidInput(
             f"displacement of partition {request.partition}, row {row} (node {nodes[row]}): component {axis} is "
-            f"{rows[row, axis]}",
+            f"{displacement[row, axis]}",
             code="INVALID_ARGUMENT.NONFINITE",
             details={
                 "partition": request.partition,
                 "row": row,
                 "node": int(nodes[row]),
-                "value": str(rows[row, axis]),
+                "value": str(displacement[row, axis]),
             },
         )
-    _check_lengths(session, request.partition, rows, nodes)
+    _check_lengths(session, request.partition, displacement, nodes)
 
 
-def _check_lengths(session: Session, partition: int, rows: NDArray[np.floating], nodes: NDArray[np.integer]) -> None:
+def _check_lengths(
+    session: Session, partition: int, displacement: NDArray[np.floating], nodes: NDArray[np.integer]
+) -> None:
     """No finite number that stands for none, like 1e300."""
     limit = _FARTHEST * session.mesh.extent
-    if not len(rows) or (rows.max() <= limit and rows.min() >= -limit):
+    if not len(displacement) or (displacement.max() <= limit and displacement.min() >= -limit):
         return
-    row, axis = (int(i) for i in np.argwhere(np.abs(rows) > limit)[0])
+    row, axis = (int(i) for i in np.argwhere(np.abs(displacement) > limit)[0])
     raise InvalidInput(
-        f"displacement of partition {partition}, row {row} (node {nodes[row]}): component {axis} is {rows[row, axis]}, "
-        f"expected at most {limit:.3g}, {_FARTHEST:.0e} times the extent of the mesh",
+        f"displacement of partition {partition}, row {row} (node {nodes[row]}): component {axis} is "
+        f"{displacement[row, axis]}, expected at most {limit:.3g}, {_FARTHEST:.0e} times the extent of the mesh",
         code="INVALID_ARGUMENT.VALUE",
         hint="look at the sender's solver first, and at its unit of length",
-        details={"partition": partition, "row": row, "node": int(nodes[row]), "value": str(rows[row, axis])},
+        details={"partition": partition, "row": row, "node": int(nodes[row]), "value": str(displacement[row, axis])},
     )

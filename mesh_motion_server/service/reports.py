@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
+from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.session import Session
+
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.motion.motion_found import Motion
+    from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = ["correction_report", "faces_report", "mesh_report", "move_quality", "summary_report", "worst_places"]
 
@@ -14,8 +20,8 @@ __all__ = ["correction_report", "faces_report", "mesh_report", "move_quality", "
 _LONGEST = 100
 
 
-def summary_report(summary: Any, mesh: MergedMesh) -> dict[str, Any]:
-    """A QualitySummary on the wire.
+def summary_report(summary: Judgement, mesh: MergedMesh) -> dict[str, Any]:
+    """The quality of a mesh on the wire.
 
     Parameters
     ----------
@@ -23,11 +29,7 @@ def summary_report(summary: Any, mesh: MergedMesh) -> dict[str, Any]:
     mesh : MergedMesh
         Names the worst cells by partition, type and local index.
     """
-    report: dict[str, Any] = {
-        name: _distribution(getattr(summary, name))
-        for name in ("size", "skew", "size_skew", "metric")
-        if hasattr(summary, name)
-    }
+    report: dict[str, Any] = {name: asdict(found) for name, found in summary.reported.items()}
     report |= {"inverted": int(summary.inverted), "cells": int(summary.cells)}
     report["worst"] = [
         _place(mesh, cell.number)
@@ -43,7 +45,7 @@ def summary_report(summary: Any, mesh: MergedMesh) -> dict[str, Any]:
     return report
 
 
-def move_quality(motion: Any, session: Session) -> dict[str, Any]:
+def move_quality(motion: Motion, session: Session) -> dict[str, Any]:
     """Predicted quality of a Move, before and after its correction."""
     method = session.model.method
     standard = summary_report(motion.standard, session.mesh)
@@ -56,7 +58,7 @@ def move_quality(motion: Any, session: Session) -> dict[str, Any]:
     }
 
 
-def faces_report(faces: Any, mesh: MergedMesh) -> dict[str, Any]:
+def faces_report(faces: tuple[FaceMeasures, FaceMeasures] | None, mesh: MergedMesh) -> dict[str, Any]:
     """A pair of FaceMeasures, of the reference mesh and of the answer, on the wire; empty where there is none."""
     return {
         name: measures.numbers()
@@ -75,7 +77,7 @@ def faces_report(faces: Any, mesh: MergedMesh) -> dict[str, Any]:
     }
 
 
-def correction_report(motion: Any) -> dict[str, Any]:
+def correction_report(motion: Motion) -> dict[str, Any]:
     """What the correction did."""
     correction = motion.correction
     return {
@@ -119,8 +121,3 @@ def worst_places(cells: tuple[int, ...], mesh: MergedMesh) -> list[dict[str, Any
 def _place(mesh: MergedMesh, cell: int) -> dict[str, Any]:
     partition, type_name, local = mesh.locate_cell(cell)
     return {"partition": partition, "type": type_name, "cell": local}
-
-
-def _distribution(distribution: Any) -> dict[str, float]:
-    names = ("min", "mean", "p1", "p5", "p50")
-    return {name: float(getattr(distribution, name)) for name in names if hasattr(distribution, name)}

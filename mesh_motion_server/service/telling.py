@@ -1,6 +1,6 @@
-"""What a session's history is told of each request: made of the very replies, once for all partitions.
+"""What a session's history records of each request: made of the very replies, once for all partitions.
 
-A repeat that gets its stored reply is told nothing of. Nor are refusals that say nothing about the session: those of
+A repeat that gets its stored reply is not recorded. Nor are refusals that say nothing about the session: those of
 whoever has not joined it, such as the holder before, and of a client that asks the same refused thing for ever, beyond
 so many of a code in a row.
 """
@@ -21,9 +21,9 @@ from mesh_motion_server.session.state import State
 
 __all__ = ["Teller"]
 
-#: Refusals of a code without anything done in between that are told; of more, only how many they were.
+#: Refusals of a code without anything done in between that are recorded; of more, only how many they were.
 _MOST_REFUSALS = 100
-#: States that are told of when they are first seen: no request says that it has brought them about.
+#: States that are recorded when they are first seen: no request says that it has brought them about.
 _TROUBLE = {State.FAILED: "failed", State.FROZEN: "frozen"}
 
 
@@ -39,7 +39,7 @@ class Teller:
         self._session = session
         self._history = session.history
         self._refusals: Counter[str] = Counter()
-        self._trouble_told = self._session.state
+        self._recorded_trouble = self._session.state
 
     def executed(self, reply: Message, seconds: float, iteration: int) -> None:
         """A request took effect.
@@ -60,7 +60,7 @@ class Teller:
         self._history.attempt(lambda: self._refused(request, reply, by_holder))
 
     def resumed(self) -> None:
-        """A new holder has the session; what a crash kept from being told is told before, as the journal knows it."""
+        """A new holder has the session; what a crash kept from the record comes first, from the journal."""
         self._history.begin_again()
         self._history.attempt(self._resumed)
 
@@ -94,16 +94,16 @@ class Teller:
         self._refusals[reply.code] += by_holder
         if by_holder and self._refusals[reply.code] <= _MOST_REFUSALS:
             step = getattr(request, "step", self._session.step + 1)
-            told = {name: getattr(reply, name) for name in ("code", "message", "hint", "details")}
-            self._history.tell("refused", request=request.type, step=step, **told)
+            refusal = {name: getattr(reply, name) for name in ("code", "message", "hint", "details")}
+            self._history.tell("refused", request=request.type, step=step, **refusal)
         self._trouble(reply.message)
 
     def _trouble(self, message: str) -> None:
         """Tell once what has become of the session."""
         state = self._session.state
-        if state in _TROUBLE and state is not self._trouble_told:
+        if state in _TROUBLE and state is not self._recorded_trouble:
             self._tell(_TROUBLE[state], step=self._session.step, message=message)
-        self._trouble_told = state
+        self._recorded_trouble = state
 
     def _resumed(self) -> None:
         session = self._session
@@ -134,6 +134,6 @@ class Teller:
 def _motion(moved: Moved) -> dict[str, Any]:
     """What MOVED says, but the displacements and which faces are worst."""
     names = ("step", "iteration", "quality", "correction", "caches", "seconds", "warnings")
-    told = {name: getattr(moved, name) for name in names} | {"enrichment_points": moved.enrichment_points.tolist()}
+    values = {name: getattr(moved, name) for name in names} | {"enrichment_points": moved.enrichment_points.tolist()}
     faces = {name: {key: said[key] for key in said if key != "worst"} for name, said in moved.faces.items()}
-    return told | ({"faces": faces} if faces else {})
+    return values | ({"faces": faces} if faces else {})

@@ -3,7 +3,7 @@
 ::
 
     session.py           one session: trial, commit, rollback, resume
-    state.py, standing.py  its states as a table; the values that it swaps as a whole
+    state.py, values.py    its states as a table; the values that it swaps as a whole
     model.py, motions.py what it asks of the numerics; a Move as a function of values
     replay.py            states that were logged, not stored, computed again
     factors.py           what depends on a state alone, kept for the iterations of a step

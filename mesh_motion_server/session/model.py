@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,12 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
 from mesh_motion_server.settings import ServerSettings
 
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
+    from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
+    from mesh_motion_server.numerics.motion.motion_found import Motion
+    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+
 __all__ = [
     "Model",
     "ModelBuilder",
@@ -24,7 +30,6 @@ __all__ = [
     "checked_model",
     "checked_warnings",
     "model_builder",
-    "release",
 ]
 
 
@@ -41,8 +46,8 @@ class Model(Protocol):
         """What the mesh check noticed."""
         ...
 
-    def summary(self, points: NDArray[np.float64]) -> Any:
-        """QualitySummary of the mesh with its nodes at ``points`` (n, d)."""
+    def summary(self, points: NDArray[np.float64]) -> Judgement:
+        """Quality of the mesh with its nodes at ``points`` (n, d)."""
         ...
 
     def without_distributions(self) -> Model:
@@ -53,15 +58,19 @@ class Model(Protocol):
         self,
         committed: NDArray[np.float64],
         targets: NDArray[np.float64],
-        factors: Any,
+        factors: FactorSource,
         *,
-        sent: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
-    ) -> Any:
+        boundary_displacement: BoundaryDisplacement | None = None,
+    ) -> Motion:
         """Motion that takes the moving nodes from the committed positions (n, d) to ``targets`` (k, d).
 
-        These are the sum of what was ``sent``: an origin and a displacement, both (k, d), of which a refusal tells the
-        fraction that is accepted. Its ``corrected`` is what :meth:`summary` says of its ``points``.
+        These are where the ``boundary_displacement`` leads; a refusal says which fraction of it is accepted.
+        Its ``corrected`` is what :meth:`summary` says of its ``points``.
         """
+        ...
+
+    def close(self) -> None:
+        """Give back what is held on other machines."""
         ...
 
 
@@ -105,13 +114,6 @@ def model_builder(settings: ServerSettings) -> ModelBuilder:
         )
 
     return build
-
-
-def release(model: Model) -> None:
-    """Give back what a model holds on other machines, if it does."""
-    close: Callable[[], None] | None = getattr(model, "close", None)
-    if close is not None:
-        close()
 
 
 def check_basis(name: str) -> None:

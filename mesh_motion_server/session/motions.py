@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.motion.exact_displacements import settle
+from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement, settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.numbering import in_senders_numbers
-from mesh_motion_server.session.state import Origin
+from mesh_motion_server.session.state import MoveInput
+
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.motion.motion_found import Motion
 
 __all__ = ["Computed", "compute"]
 
@@ -36,23 +39,30 @@ class Computed:
     displacements : one (n_p, d) array per partition, mesh length unit
     """
 
-    motion: Any
+    motion: Motion
     points: Floats
     exact: bool
     displacements: list[Floats]
 
 
 def compute(
-    model: Model, mesh: MergedMesh, committed: Floats, origin: Origin, factors: FactorCache, *, told_apart: bool = True
+    model: Model,
+    mesh: MergedMesh,
+    committed: Floats,
+    move_input: MoveInput,
+    factors: FactorCache,
+    *,
+    with_displacements: bool = True,
 ) -> Computed:
-    """The motion that an origin asks for.
+    """The motion that a Move asks for.
 
     Parameters
     ----------
     committed : (n, d) array, mesh length unit
         In canonical order.
-    told_apart : bool
-        Whether the displacements are wanted.
+    move_input : MoveInput
+    with_displacements : bool
+        Whether these are wanted too.
 
     Raises
     ------
@@ -61,17 +71,18 @@ def compute(
     NumericalError
         If no acceptable motion was found.
     """
-    base = mesh.points if origin.frame == "reference" else committed
+    base = mesh.points if move_input.frame == "reference" else committed
     moving = mesh.moving
-    targets = base[moving] + origin.told
+    boundary = BoundaryDisplacement(base[moving], move_input.boundary_displacement)
+    targets = boundary.origin + boundary.displacement
     _check_places(targets, mesh)
     try:
-        motion = model.move(committed, targets, factors, sent=(base[moving], origin.told))
+        motion = model.move(committed, targets, factors, boundary_displacement=boundary)
     except InvalidInput as error:
         raise in_senders_numbers(error, mesh) from error
-    displacements = mesh.scatter_differences(motion.points, base, origin.told) if told_apart else []
+    displacements = mesh.scatter_differences(motion.points, base, boundary.displacement) if with_displacements else []
     points = _own(motion.points, committed, mesh.points)
-    exact = settle(points, base, moving, origin.told)
+    exact = settle(points, base, moving, boundary.displacement)
     points.flags.writeable = False
     return Computed(motion, points, exact, displacements)
 

@@ -28,7 +28,7 @@ from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.state import CommittedState, Origin
+from mesh_motion_server.session.state import CommittedState, MoveInput
 
 __all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
 
@@ -42,10 +42,10 @@ def silent(_step: int) -> None:
     """Nobody wants to know how far it is."""
 
 
-def boundary_input(mesh: MergedMesh, origin: Origin) -> BoundaryInput:
+def boundary_input(mesh: MergedMesh, move_input: MoveInput) -> BoundaryInput:
     """What is logged of a Move."""
-    rows = np.ascontiguousarray(origin.told[mesh.moving_by_id], dtype="<f8")
-    return BoundaryInput(origin.frame, rows.tobytes(), maker())
+    rows = np.ascontiguousarray(move_input.boundary_displacement[mesh.moving_by_id], dtype="<f8")
+    return BoundaryInput(move_input.frame, rows.tobytes(), maker())
 
 
 def restore(
@@ -98,7 +98,7 @@ def recompute(
     logged : sequence of Commit
         The commits behind it.
     progress : callable
-        Told each step that was computed again.
+        Hears of each step that was computed again.
 
     Raises
     ------
@@ -123,10 +123,11 @@ def _points_after(
     boundary, order = commit.boundary, mesh.moving_by_id
     if boundary is None or len(boundary.rows) != 8 * order.size * mesh.points.shape[1]:
         raise _diverged(commit, "displacements that are not those of this mesh's moving nodes")
-    told = np.empty((order.size, mesh.points.shape[1]))
-    told[order] = np.frombuffer(boundary.rows, dtype="<f8").reshape(told.shape)
+    displacement = np.empty((order.size, mesh.points.shape[1]))
+    displacement[order] = np.frombuffer(boundary.rows, dtype="<f8").reshape(displacement.shape)
+    move_input = MoveInput(boundary.frame, displacement)
     try:
-        return compute(model, mesh, before.points, Origin(boundary.frame, told), factors, told_apart=False).points
+        return compute(model, mesh, before.points, move_input, factors, with_displacements=False).points
     except MeshMotionError as error:
         raise _diverged(commit, f"{error.code} ({error.message})") from error
 

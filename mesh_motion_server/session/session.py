@@ -28,16 +28,16 @@ from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
-from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings, release
+from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
 from mesh_motion_server.session.spec import StoredSpec
-from mesh_motion_server.session.standing import Built, CommitOutcome, MoveOutcome, Standing
-from mesh_motion_server.session.state import CommittedState, Operation, Origin, State, Trial, admit
+from mesh_motion_server.session.state import CommittedState, MoveInput, Operation, State, Trial, admit
 from mesh_motion_server.session.store import SessionFolder
+from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome
 from mesh_motion_server.settings import ServerSettings
 
 __all__ = ["Session"]
@@ -61,7 +61,7 @@ class Session:
     Attributes
     ----------
     history : History
-        What is told people; nothing depends on it.
+        For people to read; nothing depends on it.
     """
 
     def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
@@ -69,7 +69,7 @@ class Session:
         self._limits = limits
         self._build_model = build_model
         self._reopened = False
-        self._now = Standing(State.NEW)
+        self._now = CurrentState(State.NEW)
         self._built: Built | None = None
         self._epoch = 1
         self.upload = MeshUpload(self.spec.dimension, self.spec.partitions, limits.max_session_bytes)
@@ -80,7 +80,7 @@ class Session:
     def reopen(
         cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder, progress: Progress = silent
     ) -> Session:
-        """A stored session at its last durable step, under a new epoch; ``progress`` is told steps computed again.
+        """A stored session at its last durable step, under a new epoch; ``progress`` hears of steps computed again.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class Session:
             raise
         session._built = Built(mesh, model, keeper_of(journal))
         session._reopened = True
-        session._now = Standing(State.READY, committed, trial_lost=True)
+        session._now = CurrentState(State.READY, committed, trial_lost=True)
         return session
 
     # --- where it stands -------------------------------------------------------------------------------------------
@@ -177,7 +177,7 @@ class Session:
             return admit(self.state, operation)
         except SessionError:
             if self.state is State.FROZEN:
-                self._swap(state=State.FROZEN)  # told from now on
+                self._swap(state=State.FROZEN)  # from now on a reply has named it
             raise
 
     def require_next_step(self, step: int) -> None:
@@ -240,16 +240,16 @@ class Session:
         journal = self._folder.build(partitions, len(mesh.points), self._limits.snapshot_steps, epoch=self._epoch)
         failpoint("session.build.stored")
         self._built = Built(mesh, model, keeper_of(journal))
-        self._now = Standing(state, CommittedState(0, mesh.points))
+        self._now = CurrentState(state, CommittedState(0, mesh.points))
         self.upload.clear()
 
-    def move(self, frame: str, displacements: Sequence[Floats], *, report: str = "") -> MoveOutcome:
+    def move(self, frame: str, boundary_displacements: Sequence[Floats], *, report: str = "") -> MoveOutcome:
         """Compute a trial.
 
         Parameters
         ----------
         frame : {"committed", "reference"}
-        displacements : one (k_p, d) array per partition, mesh length unit
+        boundary_displacements : one (k_p, d) array per partition, mesh length unit
             Of the moving nodes, since the frame's coordinates.
         report : {"", "faces"}
             What the outcome tells beside the quality.
@@ -264,12 +264,12 @@ class Session:
         state = self.admit(Operation.MOVE)
         failpoint("session.move.start")
         built = self._require_built()
-        origin = Origin(frame, built.mesh.gather_moving(displacements))
+        move_input = MoveInput(frame, built.mesh.gather_moving(boundary_displacements))
         in_full = not self.iteration or built.model.method.quality_report == "every-move"
         model = built.model if in_full else built.model.without_distributions()
-        computed = compute(model, built.mesh, self.coordinates("committed"), origin, self.factors)
+        computed = compute(model, built.mesh, self.coordinates("committed"), move_input, self.factors)
         judged = computed.motion.corrected if computed.exact and in_full else None
-        trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, origin)
+        trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input)
         faces = _faces(built, trial.points) if report == "faces" else None
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial)
@@ -303,8 +303,8 @@ class Session:
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
-        after = Standing(state, CommittedState(trial.step, trial.points))
-        boundary = cache(partial(boundary_input, built.mesh, trial.origin))  # for history and journal
+        after = CurrentState(state, CommittedState(trial.step, trial.points))
+        boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
         self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
 
         def store() -> None:
@@ -341,19 +341,21 @@ class Session:
         return self._epoch
 
     def catch_up(self) -> None:
-        """Return when all commits are durable, or nobody can be told any more that they are not.
+        """Return when all commits are durable, or the failure was already reported.
 
         Raises
         ------
         JournalError
-            If the disk failed, and no request has been told yet; the session is FROZEN, or FAILED as it was.
+            If the disk failed, and no request has been refused for it yet; the session is FROZEN, or FAILED as it was.
         """
-        if self._built is None or self._now.disk_told or self._now.state in (State.FROZEN, State.CLOSED):
+        if self._built is None or self._now.disk_failure_reported or self._now.state in (State.FROZEN, State.CLOSED):
             return
         try:
             self._built.keeper.catch_up()
         except JournalError:
-            self._swap(state=State.FAILED if self._now.state is State.FAILED else State.FROZEN, disk_told=True)
+            self._swap(
+                state=State.FAILED if self._now.state is State.FAILED else State.FROZEN, disk_failure_reported=True
+            )
             raise
 
     def suspend(self) -> None:
@@ -387,7 +389,7 @@ class Session:
         self.history.close()
         self.factors.clear()
         if self._built is not None:
-            release(self._built.model)
+            self._built.model.close()
             self._built.keeper.close()
         self._folder.release()
 
@@ -405,7 +407,7 @@ class Session:
         """The committed coordinates (n, d), ascending by global id."""
         return np.take(self.coordinates("committed"), self.mesh.id_order, axis=0)
 
-    def _write(self, write: Callable[[], None], after: Standing) -> None:
+    def _write(self, write: Callable[[], None], after: CurrentState) -> None:
         """COMMITTING, and what becomes of a success or a failure."""
         before = self._now
         self._swap(state=State.COMMITTING)

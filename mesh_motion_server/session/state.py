@@ -16,14 +16,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import SessionError
 
-__all__ = ["TABLE", "CommittedState", "Operation", "Origin", "Refusal", "State", "Trial", "admit"]
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+
+__all__ = ["TABLE", "CommittedState", "MoveInput", "Operation", "Refusal", "State", "Trial", "admit"]
 
 
 class State(StrEnum):
@@ -178,18 +181,18 @@ class CommittedState:
 
 
 @dataclass(frozen=True, eq=False)
-class Origin:
+class MoveInput:
     """What determines a motion beside mesh, settings and committed state.
 
     Attributes
     ----------
     frame : {"committed", "reference"}
-    told : (k, d) array, mesh length unit
-        Displacements of the moving nodes in that frame, in the order of the mesh's ``moving``.
+    boundary_displacement : (k, d) array, mesh length unit
+        Of the moving nodes in that frame, in the order of the mesh's ``moving``.
     """
 
     frame: str
-    told: NDArray[np.float64]
+    boundary_displacement: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +207,11 @@ class Trial:
         Trial coordinates in canonical order; read-only.
     quality : QualitySummary or None
         Of ``points``, where the Move has judged these very coordinates.
-    origin : Origin
-        What the Move was given.
+    input : MoveInput
     """
 
     step: int
     iteration: int
     points: NDArray[np.float64]
-    quality: Any
-    origin: Origin
+    quality: Judgement | None
+    input: MoveInput

@@ -7,7 +7,7 @@
         spec.json                            what OPEN fixed; only the token's sha256
         mesh.bin                             the mesh as uploaded
         manifest, slot-0, slot-1             the journal
-        history/                             what is told people; nothing depends on it
+        history/                             for people to read; nothing depends on it
 
 The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record. A session without a manifest was never
 built: it is not durable, cannot be resumed, and its folder is removed when nobody holds it.

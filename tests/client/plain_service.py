@@ -21,20 +21,20 @@ FOLDER = Path(os.environ["PLAIN_FOLDER"])
 
 
 class WaitingModel(PlainModel):
-    """Every node moves by the mean displacement of the moving nodes, which go where they are told."""
+    """Every node moves by the mean displacement of the moving nodes, which go to their targets."""
 
     farthest = 100.0
     motion_warnings = ("a warning",)
 
-    def move(self, committed, targets, factors, *, sent=None):
+    def move(self, committed, targets, factors, *, boundary_displacement=None):
         with (FOLDER / "moves").open("a") as file:
             file.write("move\n")
         while (FOLDER / "hold").exists():
             time.sleep(0.01)
         return super().move(committed, targets, factors)
 
-    def of_all(self, told):
-        return np.array([np.sum(np.sort(column)) for column in told.T]) / len(told)
+    def of_all(self, displacement):
+        return np.array([np.sum(np.sort(column)) for column in displacement.T]) / len(displacement)
 
 
 class SessionHost(RealHost):

@@ -1,19 +1,19 @@
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.mesh.points import bounding_box, padded
 
 C2 = BASES["wendland-c2"]
 
 
-def visited(layout, point):
-    """Control points in the cells around a point."""
-    runs = kernels.centre_runs(np.pad(point, (0, 3 - len(point))), *layout.grid())
-    return set(np.concatenate([layout.order[a:b] for a, b in runs] or [[]]).astype(int).tolist())
+def sums(layout, centres, weights, radius, places):
+    """(n,) sums over the centres in the cells around places (n, d)."""
+    return LocalEvaluator().displacement(Interpolant(centres, weights[:, None], C2, radius, layout), places)[:, 0]
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
@@ -25,16 +25,18 @@ def test_every_centre_within_the_radius_is_visited(d, radius):
     assert sorted(layout.order) == list(range(600))
     assert np.array_equal(layout.coordinates[:d].T, centres[layout.order])
     places = np.concatenate([centres[:100], rng.uniform(-0.5, 2.5, (100, d)), centres[:50] + radius / np.sqrt(d)])
-    for place in places:
-        near = np.flatnonzero(np.linalg.norm(centres - place, axis=1) < radius)
-        assert set(near.tolist()) <= visited(layout, place)
+    weights = rng.normal(size=600)
+    xi = np.linalg.norm(places[:, None] - centres, axis=2) / radius
+    expected = (np.maximum(1.0 - xi, 0.0) ** 4 * (4.0 * xi + 1.0)) @ weights
+    np.testing.assert_allclose(sums(layout, centres, weights, radius, places), expected, atol=1e-12)
 
 
 def test_points_far_away_and_not_finite_visit_nothing_and_break_nothing():
-    layout = CentreLayout.build(np.random.default_rng(0).random((500, 3)), C2, 0.05)
+    centres = np.random.default_rng(0).random((500, 3))
+    layout = CentreLayout.build(centres, C2, 0.05)
     assert not layout.is_direct
-    for place in ([1e300, 0, 0], [-1e300, 1e300, 0], [np.inf, 0, 0], [0.5, -np.inf, 0.5], [5.0, 0.5, 0.5]):
-        assert visited(layout, np.array(place)) == set()
+    places = np.array([[1e300, 0, 0], [-1e300, 1e300, 0], [np.inf, 0, 0], [0.5, -np.inf, 0.5], [5.0, 0.5, 0.5]])
+    assert not sums(layout, centres, np.ones(500), 0.05, places).any()
 
 
 def test_large_radius_and_global_bases_sum_directly():

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 
@@ -115,7 +116,7 @@ def test_sending_back_the_fraction_of_a_refusal_is_accepted_in_either_frame(seed
     fraction = None
     with suppress(NumericalError):
         try:
-            model.move(committed, base + displacement, sent=(base, displacement))
+            model.move(committed, base + displacement, boundary_displacement=BoundaryDisplacement(base, displacement))
         except NumericalError as refusal:
             fraction = refusal.fraction
             raise

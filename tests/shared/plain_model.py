@@ -6,12 +6,13 @@ import numpy as np
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary
 
 _PARTS = ("solve", "predict", "correct", "displace", "total")
 
 
 class PlainModel:
-    """Moving nodes go where they are told, the others stay; all summaries are alike."""
+    """Moving nodes go to their targets, the others stay; all summaries are alike."""
 
     warnings = ()
     #: Displacements beyond it are refused, mesh length unit.
@@ -23,20 +24,21 @@ class PlainModel:
         self.roles, self.method, self.cells = BoundaryRoles.from_patches(patches), method, cells
 
     def summary(self, points):
-        values = SimpleNamespace(min=1.0, mean=1.0, p1=1.0, p5=1.0, p50=1.0)
+        values = Distribution(1.0, 1.0, 1.0, 1.0, 1.0)
         count = sum(len(block) for block in self.cells)
-        return SimpleNamespace(
-            size=values, skew=values, size_skew=values, metric=values, worst=[], inverted=0, cells=count
-        )
+        return QualitySummary("size-skew", values, values, values, values, 0, count, ())
 
     def without_distributions(self):
         return self
 
-    def move(self, committed, targets, factors, *, sent=None):
-        told = targets - committed[self.roles.moving]
-        if abs(told).max() > self.farthest:
+    def close(self):
+        pass
+
+    def move(self, committed, targets, factors, *, boundary_displacement=None):
+        displacement = targets - committed[self.roles.moving]
+        if abs(displacement).max() > self.farthest:
             raise NumericalError("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")
-        points = committed + self.of_all(told)
+        points = committed + self.of_all(displacement)
         points[self.roles.moving] = targets
         return SimpleNamespace(
             points=points,
@@ -54,6 +56,6 @@ class PlainModel:
             warnings=list(self.motion_warnings),
         )
 
-    def of_all(self, told):
-        """(d,) displacement of all nodes that nobody tells one, from those that are told (k, d)."""
-        return np.zeros(told.shape[1])
+    def of_all(self, displacement):
+        """(d,) displacement of the other nodes, from that of the moving ones (k, d)."""
+        return np.zeros(displacement.shape[1])

@@ -45,7 +45,7 @@ def measured(grid: Grid, degrees: float) -> list[Cell]:
     wanted = grid.points.copy()
     wanted[nodes] = targets
     box = np.stack([grid.points.min(axis=0), grid.points.max(axis=0)])
-    plan = model.standard_motion.plans.plan_for(controls)
+    plan = model.standard_motion.plans.of(controls)
     assert plan is not None
     found = plan.factorize(grid.points[controls], box[0], box[1])
     left = model.evaluator.displacement(found.solve((wanted - grid.points)[controls]), grid.points[controls])

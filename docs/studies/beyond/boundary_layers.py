@@ -167,6 +167,6 @@ STUDY = Study(
         "mesh_motion_server.numerics.mesh.boundary_layer_wall.MovingWall",
         "mesh_motion_server.numerics.mesh.boundary_layer_nodes.layer_nodes",
         "mesh_motion_server.numerics.mesh.boundary_layer_stacks.column_feet",
-        "mesh_motion_server.numerics.motion.boundary_layer_fallback.move_with_layer",
+        "mesh_motion_server.numerics.motion.boundary_layer_fallback.LayerAttempts",
     ),
 )

@@ -22,7 +22,6 @@ void bind_interpolation(nanobind::module_& m) {
     bind(m, "interpolate_on_grid", interpolate_on_grid);
     bind(m, "map_phi", map_phi);
     bind(m, "map_slope", map_slope);
-    bind(m, "centre_runs", centre_runs);
     bind(m, "sum_values", sum_values);
     bind(m, "sum_gradients", sum_gradients);
     bind(m, "fill_block", fill_block);

@@ -113,16 +113,4 @@ void sum_gradients(int code, Matrix<const double> points, Matrix<const double> c
     });
 }
 
-Owned<Index, 2> centre_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,
-                            Vector<const Index> shape, Vector<const Index> starts) {
-    require(place.size() == 3 && starts.size() > 0, "place: expected three coordinates");
-    const CentreGrid grid(origin, inverse_side, shape, starts, starts[starts.size() - 1]);
-    Owned<Index, 2> found{{}, {0, 2}};
-    for (const auto& [first, last] : grid.centre_runs({place[0], place[1], place[2]})) {
-        found.values.insert(found.values.end(), {first, last});
-        ++found.shape[0];
-    }
-    return found;
-}
-
 }  // namespace mesh_motion

@@ -198,8 +198,4 @@ void sum_gradients(int code, Matrix<const double> points, Matrix<const double> c
                    double inverse_radius, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
                    Vector<const Index> starts, Cube<double> out);
 
-/// (r, 2) runs [first, last) of the sorted centres within one cell of a place (3,): what the sums visit there.
-Owned<Index, 2> centre_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,
-                            Vector<const Index> shape, Vector<const Index> starts);
-
 }  // namespace mesh_motion

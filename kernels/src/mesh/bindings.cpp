@@ -10,7 +10,6 @@ namespace mesh_motion {
 void bind_mesh(nanobind::module_& m) {
     bind(m, "closest_points", closest_points);
     bind(m, "hash_blocks", hash_blocks);
-    bind(m, "hashed_runs", hashed_runs);
     bind(m, "match_facets", match_facets);
     bind(m, "round_differences", round_differences);
     bind(m, "store_cells", [](Matrix<const double> points, double side) {

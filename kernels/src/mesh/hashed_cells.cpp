@@ -94,14 +94,4 @@ StoredCells store_cells(Matrix<const double> points, double side) {
     return out;
 }
 
-Owned<std::int32_t, 2> hashed_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,
-                                   Vector<const Index> keys, Matrix<const std::int32_t> spans,
-                                   Matrix<const std::int32_t> runs) {
-    require(place.size() == 3, "place: expected a shape (3,)");
-    const HashedCells cells{origin, inverse_side, keys, spans, runs};
-    cells.check();
-    const Matrix<const std::int32_t> found = cells.near(cells.place(cells.key_of(place[0], place[1], place[2])));
-    return {{found.begin(), found.end()}, found.shape()};
-}
-
 }  // namespace mesh_motion

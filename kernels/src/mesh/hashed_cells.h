@@ -72,9 +72,4 @@ struct StoredCells {
 /// Sorts points (n, 3) by cells of the given side, or wider ones where there would be a million along an axis.
 StoredCells store_cells(Matrix<const double> points, double side);
 
-/// HashedCells::near, copied.
-Owned<std::int32_t, 2> hashed_runs(Vector<const double> place, Vector<const double> origin, double inverse_side,
-                                   Vector<const Index> keys, Matrix<const std::int32_t> spans,
-                                   Matrix<const std::int32_t> runs);
-
 }  // namespace mesh_motion

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from mesh_motion_server.numerics.mesh.point_digest import point_digest
 from mesh_motion_server.numerics.method import Method
 
 __all__ = [
+    "CacheReport",
     "DeferredFactorization",
     "FactorSource",
     "Kept",
@@ -41,6 +42,9 @@ class Kept(Protocol):
 
 
 K = TypeVar("K", bound=Kept)
+
+CacheReport = dict[str, str | int | dict[str, int]]
+"""``"reused"`` or ``"made"`` for each kind of what is kept, and ``bytes`` held of each."""
 
 
 class FactorSource(Protocol):
@@ -94,10 +98,10 @@ class Recorded:
         """What the other one holds."""
         return self._source.held()
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> CacheReport:
         """``"reused"`` for each kind of which everything was found, ``"made"`` for others; ``bytes`` held of each."""
-        told = {kind: "reused" if reused else "made" for kind, reused in self._reused.items()}
-        return {**told, "bytes": self.held()}
+        found = {kind: "reused" if reused else "made" for kind, reused in self._reused.items()}
+        return {**found, "bytes": self.held()}
 
 
 def factorization_of(

@@ -38,7 +38,7 @@ _SPLITS = {
 
 @dataclass(frozen=True, eq=False)
 class BoundaryFacets:
-    """The facets whose nodes are all told where to be.
+    """The facets whose nodes all have prescribed positions.
 
     Attributes
     ----------
@@ -54,9 +54,9 @@ class BoundaryFacets:
     @classmethod
     def build(cls, facets: Mapping[str, Ints], moving: Ints, fixed: Ints, count: int) -> BoundaryFacets:
         """From the boundary facets of a mesh of ``count`` nodes, and its moving and fixed nodes; not in 1D."""
-        moves, told = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        moves[moving] = told[moving] = told[fixed] = True
-        chosen = {name: nodes[told[nodes].all(axis=1)] for name, nodes in facets.items() if name in _SIDES}
+        moves, prescribed = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        moves[moving] = prescribed[moving] = prescribed[fixed] = True
+        chosen = {name: nodes[prescribed[nodes].all(axis=1)] for name, nodes in facets.items() if name in _SIDES}
         return cls({name: nodes for name, nodes in chosen.items() if len(nodes)}, moves)
 
 

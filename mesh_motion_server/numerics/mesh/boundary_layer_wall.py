@@ -1,7 +1,7 @@
 """The moving walls of a mesh and how they turn at each of their nodes.
 
-A wall is a connected part of the boundary whose nodes are told where to be, at least some of them to move: a flag and
-the fixed cylinder that it is clamped to are one wall, the channel around them is none.
+A wall is a connected part of the boundary whose nodes have prescribed positions, at least some of them moving: a flag
+and the fixed cylinder that it is clamped to are one wall, the channel around them is none.
 
 A facet of the wall (an edge in 2D, a triangle in 3D; a quad is two triangles) with the edge vectors e and the unit
 normal n deforms by ``F = [e' n'] [e n]⁻¹``, and turns by the rotation of its polar decomposition F = R U, thesis
@@ -78,7 +78,7 @@ class MovingWall:
     simplices: Integers
 
     @classmethod
-    def build(cls, points: Floats, facets: Mapping[str, Integers], moving: Marks, told: Marks) -> MovingWall:
+    def build(cls, points: Floats, facets: Mapping[str, Integers], moving: Marks, prescribed: Marks) -> MovingWall:
         """The walls among the boundary facets of a mesh.
 
         Parameters
@@ -87,11 +87,11 @@ class MovingWall:
             Reference coordinates.
         facets : mapping of type to (f, k) int64 array
             The boundary.
-        moving, told : (n,) bool arrays
+        moving, prescribed : (n,) bool arrays
             Nodes that move; those and the fixed ones.
         """
         simplices = simplices_of(facets)
-        own = simplices[told[simplices].all(axis=1)]
+        own = simplices[prescribed[simplices].all(axis=1)]
         body = _connected(own, len(points))
         moves = np.isin(body, body[moving[own].all(axis=1)])
         nodes, rows = np.unique(own[moves], return_inverse=True)

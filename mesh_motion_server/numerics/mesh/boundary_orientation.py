@@ -27,7 +27,7 @@ _ROUNDING = 1e-12
 
 
 def overturned_place(
-    facets: Mapping[str, Ints], told: NDArray[np.bool_], reference: Floats, points: Floats
+    facets: Mapping[str, Ints], prescribed: NDArray[np.bool_], reference: Floats, points: Floats
 ) -> Floats | None:
     """Centre (d,) of the first part of the boundary that is turned inside out, None if there is none.
 
@@ -35,8 +35,8 @@ def overturned_place(
     ----------
     facets : dict of (f, k) int64 arrays
         The whole boundary, pointing outwards, by type.
-    told : (n,) bool array
-        Nodes that are told where to be; a part with another node is not looked at.
+    prescribed : (n,) bool array
+        Nodes with prescribed positions; a part with another node is not looked at.
     reference, points : (n, d) arrays, mesh length unit
         Before and after the motion.
     """
@@ -45,7 +45,7 @@ def overturned_place(
     rows = _of_one_width(facets)
     parts = _parts(rows, len(points))
     whole = np.ones(parts.max() + 1, dtype=bool)
-    whole[parts[~_all_of(told, rows)]] = False
+    whole[parts[~_all_of(prescribed, rows)]] = False
     before, after = (_signs(parts, _contributions(places, rows)) for places in (reference, points))
     lost = np.flatnonzero(whole & np.where(before == 0.0, after > 0.0, before * after <= 0.0))
     if not len(lost):

@@ -8,7 +8,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["first_at_place"]
+from mesh_motion_server.numerics.mesh.points import bounding_box
+
+__all__ = ["coincident_nodes", "first_at_place"]
 
 # rounding of coordinates, relative to the extent
 _SAME_PLACE = 1e-13
@@ -39,3 +41,10 @@ def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int
     first = np.full(count, len(points))
     np.minimum.at(first, group, distinct)
     return np.asarray(first[group][np.searchsorted(distinct, place)])
+
+
+def coincident_nodes(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(c, 2) of the nodes (b,), ascending, of a mesh ``points`` (n, d): the first at a place, and another one there."""
+    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
+    others = first != nodes
+    return np.column_stack([first[others], nodes[others]])

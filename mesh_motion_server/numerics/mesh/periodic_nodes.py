@@ -164,10 +164,10 @@ class PeriodicNodes:
         InvalidInput
             Naming the first such node, its image and the distance.
         """
-        told = self.reference.copy()
-        told[moving] = targets
+        moved = self.reference.copy()
+        moved[moving] = targets
         pairs = self.of(np.isin(self.members, moving))
-        away = np.linalg.norm(told[pairs.members] - pairs.images(told[pairs.roots]), axis=1)
+        away = np.linalg.norm(moved[pairs.members] - pairs.images(moved[pairs.roots]), axis=1)
         torn = np.flatnonzero(away > _TORN * float(np.ptp(self.reference, axis=0).max()))
         if len(torn):
             node, root = int(pairs.members[torn[0]]), int(pairs.roots[torn[0]])

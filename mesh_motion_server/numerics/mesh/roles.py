@@ -1,4 +1,4 @@
-"""Patches and their roles: which nodes are told where to go, which stay, which slide.
+"""Patches and their roles: which nodes have prescribed positions, which stay, which slide.
 
 A node on several patches gets one role: moving wins over fixed, fixed wins over slip and symmetry. A node on a periodic
 patch moves like its image whatever else it does; it is free to go anywhere where it has no other role.
@@ -87,7 +87,7 @@ class BoundaryRoles:
 
     @cached_property
     def all(self) -> NDArray[np.int64]:
-        """(k + f + s,) every node that is told where to go or slides, ascending: the control points."""
+        """(k + f + s,) every node whose position is prescribed or that slides, ascending: the control points."""
         return np.union1d(self.prescribed, self.sliding)
 
 

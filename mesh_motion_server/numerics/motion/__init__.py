@@ -1,1 +1,1 @@
-"""The Move: interpolate, predict, correct, accept; large motions in sub-steps."""
+"""The Move: interpolate, judge, correct, judge, accept; or lead the mesh there in sub-steps."""

@@ -96,7 +96,7 @@ def largest_accepted(accepts: Callable[[float], bool], valid: Callable[[float], 
     Returns
     -------
     float
-        A multiple of a thousandth, which is itself what was tried: it can be told with three digits and asked for.
+        A multiple of a thousandth, which is itself what was tried: three digits say it exactly.
     """
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):

@@ -67,7 +67,7 @@ class BoundaryLayer:
     points : (n, d) array, mesh length unit
         Reference coordinates.
     cells : CellTable
-    told : (n,) bool array
+    prescribed : (n,) bool array
         Moving and fixed nodes.
     wall : MovingWall
     tied : LayerNodes
@@ -81,7 +81,7 @@ class BoundaryLayer:
 
     points: Floats
     cells: CellTable
-    told: Marks
+    prescribed: Marks
     wall: MovingWall
     tied: LayerNodes
     sliding: SlidingSurfaces | None
@@ -101,14 +101,14 @@ class BoundaryLayer:
     ) -> BoundaryLayer | None:
         """The layer of a checked mesh with reference coordinates ``points`` (n, d); None if no node belongs to it."""
         roles = BoundaryRoles.from_patches(patches)
-        moving, told = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
-        moving[roles.moving] = told[roles.prescribed] = True
-        wall = MovingWall.build(points, boundary_facets(cells), moving, told)
+        moving, prescribed = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+        moving[roles.moving] = prescribed[roles.prescribed] = True
+        wall = MovingWall.build(points, boundary_facets(cells), moving, prescribed)
         if not len(wall.simplices):
             return None
         tied = layer_nodes(points, cells, patches, wall, thickness)
         empty = np.empty(0, dtype=np.int64)
-        full = cls(points, cells, told, wall, tied, sliding, Shield(empty, empty), thickness)
+        full = cls(points, cells, prescribed, wall, tied, sliding, Shield(empty, empty), thickness)
         return full.without(np.zeros(len(points), dtype=bool))
 
     @property
@@ -124,7 +124,7 @@ class BoundaryLayer:
     @property
     def known(self) -> Marks:
         """(n,) nodes whose places follow from the moving nodes' alone: those, fixed nodes and the layer."""
-        known = self.told.copy()
+        known = self.prescribed.copy()
         known[self.nodes] = True
         return known
 

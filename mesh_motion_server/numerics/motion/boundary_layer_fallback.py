@@ -7,8 +7,9 @@ everywhere; also if the mesh is nearly inverted, where giving way at least doubl
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, TypeVar
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,9 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_server.numerics.motion.motion_found import Motion
 
-__all__ = ["fitting_layer", "given_way", "move_with_layer"]
+__all__ = ["LayerAttempts", "fitting_layer", "given_way"]
 
 Floats = NDArray[np.float64]
 
@@ -26,16 +27,6 @@ NEARLY_INVERTED = 0.2
 """Share of the threshold below which a mesh is nearly inverted, and of a layer cell's quality in the reference mesh."""
 
 _WORTH_IT = 2.0  # times the minimum quality with more of the layer
-
-
-class _Judged(Protocol):
-    """A motion, with the quality of its mesh."""
-
-    @property
-    def corrected(self) -> Judgement: ...
-
-
-_M = TypeVar("_M", bound=_Judged)
 
 
 def fitting_layer(
@@ -65,39 +56,64 @@ def fitting_layer(
     return layer.giving_way(inside) if spoiled.any() else layer
 
 
-def move_with_layer(
-    layer: BoundaryLayer | None, move: Callable[[BoundaryLayer | None], _M], threshold: float
-) -> tuple[_M, BoundaryLayer | None]:
-    """The motion, and what is left of the layer.
+@dataclass(eq=False)
+class LayerAttempts:
+    """Which part of a boundary layer the next attempt keeps, by what the attempts before it gave.
 
-    Parameters
+    Attributes
     ----------
     layer : BoundaryLayer or None
-    move : callable
-        The motion with a layer, or without one; raises NumericalError where it is refused.
+        Of the next attempt.
     threshold : float
         Of the quality.
-
-    Raises
-    ------
-    NumericalError
-        If the motion is refused without a layer too.
+    least : float
+        Minimum quality that an attempt with a layer must reach; otherwise there is none.
+    best : (Motion, BoundaryLayer or None) or None
+        What was accepted, and its layer.
+    over : bool
+        Whether ``best`` is the answer.
     """
-    best: tuple[_M, BoundaryLayer | None] | None = None
-    while True:
-        try:
-            motion = move(layer)
-        except NumericalError as refusal:
-            if layer is None and best is None:
-                raise
-            cells = list(refusal.cells)
+
+    layer: BoundaryLayer | None
+    threshold: float
+    least: float = -math.inf
+    best: tuple[Motion, BoundaryLayer | None] | None = None
+    over: bool = False
+
+    @property
+    def answer(self) -> tuple[Motion, BoundaryLayer | None]:
+        """The motion, and what is left of the layer; once it is over."""
+        assert self.best is not None
+        return self.best
+
+    def accepted(self, motion: Motion) -> None:
+        """The attempt gave this motion."""
+        if self.best is None or motion.corrected.metric.min > _WORTH_IT * max(self.best[0].corrected.metric.min, 0.0):
+            self.best = motion, self.layer
+        self._go_on([cell.number for cell in motion.corrected.worst])
+
+    def refused(self, refusal: NumericalError) -> None:
+        """The attempt was refused.
+
+        Raises
+        ------
+        NumericalError
+            The refusal, where nothing is left to try.
+        """
+        if self.layer is None and self.best is None:
+            raise refusal
+        self._go_on(refusal.cells)
+
+    def _go_on(self, cells: Sequence[int]) -> None:
+        """What comes after an attempt with these worst cells."""
+        minimum = -math.inf if self.best is None else self.best[0].corrected.metric.min
+        settled = self.best is not None and (self.layer is None or minimum >= NEARLY_INVERTED * self.threshold)
+        if self.layer is not None and not settled:
+            self.layer = self.layer.without_near(cells)
+        elif self.best is not None and self.best[1] is not None and minimum < self.least:
+            self.layer = self.best = None
         else:
-            if best is None or motion.corrected.metric.min > _WORTH_IT * max(best[0].corrected.metric.min, 0.0):
-                best = motion, layer
-            cells = [cell.number for cell in motion.corrected.worst]
-        if best is not None and (layer is None or best[0].corrected.metric.min >= NEARLY_INVERTED * threshold):
-            return best
-        layer = None if layer is None else layer.without_near(cells)
+            self.over = True
 
 
 def given_way(asked: BoundaryLayer, left: BoundaryLayer | None) -> list[str]:

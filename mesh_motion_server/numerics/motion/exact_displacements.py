@@ -1,4 +1,4 @@
-"""The displacements that lead from given coordinates to a motion's, and the coordinates that they lead to.
+"""Displacements and the coordinates that they lead to: of the boundary as a request gives it, of all nodes in a reply.
 
 All of it is as large as the mesh, so an array is written once or, where only few numbers change, in place; nothing is
 summed, and the results are the same for any number of threads.
@@ -6,17 +6,30 @@ summed, and the results are the same for any number of threads.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["differences_of", "settle"]
+__all__ = ["BoundaryDisplacement", "differences_of", "settle"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-def settle(moved: Floats, base: Floats, nodes: Indices, told: Floats) -> bool:
+class BoundaryDisplacement(NamedTuple):
+    """What a motion is asked for: (k, d) positions of the moving nodes, and their displacement (k, d) from there."""
+
+    origin: Floats
+    displacement: Floats
+
+    def at(self, fraction: float) -> Floats:
+        """(k, d) positions after a fraction of the displacement."""
+        return self.origin + fraction * self.displacement
+
+
+def settle(moved: Floats, base: Floats, nodes: Indices, displacement: Floats) -> bool:
     """Change ``moved`` into ``base`` plus its rounded differences to it; return whether that changed nothing.
 
     Parameters
@@ -24,12 +37,12 @@ def settle(moved: Floats, base: Floats, nodes: Indices, told: Floats) -> bool:
     moved, base : (n, d) arrays, mesh length unit
         C-contiguous.
     nodes : (k,) int64 array
-        Those whose displacement is ``told`` (k, d) instead, mesh length unit.
+        Those whose ``displacement`` (k, d) is given, mesh length unit.
     """
     before = moved[nodes]
     changed = kernels.round_differences(moved.reshape(-1), base.reshape(-1))
     elsewhere = changed - int(np.count_nonzero(moved[nodes] != before))
-    moved[nodes] = base[nodes] + told
+    moved[nodes] = base[nodes] + displacement
     return elsewhere == 0 and bool(np.array_equal(moved[nodes], before))
 
 

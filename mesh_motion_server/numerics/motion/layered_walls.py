@@ -76,9 +76,9 @@ class LayeredWalls:
         if points.shape[1] < 2:
             return None
         roles = BoundaryRoles.from_patches(patches)
-        moving, told = np.zeros((2, len(points)), dtype=bool)
-        moving[roles.moving] = told[roles.prescribed] = True
-        wall = MovingWall.build(points, boundary_facets(cells), moving, told)
+        moving, prescribed = np.zeros((2, len(points)), dtype=bool)
+        moving[roles.moving] = prescribed[roles.prescribed] = True
+        wall = MovingWall.build(points, boundary_facets(cells), moving, prescribed)
         if not len(wall.simplices):
             return None
         on_wall = np.zeros(len(points), dtype=bool)

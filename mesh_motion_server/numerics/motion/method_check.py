@@ -19,7 +19,7 @@ from mesh_motion_server.numerics.correction.correction_problem import check_plac
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolation.interpolant import chosen_polynomial
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
-from mesh_motion_server.numerics.mesh.coincidence import first_at_place
+from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.method import Method
@@ -142,8 +142,8 @@ def _naming(setting: str, method: Method) -> Iterator[None]:
         yield
     except InvalidInput as error:
         said = error.message
-        told = said if setting in said else f"{setting} = {getattr(method, setting)!r}: {said}"
-        raise _unfit(setting, told, hint=error.hint) from error
+        message = said if setting in said else f"{setting} = {getattr(method, setting)!r}: {said}"
+        raise _unfit(setting, message, hint=error.hint) from error
 
 
 def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:
@@ -254,12 +254,10 @@ def _check_places(
         reason = "a mesh with periodic patches"
     else:
         return
-    nodes = roles.all
-    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
-    others = np.flatnonzero(first != nodes)
-    if not len(others):
+    pairs = coincident_nodes(points, roles.all)
+    if not len(pairs):
         return
-    a, b = int(first[others[0]]), int(nodes[others[0]])
+    a, b = pairs[0].tolist()
     raise InvalidInput(
         f"the boundary nodes {a} and {b} are at the same place, {points[a].tolist()}: {reason} needs distinct ones",
         code="INVALID_ARGUMENT.MESH_DEGENERATE",

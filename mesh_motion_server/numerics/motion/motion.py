@@ -29,7 +29,8 @@ from mesh_motion_server.numerics.motion.acceptance import (
 )
 from mesh_motion_server.numerics.motion.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
-from mesh_motion_server.numerics.motion.boundary_layer_fallback import fitting_layer, given_way, move_with_layer
+from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
+from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_server.numerics.motion.radius_choice import PredictedMotion, best_predicted
@@ -76,7 +77,7 @@ class MotionModel(PreparedMesh):
         targets: Floats,
         factors: FactorSource | None = None,
         *,
-        sent: tuple[Floats, Floats] | None = None,
+        boundary_displacement: BoundaryDisplacement | None = None,
     ) -> Motion:
         """The motion that takes the moving nodes to ``targets``.
 
@@ -87,15 +88,14 @@ class MotionModel(PreparedMesh):
         targets : (k, d) array
             Where ``roles.moving`` shall be.
         factors : FactorSource, optional
-        sent : (origin, displacement), a pair of (k, d) arrays, optional
-            What the targets are the sum of, as it was asked for; by default the committed positions of the moving nodes
-            and what is left.
+        boundary_displacement : BoundaryDisplacement, optional
+            What the targets are the sum of; by default the committed positions of the moving nodes and what is left.
 
         Raises
         ------
         NumericalError
             When no valid mesh (or, where asked, none at the threshold) was found; carries the best minimum quality, the
-            worst cells and the largest fraction found of the displacement ``sent`` that is accepted instead of it.
+            worst cells and the largest fraction found of the ``boundary_displacement`` that is accepted instead of it.
         """
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
@@ -104,7 +104,8 @@ class MotionModel(PreparedMesh):
             if not _of_the_mesh(refusal):
                 raise
             origin = committed[self.roles.moving]
-            fraction = self._acceptable_fraction(step, *(sent or (origin, targets - origin)))
+            whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
+            fraction = self._acceptable_fraction(step, whole)
             raise NumericalError(
                 refusal.message,
                 best=refusal.best,
@@ -138,28 +139,35 @@ class MotionModel(PreparedMesh):
         return replace(motion, sub_steps=walk.legs, correction=correction, seconds=seconds)
 
     def _attempt(self, step: _Step) -> Motion:
-        """One step with as much of a boundary layer as does no harm.
+        """One step: interpolate, judge, correct, judge, accept; again with less of a boundary layer that does harm.
 
         A layer that the method asks for gives way where it has to. One that nobody asked for moves with its wall only
         where interpolation would spoil it, or a correction may, and only if the mesh is about as good with it.
         """
-        watch, asked = Stopwatch(), self.standard_motion.layer
-        plain = self._interpolate(step, None, watch) if asked is None else None
-        layer = asked if plain is None else self._layer_for(plain)
-        if plain is not None and layer is None:
-            return self._complete(step, plain, watch)
+        watch, asked, plain = Stopwatch(), self.standard_motion.layer, None
+        attempts = LayerAttempts(asked, self.method.quality_threshold)
+        if asked is None:
+            plain = self._interpolate(step, None, watch)
+            attempts.layer = self._layer_for(plain)
+            attempts.least = min(self.method.quality_threshold, _AS_GOOD * plain.quality.metric.min)
+        if attempts.layer is not None:
+            with watch.phase("predict"):
+                attempts.layer = self._fitting(attempts.layer, step)
+        while not attempts.over:
+            known = plain if attempts.layer is None else None
+            try:
+                predicted = known or self._interpolate(step, attempts.layer, watch)  # and judged
+                correction = self._correct(step, predicted, watch)
+                quality = self._judge(predicted, correction, watch)
+                motion = self._accept(predicted, correction, quality, watch)
+            except NumericalError as refusal:
+                attempts.refused(refusal)
+            else:
+                attempts.accepted(motion)
+        motion, left = attempts.answer
+        return motion if asked is None else replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
 
-        def move(layer: BoundaryLayer | None) -> Motion:
-            known = plain if layer is None else None
-            return self._complete(step, known or self._interpolate(step, layer, watch), watch)
-
-        with watch.phase("predict"):
-            fitting = None if layer is None else self._fitting(layer, step)
-        motion, left = move_with_layer(fitting, move, self.method.quality_threshold)
-        if plain is None:
-            return motion if asked is None else replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
-        as_good = min(self.method.quality_threshold, _AS_GOOD * plain.quality.metric.min)
-        return motion if left is None or motion.corrected.metric.min >= as_good else self._complete(step, plain, watch)
+    # --- its parts ---------------------------------------------------------------------------------------------------
 
     def _interpolate(self, step: _Step, layer: BoundaryLayer | None, watch: Stopwatch) -> PredictedMotion:
         """Interpolate, judge: with each support radius, of which the best is taken."""
@@ -175,33 +183,6 @@ class MotionModel(PreparedMesh):
             refusal = NumericalError("", best=predicted.quality.metric.min, cells=worst)
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
         return predicted
-
-    def _complete(self, step: _Step, predicted: PredictedMotion, watch: Stopwatch) -> Motion:
-        """Correct, judge, accept: what follows the interpolation."""
-        standard, method = predicted.trial, self.method
-        correction = self._correct(step, predicted, watch)
-        with watch.phase("predict"):
-            unchanged = self.predicts_exactly and correction.points is standard.points
-            corrected = predicted.quality if unchanged else self.summary(correction.points, correction.quality)
-        reached = corrected.metric.min >= method.quality_threshold
-        refuse_unacceptable(method, corrected, reached)
-        return Motion(
-            points=correction.points,
-            standard=predicted.quality,
-            corrected=corrected,
-            correction=replace(correction, quality=None),
-            reached=reached,
-            seconds=watch.seconds(),
-            caches=predicted.factors.report(),
-            control_points=standard.control_points,
-            support_radius=float(predicted.motion.method.support_radius or 0.0),
-            warnings=[
-                *reduction_warnings(method, standard.reduction_error, len(standard.control_points)),
-                *quality_warnings(method, corrected, reached),
-            ],
-        )
-
-    # --- its parts ---------------------------------------------------------------------------------------------------
 
     def _predict(self, motion: StandardMotion, trial: StandardTrial) -> Judgement:
         """Quality of the standard motion by the method's predictor."""
@@ -266,6 +247,36 @@ class MotionModel(PreparedMesh):
         with watch.phase("correct"):
             return correct(problem, correction_settings(self.method, radius))
 
+    def _judge(self, predicted: PredictedMotion, correction: Correction, watch: Stopwatch) -> Judgement:
+        """Quality of the corrected mesh; that of the interpolated one where nothing was corrected."""
+        if self.predicts_exactly and correction.points is predicted.trial.points:
+            return predicted.quality
+        with watch.phase("predict"):
+            return self.summary(correction.points, correction.quality)
+
+    def _accept(
+        self, predicted: PredictedMotion, correction: Correction, quality: Judgement, watch: Stopwatch
+    ) -> Motion:
+        """The motion, if its mesh is acceptable."""
+        standard, method = predicted.trial, self.method
+        reached = quality.metric.min >= method.quality_threshold
+        refuse_unacceptable(method, quality, reached)
+        return Motion(
+            points=correction.points,
+            standard=predicted.quality,
+            corrected=quality,
+            correction=replace(correction, quality=None),
+            reached=reached,
+            seconds=watch.seconds(),
+            caches=predicted.factors.report(),
+            control_points=standard.control_points,
+            support_radius=float(predicted.motion.method.support_radius or 0.0),
+            warnings=[
+                *reduction_warnings(method, standard.reduction_error, len(standard.control_points)),
+                *quality_warnings(method, quality, reached),
+            ],
+        )
+
     def _near(self, step: _Step, predicted: PredictedMotion, watch: Stopwatch) -> Floats | None:
         """The standard motion with the committed mesh's correction (n, d), where that is cheap and one is smooth."""
         smooth, committed = self.smooth_with(predicted.motion.layer), step.committed
@@ -322,12 +333,12 @@ class MotionModel(PreparedMesh):
             return iter([straight_way(origin, targets)])
         return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
 
-    def _acceptable_fraction(self, step: _Step, origin: Floats, displacement: Floats) -> float:
-        """A fraction of a ``displacement`` (k, d) from an ``origin`` (k, d) that is accepted instead of the step."""
+    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
+        """A fraction of the ``whole`` displacement that is accepted instead of all of it."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
-                model._accept_or_lead(replace(step, targets=origin + fraction * displacement))
+                model._accept_or_lead(replace(step, targets=whole.at(fraction)))
             except NumericalError:
                 return False
             return True

@@ -48,10 +48,12 @@ class Stage:
         """The same with a largest ``displacement``, of whose tolerance each level takes its share."""
         levels = 1 + len(self.further)
 
-        def told(level: AnyInterpolant) -> AnyInterpolant:
+        def scaled(level: AnyInterpolant) -> AnyInterpolant:
             return replace(level, largest=displacement / levels) if isinstance(level, Interpolant) else level
 
-        return replace(self, interpolant=told(self.interpolant), further=tuple(told(level) for level in self.further))
+        return replace(
+            self, interpolant=scaled(self.interpolant), further=tuple(scaled(level) for level in self.further)
+        )
 
     def positions(self, points: Floats, evaluator: Evaluator, prepared: Prepared | None = None) -> Floats:
         """(n, d) where the stage puts points (n, d), with what the evaluator has prepared for them."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.correction.correction import Correction
+from mesh_motion_server.numerics.interpolation.factor_source import CacheReport
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = ["Motion"]
@@ -21,8 +21,8 @@ class Motion:
     Attributes
     ----------
     points : (n, d) array
-        New positions, mesh length unit; the moving nodes are bitwise where they were told to be.
-    standard, corrected : QualitySummary, or LowestQuality of a model that was told so
+        New positions, mesh length unit; the moving nodes are bitwise at their targets.
+    standard, corrected : QualitySummary, or LowestQuality of a model without distributions
         Predicted before any node moved: by the standard motion, and after the correction.
     correction : Correction
         What the correction did.
@@ -48,7 +48,7 @@ class Motion:
     correction: Correction
     reached: bool
     seconds: dict[str, float]
-    caches: dict[str, Any]
+    caches: CacheReport
     control_points: NDArray[np.int64]
     support_radius: float
     warnings: list[str]

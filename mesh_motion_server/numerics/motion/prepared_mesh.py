@@ -140,6 +140,9 @@ class PreparedMesh:
             layered,
         )
 
+    def close(self) -> None:
+        """Nothing is held on other machines."""
+
     def without_distributions(self) -> Self:
         """The same, which judges a mesh by its worst cells, exactly, and leaves its distributions out.
 

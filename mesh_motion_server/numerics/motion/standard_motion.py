@@ -213,53 +213,53 @@ class StandardMotion:
         """One interpolation from the mesh ``points`` (n, d): the new positions, and what gave them."""
         roles = self.roles
         # of a plain motion only the nodes with a role are looked at: pages never touched cost nothing
-        told = points.copy() if self.layer is not None or self.periodic is not None else np.zeros(points.shape)
-        told[roles.moving] = targets
-        told[roles.fixed] = self.reference[roles.fixed]
+        prescribed = points.copy() if self.layer is not None or self.periodic is not None else np.zeros(points.shape)
+        prescribed[roles.moving] = targets
+        prescribed[roles.fixed] = self.reference[roles.fixed]
         if self.layer is not None:
             with watch.phase("displace"):
-                told[self.layer.nodes] = self.layer.carried(told)
+                prescribed[self.layer.nodes] = self.layer.carried(prescribed)
         reused = True
         if self.sliding is not None:
-            following = self._solve(points, self._controls(roles.prescribed), told, factors, watch)
+            following = self._solve(points, self._controls(roles.prescribed), prescribed, factors, watch)
             with watch.phase("displace"):
                 free = following.stage.positions(points[roles.sliding], self.evaluator)
                 free = self.sliding.project(free)
                 own = np.ones(len(free), dtype=bool) if self.layer is None else ~self.layer.known[roles.sliding]
-                told[roles.sliding[own]] = free[own]
-                told = self._tied(told)
+                prescribed[roles.sliding[own]] = free[own]
+                prescribed = self._tied(prescribed)
             reused = following.reused
-        solved = self._solve(points, self._controls(roles.all), told, factors, watch)
+        solved = self._solve(points, self._controls(roles.all), prescribed, factors, watch)
         with watch.phase("displace"):
-            moved = self._displaced(points, told, solved.stage, factors)
+            moved = self._displaced(points, prescribed, solved.stage, factors)
         return moved, replace(solved, reused=solved.reused and reused)
 
     def _controls(self, nodes: Indices) -> Indices:
         """The control nodes for nodes (c,) with a role: a layer's outermost ones for those behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
 
-    def _displaced(self, points: Floats, told: Floats, stage: Stage, factors: FactorSource) -> Floats:
-        """The mesh ``points`` (n, d) displaced by a stage, nodes with a role and a layer where they are ``told``."""
+    def _displaced(self, points: Floats, prescribed: Floats, stage: Stage, factors: FactorSource) -> Floats:
+        """The mesh ``points`` (n, d) displaced by a stage, nodes with a role and a layer as ``prescribed``."""
         if self.layer is None:
             known = self.roles.all
             prepared = prepared_for(self.evaluator, stage.interpolant, points, factors, unasked=known)
             moved = stage.positions(points, self.evaluator, prepared)
-            moved[known] = told[known]
+            moved[known] = prescribed[known]
             return self._tied(moved)
         free = ~self.layer.known
         free[self.roles.all] = False
-        moved = told.copy()
+        moved = prescribed.copy()
         moved[free] = stage.positions(points[free], self.evaluator)
         return self._tied(moved)
 
     def _solve(
-        self, points: Floats, controls: Indices, told: Floats, factors: FactorSource, watch: Stopwatch
+        self, points: Floats, controls: Indices, prescribed: Floats, factors: FactorSource, watch: Stopwatch
     ) -> _Solved:
-        """The stage that takes the control nodes from ``points`` (n, d) to ``told`` (n, d)."""
+        """The stage that takes the control nodes from ``points`` (n, d) to ``prescribed`` (n, d)."""
         with watch.phase("solve"):
             if self.periodic is not None:  # one of each orbit: it stands for its images
                 controls = np.unique(self.periodic.root_of(controls))
-            origin, goal = points[controls], told[controls]
+            origin, goal = points[controls], prescribed[controls]
             rigid = None
             if self.sliding is None and not len(self.roles.fixed):
                 rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
@@ -295,7 +295,7 @@ class StandardMotion:
 
         Where the boundary has changed so much that the reference mesh's plan does no longer, with a new one.
         """
-        plan = self.plans.plan_for(controls)
+        plan = self.plans.of(controls)
         try:
             if plan is None:
                 return factorization_of(points[controls], self.method, factors)
@@ -329,7 +329,7 @@ class StandardMotion:
         return volume_reduction_named(self.method.volume_reduction)(problem)
 
     def _tied(self, positions: Floats) -> Floats:
-        """Positions (n, d) with periodic images where their roots put them, except those that are told where to be."""
+        """Positions (n, d) with periodic images where their roots put them, except the moving nodes."""
         return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
 
     def _boundary_factorization(self, start: Floats, own: Factorization, factors: FactorSource) -> Factorization:

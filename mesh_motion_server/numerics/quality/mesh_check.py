@@ -21,7 +21,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.coincidence import first_at_place
+from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.patch_check import check_patches, patch_warnings
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
@@ -90,8 +90,8 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     _check_geometry(points, cells, sizes)
     check_patches(len(points), patches)
     boundary = _boundary_of(points, listed, read)
-    told = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
-    odd = [*read.warnings, *_coincident(points, told), *_orphans(len(points), cells)]
+    checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
+    odd = [*read.warnings, *_coincident(points, checked), *_orphans(len(points), cells)]
     return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches)])
 
 
@@ -200,11 +200,10 @@ def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
 
 def _coincident(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> list[str]:
     """A warning for boundary or patch nodes (b,) at the same place: two sides of an interface, a baffle or a wake."""
-    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
-    others = np.flatnonzero(first != nodes)
-    if not len(others):
+    pairs = coincident_nodes(points, nodes)
+    if not len(pairs):
         return []
-    pair, left = f"{first[others[0]]} and {nodes[others[0]]}", len(others) - 1
+    pair, left = f"{pairs[0, 0]} and {pairs[0, 1]}", len(pairs) - 1
     more = f" and {left} more pair{'s' if left > 1 else ''}" if left else ""
     return [
         f"the boundary nodes {pair}{more} are at the same place; they are interpolated as one, and each moves as it is "

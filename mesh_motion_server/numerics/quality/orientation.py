@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes, subset_quality
+from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest, reference_sizes, subset_quality
 
-__all__ = ["OrientedCells", "oriented"]
+__all__ = ["OrientedCells", "oriented", "oriented_at_rest"]
 
 #: Node orders that turn a cell of each type into its mirror image.
 _MIRROR: dict[str, tuple[int, ...]] = {
@@ -85,6 +85,12 @@ def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
         cells = _mirrored(cells, mirrored)
         sizes = reference_sizes(points, cells)
     return OrientedCells(cells, sizes, mirrored)
+
+
+def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[CellTable, CellsAtRest]:
+    """The cells in one orientation, and what quality is measured by; parameters as for :func:`oriented`."""
+    read = oriented(points, cells)
+    return read.cells, cells_at_rest(points, read.cells, read.sizes)
 
 
 def _mirrored(cells: CellTable, numbers: NDArray[np.int64]) -> CellTable:

@@ -106,6 +106,11 @@ class LowestQuality:
     cells: int
     worst: tuple[WorstCell, ...]
 
+    @property
+    def reported(self) -> dict[str, Minimum]:
+        """What a report says, by name."""
+        return {"metric": self.metric}
+
 
 @dataclass(frozen=True)
 class QualitySummary:
@@ -146,6 +151,11 @@ class QualitySummary:
         """From the distributions of :func:`reported_metrics`, by name."""
         size, skew, size_skew = (found[name] for name in ("size", "skew", "size-skew"))
         return cls(metric, found[metric], size, skew, size_skew, inverted, cells, worst)
+
+    @property
+    def reported(self) -> dict[str, Distribution]:
+        """What a report says, by name."""
+        return {"size": self.size, "skew": self.skew, "size_skew": self.size_skew, "metric": self.metric}
 
 
 #: What is said of a mesh: all of it, or what decides.

@@ -181,7 +181,7 @@ class Segments:
 
 
 def _write(handle: int, data: bytes, written: Callable[[int], None] = lambda _: None) -> None:
-    """Write all of it; ``written`` is told how many bytes each time."""
+    """Write all of it; ``written`` gets the number of bytes each time."""
     view = memoryview(data)
     while view:
         count = os.write(handle, view)

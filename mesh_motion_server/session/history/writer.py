@@ -67,7 +67,7 @@ class History:
         self.close()
         self._over, self._boundary_over, self._maker = not self._total, False, ""
 
-    # --- what is told ----------------------------------------------------------------------------------------------
+    # --- what is recorded ------------------------------------------------------------------------------------------
 
     def tell(self, event: str, **values: Any) -> None:
         """Add an event."""
@@ -103,7 +103,7 @@ class History:
                 _LOG.warning("the history of session %s ends, the session goes on: %s", self._session.name, reason)
 
     def last_step(self) -> tuple[bool, int]:
-        """Whether anything is told yet, and the last step that was told as committed; (True, 0) once it is over."""
+        """Whether anything is recorded yet, and the last step recorded as committed; (True, 0) once it is over."""
         found = (True, 0)
 
         def look() -> None:
@@ -114,7 +114,7 @@ class History:
         return found
 
     def close(self) -> None:
-        """Give the files back; nothing is told any more. Idempotent."""
+        """Give the files back; nothing is recorded any more. Idempotent."""
         self._over = True
         for segments in (self._events, self._boundary):
             if segments is not None:
@@ -135,12 +135,12 @@ class History:
             self._end_boundary(step, self._why)
             return
         self._next = step + 1
-        told = boundary()
-        if told.maker != self._maker:
-            self._maker = told.maker
-            self._write_boundary(pack_maker(step, told.maker), step)
+        found = boundary()
+        if found.maker != self._maker:
+            self._maker = found.maker
+            self._write_boundary(pack_maker(step, found.maker), step)
         if not self._boundary_over:
-            self._write_boundary(pack_input(step, told.frame, told.rows, 8 * dimension), step)
+            self._write_boundary(pack_input(step, found.frame, found.rows, 8 * dimension), step)
 
     def _take_up(self, step: int, digest: bytes) -> None:
         found = digest_at(self._session, step) if step else b""

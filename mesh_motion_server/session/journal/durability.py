@@ -122,7 +122,7 @@ def keeper_of(journal: Journal) -> Keeper:
 
 @contextmanager
 def logged_failure(session: str) -> Iterator[None]:
-    """Nobody waits for an answer: what fails is logged, and the next request is told."""
+    """Nobody waits for an answer: what fails is logged, and the next request is refused."""
     try:
         yield
     except JournalError as error:

@@ -100,7 +100,7 @@ def unreadable(what: str, error: OSError) -> JournalError:
 
 
 def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str) -> JournalError:
-    """What is told when the disk failed at doing something: the system's words, the error's name, the consequence."""
+    """The message of a disk that failed at doing something: the system's words, the error's name, the consequence."""
     name = errno.errorcode.get(error.errno or 0, "unknown")
     return JournalError(
         f"{doing}: {error.strerror or error} ({name}){consequence}",

@@ -365,7 +365,7 @@ class Journal:
             write_all(self._files, self._handles[1 + number], 0, bytes(self.ledger.foundation.record_area))
             self._files.sync(self._handles[1 + number])
         if found.torn and not found.completion:
-            # the torn record may have been an epoch that somebody was told
+            # the torn record may have been an epoch that was answered
             self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
         failpoint("journal.settle.done")
         self._renew_reserve()

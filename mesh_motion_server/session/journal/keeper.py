@@ -51,7 +51,7 @@ class Keeper(ABC):
 
     @abstractmethod
     def durable_after(self, step: int) -> int:
-        """The durable step that is told to whoever commits ``step``."""
+        """The durable step in the answer to a commit of ``step``."""
 
     @abstractmethod
     def prepare(self, state: Floats) -> None:

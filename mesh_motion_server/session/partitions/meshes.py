@@ -129,14 +129,14 @@ class MergedMesh:
         # take is three times as fast as indexing with an array
         return np.take(values, self.node_maps[partition], axis=0)
 
-    def scatter_differences(self, moved: Floats, base: Floats, told: Floats) -> list[Floats]:
+    def scatter_differences(self, moved: Floats, base: Floats, boundary_displacement: Floats) -> list[Floats]:
         """Displacements (n_p, d) from ``base`` to ``moved`` (n, d), in each partition's own order.
 
-        Those of the moving nodes are ``told`` (k, d), rows in the order of ``moving``.
+        Those of the moving nodes are the ``boundary_displacement`` (k, d), rows in the order of ``moving``.
         """
         found = [differences_of(moved, base, node_map) for node_map in self.node_maps]
         for own, (local, rows) in zip(found, self._moving_places, strict=True):
-            own[local] = told[rows]
+            own[local] = boundary_displacement[rows]
         return found
 
     @cached_property
@@ -147,12 +147,12 @@ class MergedMesh:
         local = [np.flatnonzero(is_moving[node_map]) for node_map in self.node_maps]
         return [(own, np.searchsorted(self.moving, m[own])) for own, m in zip(local, self.node_maps, strict=True)]
 
-    def gather_moving(self, displacements: Sequence[Floats]) -> Floats:
+    def gather_moving(self, boundary_displacements: Sequence[Floats]) -> Floats:
         """One displacement per moving node from each partition's rows.
 
         Parameters
         ----------
-        displacements : one (k_p, d) array per partition
+        boundary_displacements : one (k_p, d) array per partition
             Rows in the order of ``moving_local``; finite.
 
         Returns
@@ -165,9 +165,9 @@ class MergedMesh:
         InvalidInput
             Where two partitions move one node differently; names its global id, the partitions and both values.
         """
-        if len(displacements) == 1:
-            return self._single_gather(displacements[0])
-        rows = np.concatenate(displacements)
+        if len(boundary_displacements) == 1:
+            return self._single_gather(boundary_displacements[0])
+        rows = np.concatenate(boundary_displacements)
         nodes = np.concatenate([m[local] for m, local in self._moving_pairs()])
         _, first, inverse = np.unique(nodes, return_index=True, return_inverse=True)
         taken = rows[first]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.mesh.morton import morton_codes
 
-__all__ = ["canonical_order", "morton_codes"]
+__all__ = ["canonical_order"]
 
 
 def canonical_order(points: NDArray[np.float64], global_ids: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
-from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.session.journal.files import SLOTS, read_journal, verified_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Ledger
@@ -131,8 +131,7 @@ class StoredMesh:
         foundation = read_journal(folder, self._files).ledger.foundation
         _check_size(folder / "mesh.bin", most_bytes)
         self._mesh = merge(read_mesh(folder / "mesh.bin", self._files, foundation.mesh))
-        self._cells, sizes, _ = oriented(self._mesh.points, self._mesh.cells)
-        self._sizes = cells_at_rest(self._mesh.points, self._cells, sizes)
+        self._cells, self._sizes = oriented_at_rest(self._mesh.points, self._mesh.cells)
         self._surface: Surface | None = None
 
     def look(self) -> MeshView:

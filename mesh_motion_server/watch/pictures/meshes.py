@@ -13,8 +13,8 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
-from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.watch.pictures.before_after import MeshPair
 from mesh_motion_server.watch.pictures.runs import read_played
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
@@ -77,8 +77,7 @@ def pair_of(
     """
     if cells.dimension < 2:
         raise InvalidInput("a mesh of one dimension has no picture", hint="--show history draws its quality")
-    cells, own, _ = oriented(reference, cells)
-    sizes = cells_at_rest(reference, cells, own)
+    cells, sizes = oriented_at_rest(reference, cells)
     edge = boundary_nodes(cells)
     far = np.abs(after[edge] - before[edge]).max(axis=1) > _MOVED * float(np.ptp(reference, axis=0).max())
     judged = [cell_quality(points, cells, sizes) for points in (before, after)]

@@ -220,18 +220,18 @@ def test_a_radius_that_does_not_join_the_coarse_points_is_refused_or_left_to_one
     ):
         plans = TwoScalePlans.build(many, roles, method, offered=True)
         assert len(plans.plans) == planned
-        assert (plans.plan_for(roles.all) is None) == (planned == 0)
-        assert plans.plan_for(roles.moving) is None
+        assert (plans.of(roles.all) is None) == (planned == 0)
+        assert plans.of(roles.moving) is None
 
 
 def test_plans_serve_another_support_radius() -> None:
     points, moving = CASES["3D"]
     roles = BoundaryRoles(np.flatnonzero(moving), np.flatnonzero(~moving), *(np.empty(0, dtype=np.int64),) * 2)
     plans = TwoScalePlans.build(points, roles, Method(solver="two-scale", support_radius=2.5), offered=True)
-    other = plans.with_support_radius(1.2).plan_for(roles.all)
+    other = plans.with_support_radius(1.2).of(roles.all)
     assert other is not None
     assert other.support_radius == 1.2
-    assert plans.with_support_radius(0.05).plan_for(roles.all) is None
+    assert plans.with_support_radius(0.05).of(roles.all) is None
     kept: dict[bytes, Factorization] = {}
 
     class Kept:
@@ -240,7 +240,7 @@ def test_plans_serve_another_support_radius() -> None:
             return kept.setdefault(key, make()), reused
 
     box = np.stack([points.min(axis=0), points.max(axis=0)])
-    own = plans.plan_for(roles.all)
+    own = plans.of(roles.all)
     assert own is not None
     made = [two_scale_factorization_of(points, box, plan, Kept()) for plan in (own, other, own)]
     assert [reused for _, reused in made] == [False, False, True]

@@ -28,6 +28,7 @@ import numpy as np
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Commit, Fetch, Join, Move
 
+from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session import replay
 from mesh_motion_server.session.journal import journal as journal_module
@@ -48,21 +49,17 @@ FILES = ("spec.json", "mesh.bin", "manifest", "slot-0", "slot-1")
 class ExactModel(StandIn):
     """Sums that are rounded once: the same bits on every processor and with every library."""
 
-    def summary(self, points: Any) -> Any:
+    def summary(self, points: Any) -> QualitySummary:
         areas = [float(area) for area in self._areas(points)]
-        values = SimpleNamespace(
-            min=min(areas), mean=fsum(areas) / len(areas), p1=min(areas), p5=min(areas), p50=max(areas)
-        )
-        return SimpleNamespace(
-            size=values, skew=values, size_skew=values, metric=values, worst=[], inverted=0, cells=len(areas)
-        )
+        values = Distribution(min(areas), fsum(areas) / len(areas), min(areas), min(areas), max(areas))
+        return QualitySummary("size-skew", values, values, values, values, 0, len(areas), ())
 
-    def move(self, committed: Any, targets: Any, factors: Any, *, sent: Any = None) -> Any:
-        del factors
+    def move(self, committed: Any, targets: Any, factors: Any, *, boundary_displacement: Any = None) -> Any:
+        del factors, boundary_displacement
         moving, points = self.roles.moving, committed.copy()
-        told = targets - committed[moving]
+        displacement = targets - committed[moving]
         for axis in range(committed.shape[1]):
-            mean = fsum(float(x) for x in told[:, axis]) / len(told)
+            mean = fsum(float(x) for x in displacement[:, axis]) / len(displacement)
             for node in range(len(committed)):
                 points[node, axis] = float(committed[node, axis]) + mean * (1.0 - float(self.points[node, 0]))
         points[moving] = targets

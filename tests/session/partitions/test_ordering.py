@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh_motion_server.session.partitions.ordering import canonical_order, morton_codes
+from mesh_motion_server.numerics.mesh.morton import morton_codes
+from mesh_motion_server.session.partitions.ordering import canonical_order
 
 
 def slow_code(cell: list[int], bits: int) -> int:

@@ -225,12 +225,15 @@ class TwoScaleFactorization:
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Interpolant of (n, k) values at the control points; the mean of those at one place."""
         values = self._averaged(np.ascontiguousarray(values, dtype=np.float64))
-        evaluator, distinct = LocalEvaluator(), self.plan.distinct
+        evaluator, distinct, points = LocalEvaluator(), self.plan.distinct, self.control_points
         field = self.coarse.solve(values[self.plan.coarse])
         coarse = field if self.grid is None else self.grid.spline(on_grid(field, self.grid, evaluator))
-        points, wanted = self.control_points[distinct], values[distinct]
-        left = wanted - evaluator.displacement(TwoScaleInterpolant(coarse, (), self.basis, 0), points)
-        levels, iterations, scale = [], 0, largest(values)
+        scale = largest(values)
+        if len(distinct) < len(points):
+            points, values = points[distinct], values[distinct]
+        left = evaluator.displacement(TwoScaleInterpolant(coarse, (), self.basis, 0), points)
+        np.subtract(values, left, out=left)
+        levels, iterations = [], 0
         for system in self.systems:
             last = system is self.systems[-1]
             level, taken = system.solve(left, scale, last=last)

@@ -74,7 +74,7 @@ class TwoScalePlans:
         others = ((nodes, replace(plan, support_radius=radius)) for nodes, plan in self.plans)
         return TwoScalePlans(tuple((nodes, plan) for nodes, plan in others if plan.usable))
 
-    def plan_for(self, nodes: Indices) -> TwoScalePlan | None:
+    def of(self, nodes: Indices) -> TwoScalePlan | None:
         """The plan for control nodes (c,), or None: all of them in one scale."""
         return next((plan for planned, plan in self.plans if np.array_equal(planned, nodes)), None)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,23 +15,27 @@ from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.state import CommittedState, State, Trial
 
-__all__ = ["Built", "CommitOutcome", "MoveOutcome", "Standing"]
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.motion.motion_found import Motion
+    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+
+__all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome"]
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Standing:
-    """Where the session stands; swapped as a whole.
+class CurrentState:
+    """The state of a session; swapped as a whole.
 
-    ``trial_lost``: a trial may have been dropped unasked. ``disk_told``: somebody was told that the disk failed.
+    ``trial_lost``: a trial may have been dropped unasked. ``disk_failure_reported``: a reply or the log named it.
     """
 
     state: State
     committed: CommittedState | None = None
     trial: Trial | None = None
     trial_lost: bool = False
-    disk_told: bool = False
+    disk_failure_reported: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +69,7 @@ class MoveOutcome:
 
     step: int
     iteration: int
-    motion: Any
+    motion: Motion
     displacements: list[Floats]
     faces: tuple[FaceMeasures, FaceMeasures] | None = None
 
@@ -80,11 +84,11 @@ class CommitOutcome:
         That of the commit, and the one that no power loss goes behind once it is answered.
     digest : bytes
         State digest, see :mod:`mesh_motion_protocol.digests`.
-    quality : QualitySummary
+    quality : QualitySummary or LowestQuality
         Of the committed coordinates.
     """
 
     step: int
     durable_step: int
     digest: bytes
-    quality: Any
+    quality: Judgement
