@@ -40,7 +40,7 @@ from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
 from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
-from mesh_motion_server.files import MeshFile, VtuSeries
+from mesh_motion_server.files import MeshFile, VtuSeries, patch_marks
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
@@ -293,8 +293,8 @@ class _Run:
     def _write(self, step: int) -> None:
         """Add the mesh as it is now to the series."""
         quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}
-        displacement = {"displacement": self._points - self._mesh.points}
-        self._series.write(float(step), self._points, self._cells, point_data=displacement, cell_data=quality)
+        nodes = {"displacement": self._points - self._mesh.points, **patch_marks(self._mesh)}
+        self._series.write(float(step), self._points, self._cells, point_data=nodes, cell_data=quality)
 
     def keep(self, folder: Path, error: BaseException) -> None:
         """Write what an error leaves: the steps before it, and a refused mesh with its worst cells."""

@@ -15,6 +15,6 @@ from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import write_npz
 from mesh_motion_server.files.reader import read_mesh
 from mesh_motion_server.files.vtu import VtuSeries, write_vtu
-from mesh_motion_server.files.writer import check_target, write_mesh
+from mesh_motion_server.files.writer import check_target, patch_marks, write_mesh
 
-__all__ = ["MeshFile", "VtuSeries", "check_target", "read_mesh", "write_mesh", "write_npz", "write_vtu"]
+__all__ = ["MeshFile", "VtuSeries", "check_target", "patch_marks", "read_mesh", "write_mesh", "write_npz", "write_vtu"]

@@ -44,11 +44,15 @@ def write_vtu(
         d < 3 is filled up with zeros, as VTK's points have three coordinates.
     cells : CellTable
     point_data, cell_data : dict of str to (n,) | (n, d), (m,) | (m, d) arrays, optional
-        Vectors with d = 2 are filled up to three components.
+        Vectors with d = 2 are filled up to three components. The array ``cell`` has each cell's row among those of its
+        type, as messages name it.
     """
     body = _Appended()
+    rows = np.concatenate([np.arange(len(block), dtype=np.int64) for block in cells])
     point_lines = [body.array(name, _three_components(values)) for name, values in (point_data or {}).items()]
-    cell_lines = [body.array(name, _three_components(values)) for name, values in (cell_data or {}).items()]
+    cell_lines = [
+        body.array(name, _three_components(values)) for name, values in {**(cell_data or {}), "cell": rows}.items()
+    ]
     geometry = [body.array("Points", _three_components(points, vector=True))]
     structure = [body.array(name, values) for name, values in _topology(cells).items()]
     sections = (("PointData", point_lines), ("CellData", cell_lines), ("Points", geometry), ("Cells", structure))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.files.mesh_file import MeshFile
@@ -13,7 +14,7 @@ from mesh_motion_server.files.replace import require_file_place
 from mesh_motion_server.files.vtk import PATCH_PREFIX
 from mesh_motion_server.files.vtu import write_vtu
 
-__all__ = ["check_target", "write_mesh"]
+__all__ = ["check_target", "patch_marks", "write_mesh"]
 
 
 def check_target(path: Path) -> None:
@@ -47,9 +48,14 @@ def write_mesh(path: Path, mesh: MeshFile) -> None:
         if path.suffix.lower() == ".npz":
             write_npz(path, mesh)
             return
-        marks = {PATCH_PREFIX + name: np.zeros(len(mesh.points), dtype=np.uint8) for name in mesh.patches}
-        for name, nodes in mesh.patches.items():
-            marks[PATCH_PREFIX + name][nodes] = 1
-        write_vtu(path, mesh.points, mesh.cell_table, point_data=marks)
+        write_vtu(path, mesh.points, mesh.cell_table, point_data=patch_marks(mesh))
     except OSError as error:
         raise ResourceError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def patch_marks(mesh: MeshFile) -> dict[str, NDArray[np.uint8]]:
+    """Arrays ``patch_<name>`` (n,) of a mesh's nodes: 1 on the patch, else 0. Who reads the file finds its patches."""
+    marks = {PATCH_PREFIX + name: np.zeros(len(mesh.points), dtype=np.uint8) for name in mesh.patches}
+    for name, nodes in mesh.patches.items():
+        marks[PATCH_PREFIX + name][nodes] = 1
+    return marks

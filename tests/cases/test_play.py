@@ -236,6 +236,11 @@ def test_a_refused_step_keeps_the_steps_before_it(make_case, stand_in: Plays, tm
     assert (ended["step"], ended["code"], len(ended["worst"])) == (2, "FAILED_PRECONDITION.QUALITY", 10)
     grid = meshio.read(out / "refused.vtu")
     assert int(grid.cell_data["worst"][0].sum()) == 10
+    assert grid.cell_data["cell"][0].ravel().tolist() == list(range(len(grid.cells[0].data)))
+    series = read_mesh(out / "mesh_0001.vtu")
+    assert {name: nodes.tolist() for name, nodes in series.patches.items()} == {
+        name: nodes.tolist() for name, nodes in mesh.patches.items()
+    }
     worst = ended["worst"][0]
     triangle = grid.cells[0].data[worst["cell"]]
     np.testing.assert_allclose(grid.points[triangle][:, :2].mean(axis=0), worst["centre"])

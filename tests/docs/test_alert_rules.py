@@ -1,4 +1,6 @@
-"""The alert rules of docs/operations.md, put to Prometheus' own tests: when each one speaks, and when not."""
+"""The alert rules of docs/operations.md, put to Prometheus' own tests: when each one speaks, and when not; and
+that the board for Grafana beside them asks for metrics that there are, in expressions that Prometheus can read.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ import pytest
 
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
 
-PAGE = (Path(__file__).parents[2] / "docs" / "operations.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "operations.md").read_text(encoding="utf-8")
+BOARD = (DOCS / "grafana.json").read_text(encoding="utf-8")
 #: What Prometheus adds to each series of the page's scrape.
 SCRAPED = {"job": "mesh-motion", "instance": "host:9464"}
 #: Scrapes a minute.
@@ -115,6 +119,36 @@ def verdict(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
     (folder / "test.yml").write_text(json.dumps(tests), encoding="utf-8")
     command = [promtool, "test", "rules", "test.yml"]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def board_expressions(text: str) -> list[str]:
+    """What the board's panels ask Prometheus for."""
+    return [target["expr"] for panel in json.loads(text)["panels"] for target in panel["targets"]]
+
+
+def unknown_series(expressions: list[str]) -> set[str]:
+    """The names of series in the expressions that the server does not show."""
+    ends = {"counter": ["_total"], "gauge": [""], "histogram": ["_bucket", "_sum", "_count"]}
+    known = {PREFIX + name + end for name, metric in METRICS.items() for end in ends[metric.kind]}
+    return {name for text in expressions for name in re.findall(rf"{PREFIX}\w+", text)} - known
+
+
+def test_the_board_asks_for_metrics_that_there_are() -> None:
+    assert unknown_series(board_expressions(BOARD)) == set()
+    assert unknown_series(board_expressions(BOARD.replace("moves_total", "moves"))) == {PREFIX + "moves"}
+
+
+def test_prometheus_reads_what_the_board_asks(tmp_path: Path) -> None:
+    """As rules, which promtool checks; the interval is what Grafana puts in."""
+    promtool = shutil.which("promtool")
+    if promtool is None:
+        pytest.skip("promtool (Debian: prometheus) is not installed")
+    asked = [text.replace("$__rate_interval", "1m") for text in board_expressions(BOARD)]
+    rules = [{"record": f"panel:{number}", "expr": text} for number, text in enumerate(asked)]
+    (tmp_path / "board.yml").write_text(json.dumps({"groups": [{"name": "board", "rules": rules}]}), encoding="utf-8")
+    command = [promtool, "check", "rules", "board.yml"]
+    found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
 
 
 def test_every_rule_has_a_case() -> None:

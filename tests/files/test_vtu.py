@@ -38,6 +38,7 @@ def test_vtk_reads_points_cells_and_data(tmp_path: Path, all_solids: Mesh) -> No
     np.testing.assert_array_equal(support.vtk_to_numpy(grid.GetPointData().GetArray("displacement")), points * 2)
     np.testing.assert_array_equal(support.vtk_to_numpy(grid.GetCellData().GetArray("size")), size)
     np.testing.assert_array_equal(support.vtk_to_numpy(grid.GetCellData().GetArray("bad")), [0, 0, 1, 1])
+    np.testing.assert_array_equal(support.vtk_to_numpy(grid.GetCellData().GetArray("cell")), [0, 0, 0, 0])
     types = [grid.GetCellType(i) for i in range(grid.GetNumberOfCells())]
     assert types == [10, 12, 13, 14]
 

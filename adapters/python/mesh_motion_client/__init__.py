@@ -17,11 +17,15 @@
 keys: ``connect(endpoint, keys=Keys.load("alice.secret", "server.public"))``, or name the files in the environment
 (:mod:`.keys`).
 
-Modules, from the outside in: :mod:`.server`, :mod:`.session`, :mod:`.mesh`, :mod:`.credentials`, :mod:`.control`,
-:mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
+In a notebook: the objects describe themselves, ``mesh.plot()``, ``moved.plot()`` and ``session.plot()`` draw them, and
+``progress(steps)`` shows how far a loop is.
+
+Modules, from the outside in: :mod:`.server`, :mod:`.session`, :mod:`.moved`, :mod:`.mesh`, :mod:`.display`,
+:mod:`.credentials`, :mod:`.control`, :mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
 """
 
 from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.display import progress
 from mesh_motion_client.errors import (
     DataLoss,
     InvalidInput,
@@ -37,6 +41,7 @@ from mesh_motion_client.errors import (
 )
 from mesh_motion_client.keys import Keys
 from mesh_motion_client.mesh import Mesh, Patch
+from mesh_motion_client.moved import Moved
 from mesh_motion_client.server import Server, connect
 from mesh_motion_client.session import Session
 
@@ -47,6 +52,7 @@ __all__ = [
     "Keys",
     "Mesh",
     "MeshMotionError",
+    "Moved",
     "Patch",
     "QualityRefused",
     "ResourceExhausted",
@@ -59,4 +65,5 @@ __all__ = [
     "Unavailable",
     "Unsupported",
     "connect",
+    "progress",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 from mesh_motion_protocol.messages import Upload
 from numpy.typing import ArrayLike, NDArray
 
+from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput
 
 __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]
@@ -50,8 +51,8 @@ class Patch:
         object.__setattr__(self, "nodes", _indices(self.nodes, "a patch's nodes").reshape(-1))
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(Described):
     """A volume mesh, or one partition of it.
 
     Attributes
@@ -97,6 +98,17 @@ class Mesh:
         """What the upload takes."""
         sizes = [self.points.nbytes, *(nodes.nbytes for nodes in self.cells.values())]
         return sum(sizes) + sum(patch.nodes.nbytes for patch in self.patches.values())
+
+    def description(self) -> list[str]:
+        """Its size, its box, and its patches."""
+        cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in self.cells.items())
+        low, high = (", ".join(f"{x:.4g}" for x in ends) for ends in (self.points.min(axis=0), self.points.max(axis=0)))
+        patches = [f"{name}: {len(patch.nodes)} nodes, {patch.role}" for name, patch in self.patches.items()]
+        return [f"Mesh in {self.dimension}D: {len(self.points)} nodes, {cells}", f"box ({low}) to ({high})", *patches]
+
+    def plot(self) -> Any:
+        """A picture: of a plane mesh its cells, of one in space its boundary. See :func:`.display.draw`."""
+        return draw(self, self.points, "the mesh as given")
 
     def parts(self, **at: Any) -> Iterator[Upload]:
         """The UPLOADs that carry this mesh; ``at`` are the fields they share."""

@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
+from mesh_motion_protocol import messages
 from mesh_motion_protocol.messages import (
     Build,
     Built,
@@ -18,7 +19,6 @@ from mesh_motion_protocol.messages import (
     Fetched,
     Joined,
     Move,
-    Moved,
     Rollback,
     RolledBack,
     Status,
@@ -30,16 +30,21 @@ from numpy.typing import ArrayLike, NDArray
 from mesh_motion_client.control import Control
 from mesh_motion_client.courier import Courier
 from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError
 from mesh_motion_client.mesh import Mesh, finite_rows
+from mesh_motion_client.moved import Moved
 
 __all__ = ["Frame", "Report", "Session"]
+
+#: Settings that a description names.
+_TOLD = ("support_radius", "correction", "quality_threshold", "displacement")
 
 Frame = Literal["committed", "reference"]
 Report = Literal["", "faces"]
 
 
-class Session:
+class Session(Described):
     """One partition's view of a session; used by one thread. Made by :class:`.server.Server`.
 
     Attributes
@@ -81,6 +86,7 @@ class Session:
         self.mesh_report: dict[str, Any] = {}
         self.quality: dict[str, Any] = {}
         self._patches: dict[str, NDArray[np.int64]] = {}
+        self._mesh: Mesh | None = None
         self._control = control
         self._courier = Courier(control, credentials, partition, shares_memory=shares_memory)
         self._timeout = timeout
@@ -135,9 +141,9 @@ class Session:
         """
         rows = self._rows(displacements)
         move = Move(**self._address, step=self.step + 1, frame=frame, report=report, displacement=rows)
-        moved = self._courier.deliver(move, Moved, timeout or self._compute_timeout)
+        moved = self._courier.deliver(move, messages.Moved, timeout or self._compute_timeout)
         self._courier.trial, self._courier.iteration = move, moved.iteration
-        return moved
+        return Moved(**vars(moved), mesh=self._mesh, is_total=frame == "reference")
 
     def commit(self, *, timeout: float | None = None) -> Committed:
         """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
@@ -167,6 +173,28 @@ class Session:
     def status(self, *, timeout: float | None = None) -> StatusReport:
         """Where the session stands: state, step, iteration, counters."""
         return self._courier.deliver(Status(**self._address), StatusReport, timeout or self._timeout)
+
+    def description(self) -> list[str]:
+        """Where it stands, its mesh, and its settings."""
+        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items() if name in _TOLD)
+        state = "closed" if self._closed else f"iteration {self.iteration}" if self.iteration else "no trial"
+        return [
+            f"Session {self.credentials.session[:8]}: step {self.step}, {state}",
+            f"{self.dimension}D, {len(self.moving_nodes)} moving nodes" + (f": {settings}" if settings else ""),
+            *(self._mesh.description() if self._mesh else ["resumed: the mesh is with the server"]),
+        ]
+
+    def plot(self) -> Any:
+        """A picture of the committed mesh. See :func:`.display.draw`.
+
+        Raises
+        ------
+        InvalidInput
+            If the session was resumed, so that its cells are not known here.
+        """
+        if self._mesh is None:
+            raise InvalidInput("a resumed session has no cells to draw", hint="mesh-motion plot FOLDER draws it")
+        return draw(self._mesh, self.points(), f"step {self.step}")
 
     def close(self, outcome: Literal["keep", "discard"] = "keep") -> None:
         """End this use. ``keep`` leaves the session resumable, ``discard`` deletes it. Idempotent."""
@@ -215,6 +243,7 @@ class Session:
         self.moving_nodes = built.moving_nodes
         self._courier.may_resume = partitions == 1
         self.settings, self.mesh_report, self.quality = built.settings, built.mesh, built.quality
+        self._mesh = mesh
         self._patches = {name: patch.nodes for name, patch in mesh.patches.items() if patch.role == "moving"}
         return built
 

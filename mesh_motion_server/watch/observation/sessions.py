@@ -14,7 +14,7 @@ from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.follow import last_event
 
-__all__ = ["SessionView", "Sessions"]
+__all__ = ["SessionView", "Sessions", "rests"]
 
 #: What a session is after its last event.
 _STATES = {
@@ -31,6 +31,13 @@ _STATES = {
 }
 #: Events of the step after the committed one; the others name the committed one, or none.
 _AHEAD = ("moved", "rolled_back")
+#: After these a session that nobody holds can be resumed: a trial ends with its worker.
+_WITHOUT_WORKER = (State.READY, State.TRIAL, State.COMMITTING)
+
+
+def rests(state: str, held: bool | None) -> bool:
+    """Whether a session is at rest: nobody holds it (``held`` False), and it was not suspended, closed or failed."""
+    return held is False and state in _WITHOUT_WORKER
 
 
 @dataclass(frozen=True)

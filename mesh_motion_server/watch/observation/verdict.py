@@ -8,10 +8,13 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from statistics import fmean, median
 from typing import Any, Literal
 
-__all__ = ["Recent", "Verdict", "duration", "server_gone", "verdict"]
+from mesh_motion_server.watch.observation.follow import EventTail
+
+__all__ = ["Latest", "Recent", "Verdict", "duration", "server_gone", "verdict"]
 
 Tone = Literal["good", "warn", "bad", ""]
 
@@ -23,6 +26,8 @@ _FEWEST, _HORIZON = 6, 100
 _SHARE = 0.5
 #: A session is stalled after so many usual pauses between commits, but never within so many seconds.
 _PAUSES, _PATIENCE = 10.0, 30.0
+#: So much of the end of a history is read at first.
+_TAIL_BYTES = 512 << 10
 
 _ENDS_A_TRIAL = ("committed", "rolled_back", "resumed", "suspended", "closed", "failed")
 _BEGINS = ("built", "resumed", "joined")
@@ -69,6 +74,11 @@ class Recent:
         times = [commit.at for commit in self.commits]
         return median(after - before for before, after in pairwise(times)) if len(times) > 2 else math.inf
 
+    @property
+    def hourly(self) -> float | None:
+        """Steps an hour at the usual pause; None where it is not known."""
+        return 3600.0 / self.pause if 0.0 < self.pause < math.inf else None
+
     def take(self, event: Mapping[str, Any]) -> None:
         """The next event; one that lacks what its kind has is passed over, another version may have written it."""
         with suppress(KeyError, TypeError, ValueError, AttributeError):
@@ -109,6 +119,20 @@ class Recent:
         self.commits.append(commit)
         is_below = self.threshold is not None and commit.minimum < self.threshold
         self.below = (self.below or commit) if is_below else None
+
+
+class Latest:
+    """The end of the history in one session's folder, read as it grows."""
+
+    def __init__(self, folder: Path) -> None:
+        self._tail, self._recent = EventTail(folder, last_bytes=_TAIL_BYTES), Recent()
+
+    def read(self) -> Recent:
+        """What is known by now."""
+        while events := self._tail.read():
+            for event in events:
+                self._recent.take(event)
+        return self._recent
 
 
 @dataclass(frozen=True)
@@ -176,8 +200,8 @@ def _stands(recent: Recent) -> str:
     told = [f"step {latest.step}"]
     if not math.isnan(latest.minimum):
         told.append(f"minimum {latest.minimum:.3f}")
-    if 0.0 < recent.pause < math.inf:
-        told.append(f"{3600.0 / recent.pause:,.0f} steps an hour".replace(",", "\u202f"))
+    if recent.hourly is not None:
+        told.append(f"{recent.hourly:,.0f} steps an hour".replace(",", "\u202f"))
     return ", ".join(told)
 
 

@@ -71,6 +71,7 @@ class Page:
             Route("/api/live", _Stream(self.live)),
             Route("/api/sessions", self._sessions),
             Route("/api/sessions/{session}", self._detail),
+            Route("/api/sessions/{session}/steps/{step:int}", self._step),
             Route("/api/sessions/{session}/series", self._series),
             Route("/api/sessions/{session}/mesh", self._mesh),
             Mount("/static", _Files(directory=STATIC)),
@@ -94,6 +95,11 @@ class Page:
     async def _detail(self, request: Request) -> Response:
         archive, session = self._archive, request.path_params["session"]
         return await self._json(request, archive.histories, lambda: archive.detail(session))
+
+    async def _step(self, request: Request) -> Response:
+        archive, asked = self._archive, request.path_params
+        make = partial(archive.step, asked["session"], asked["step"])
+        return await self._json(request, archive.histories, make)
 
     async def _series(self, request: Request) -> Response:
         archive, session, asked = self._archive, request.path_params["session"], request.query_params

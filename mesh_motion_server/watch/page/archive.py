@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.watch.observation.follow import events_naming
+from mesh_motion_server.watch.page.followed import Followed
 from mesh_motion_server.watch.page.overview import Overview
 from mesh_motion_server.watch.page.reading import Reading
 
@@ -69,6 +71,14 @@ class Archive:
         """A session but its series, JSON; in the thread ``histories``."""
         followed = self._follow(session)
         return self._answer(followed, (session,), followed.detail)
+
+    def step(self, session: str, step: int) -> bytes:
+        """What :meth:`detail` tells, of one step that is over; in the thread ``histories``."""
+        folder, then = self._found(session), Followed()
+        then.take(events_naming(folder, step))
+        if not then.events:
+            raise SessionError(f"step {step} is not recorded", code="NOT_FOUND", hint="the oldest events go first")
+        return as_json(then.detail())
 
     def series(self, session: str, first: int | None, last: int | None, points: int) -> bytes:
         """Its series, JSON; in the thread ``histories``."""

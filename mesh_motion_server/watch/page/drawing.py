@@ -60,6 +60,7 @@ class Packer:
             "dimension": view.dimension,
             "metric": view.metric,
             "threshold": view.threshold,
+            "minimum": float(np.nanmin(view.quality)),
             "cells": len(view.quality),
             "shown": len(view.cells),
             "inverted_cells": int(np.count_nonzero(view.inverted)),

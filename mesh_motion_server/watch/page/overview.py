@@ -8,36 +8,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.watch.observation.follow import EventTail
-from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
-from mesh_motion_server.watch.observation.standing import rests
-from mesh_motion_server.watch.observation.verdict import Recent, verdict
+from mesh_motion_server.watch.observation.sessions import Sessions, SessionView, rests
+from mesh_motion_server.watch.observation.verdict import Latest, Recent, verdict
 
 __all__ = ["Overview"]
 
 #: Sessions that are listed, the last changed.
 _LISTED = 200
-#: Of a history's end so much is read at first for that line.
-_TAIL_BYTES = 512 << 10
-
-
 #: A session that the supervisor does not know.
 _NOBODY = ("", "none")
-
-
-class _Brief:
-    """The end of one session's history."""
-
-    def __init__(self, folder: Path) -> None:
-        self._tail = EventTail(folder, last_bytes=_TAIL_BYTES)
-        self.recent = Recent()
-
-    def catch_up(self) -> Recent:
-        """Read what has come."""
-        while events := self._tail.read():
-            for event in events:
-                self.recent.take(event)
-        return self.recent
 
 
 class Overview:
@@ -50,7 +29,7 @@ class Overview:
 
     def __init__(self, state_folder: Path) -> None:
         self._sessions = Sessions(state_folder)
-        self._briefs: dict[str, _Brief] = {}
+        self._latest: dict[str, Latest] = {}
         self._stored: set[str] = set()  # at the last look, and those that still have a worker
 
     def listed(self, live: list[list[Any]]) -> list[dict[str, Any]]:
@@ -66,7 +45,7 @@ class Overview:
         first = sorted(stored, key=lambda view: known.get(view.session, _NOBODY)[1] != "alive")[:_LISTED]
         chosen = {view.session for view in first}
         views = [view for view in stored if view.session in chosen]
-        self._briefs = {view.session: self._brief(view) for view in views}
+        self._latest = {view.session: self._latest.get(view.session) or Latest(Path(view.folder)) for view in views}
         listed = [self._entry(view, known.get(view.session)) for view in views]
         names = {view.session for view in stored}
         self._stored = names | (self._stored & known.keys())
@@ -75,18 +54,15 @@ class Overview:
         new = [_unbuilt(entry) for name, entry in known.items() if name not in self._stored and entry[1] != "dead"]
         return [*new, *listed]
 
-    def _brief(self, view: SessionView) -> _Brief:
-        return self._briefs.get(view.session) or _Brief(Path(view.folder))
-
     def _entry(self, view: SessionView, live: list[Any] | None) -> dict[str, Any]:
-        recent = self._briefs[view.session].catch_up()
+        recent = self._latest[view.session].read()
         worker, state, step = "none", view.state, view.step
         if live is not None:
             worker = live[1]
             state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
         if worker == "none" and rests(state, held=False):
             state = "READY"
-        minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 4) for commit in recent.commits]
+        minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 6) for commit in recent.commits]
         return {
             "session": view.session,
             "label": view.label,
@@ -97,6 +73,9 @@ class Overview:
             "state": state,
             "worker": worker,
             "step": step,
+            "minimum_of": recent.commits[-1].step if recent.commits else step,
+            "committed_at": recent.commits[-1].at if recent.commits else None,
+            "hourly": recent.hourly,
             "iteration": recent.iteration if worker == "alive" else 0,
             "minimum": minima[-1] if minima else None,
             "threshold": recent.threshold,
@@ -122,6 +101,9 @@ def _unbuilt(live: list[Any]) -> dict[str, Any]:
         "state": state,
         "worker": worker,
         "step": step,
+        "minimum_of": step,
+        "committed_at": None,
+        "hourly": None,
         "iteration": 0,
         "minimum": None,
         "threshold": None,

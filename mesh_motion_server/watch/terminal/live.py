@@ -7,6 +7,7 @@ import select
 import signal
 import sys
 import termios
+import time
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,7 +18,7 @@ from rich.live import Live
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.terminal.sources import Source, Unreadable
-from mesh_motion_server.watch.terminal.table import Look, look_at, rendered
+from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, without_server
 
 __all__ = ["watch"]
 
@@ -32,16 +33,17 @@ def watch(source: Source, session: str | None, every: float) -> int:
     A session that is not there yet, and a folder or server that is gone, are waited for.
     """
     console, keyboard = Console(), sys.stdin.fileno()
-    look = Look([])
+    look, read_at = Look([]), 0.0
     try:
         with _single_keys(keyboard), Live(console=console, screen=True, auto_refresh=False) as live:
             signal.signal(signal.SIGTERM, _end)  # Live then leaves the other screen
             while True:
                 trouble = ""
                 try:
-                    look = look_at(source, session)
+                    look, read_at = look_at(source, session), time.time()
                 except (Unreadable, SessionError) as error:
                     trouble = str(error)
+                    look = without_server(look, read_at) if isinstance(error, Unreadable) else look
                 rows = max(console.height - _ROWS_OF_DETAILS, 3)
                 live.update(rendered(f"{source.where} (q quits)", look, trouble, rows), refresh=True)
                 if select.select([keyboard], [], [], every)[0] and b"q" in _pressed(keyboard):

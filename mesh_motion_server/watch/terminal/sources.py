@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -14,10 +16,10 @@ from mesh_motion_client import Keys, MeshMotionError, Server, connect
 
 from mesh_motion_server import errors
 from mesh_motion_server.session.listing import SPEC
-from mesh_motion_server.watch.observation.follow import EventTail, last_event
+from mesh_motion_server.watch.observation.follow import EventTail
 from mesh_motion_server.watch.observation.series import Series
-from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
-from mesh_motion_server.watch.observation.standing import rests
+from mesh_motion_server.watch.observation.sessions import Sessions, SessionView, rests
+from mesh_motion_server.watch.observation.verdict import Latest, Verdict, verdict
 from mesh_motion_server.watch.terminal.text import number
 
 __all__ = ["Details", "EndpointSource", "FolderSource", "SessionLine", "Source", "Unreadable"]
@@ -25,6 +27,7 @@ __all__ = ["Details", "EndpointSource", "FolderSource", "SessionLine", "Source",
 #: How much of the end of a history is read: some thousand Moves, in less than a second.
 _LATEST_BYTES = 8 << 20
 _MOST_MESSAGES = 100
+_UNKNOWN = Verdict("", "", "", 0.0)
 _STATE_EVENTS = ("suspended", "joined", "closed", "resumed", "frozen", "failed")
 
 
@@ -38,8 +41,8 @@ class Unreadable(Exception):
 
 @dataclass(frozen=True)
 class SessionLine:
-    """A session in the list: the last committed step, its lowest quality, the Unix time of the last event, and whether
-    a process holds the session. None: not known.
+    """A session in the list: the last committed step, its lowest quality, the Unix times of the last event and the last
+    commit, whether a process holds the session, and how it stands. None: not known.
     """
 
     session: str
@@ -48,7 +51,9 @@ class SessionLine:
     step: int
     minimum: float | None = None
     changed_at: float | None = None
+    committed_at: float | None = None
     is_live: bool | None = None
+    verdict: Verdict = _UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -125,6 +130,7 @@ class EndpointSource:
                 state=str(session.get("state", "")),
                 step=int(session.get("step", 0)),
                 is_live=session.get("worker") == "alive",
+                verdict=Verdict(str(session.get("state", "")).lower(), "", "", 0.0),
             )
             for session in listed
         )
@@ -151,14 +157,16 @@ class FolderSource:
         self._root = folder.parent.parent if is_session else folder
         self._sessions = Sessions(self._root)
         self._history: _HistoryEnd | None = None
+        self._latest: dict[str, Latest] = {}
 
     def sessions(self) -> list[SessionLine]:
         """See :class:`Source`."""
         if not self._root.is_dir():
             raise Unreadable("the folder is not there (yet)")
         try:
-            views = self._sessions.views()
-            return _in_order(_line(view) for view in views if self._only in (None, view.session))
+            views = [view for view in self._sessions.views() if self._only in (None, view.session)]
+            self._latest = {view.session: self._latest.get(view.session) or Latest(Path(view.folder)) for view in views}
+            return _in_order(_line(view, self._latest[view.session]) for view in views)
         except (OSError, errors.MeshMotionError) as error:
             raise Unreadable(f"the folder cannot be read: {error}") from error
 
@@ -175,19 +183,19 @@ class FolderSource:
         """See :class:`Source`."""
 
 
-def _line(view: SessionView) -> SessionLine:
-    value = None
-    with suppress(OSError):
-        event = last_event(Path(view.folder), ("committed",))
-        value = event["quality"].get("metric", {}).get("min") if event else None
+def _line(view: SessionView, latest: Latest) -> SessionLine:
+    recent = latest.read()
+    last = recent.commits[-1] if recent.commits else None
     return SessionLine(
         session=view.session,
         label=view.label,
         state="at rest" if rests(view.state, view.held) else view.state,
         step=view.step,
-        minimum=float(value) if isinstance(value, int | float) else None,
+        minimum=None if last is None or math.isnan(last.minimum) else last.minimum,
         changed_at=view.changed_at,
+        committed_at=last.at if last else None,
         is_live=view.held,
+        verdict=verdict(recent, time.time(), worker="none" if view.held is False else "alive"),
     )
 
 

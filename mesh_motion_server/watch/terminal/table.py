@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -14,12 +14,13 @@ from rich.text import Text
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.observation.series import PHASES
+from mesh_motion_server.watch.observation.verdict import server_gone
 from mesh_motion_server.watch.terminal.sources import Details, SessionLine, Source
 from mesh_motion_server.watch.terminal.text import age, number, plain
 
-__all__ = ["Look", "look_at", "rendered", "values_of"]
+__all__ = ["Look", "look_at", "rendered", "values_of", "without_server"]
 
-_STATES = {"TRIAL": "bold", "READY": "bold", "FAILED": "bold red", "FROZEN": "bold red", "SUSPENDED": "yellow"}
+_TONES = {"good": "green", "warn": "bold yellow", "bad": "bold red", "": ""}
 _KINDS = {"warning": "yellow", "refused": "bold magenta", "failed": "bold red"}
 _COLUMNS = ("step", "actual_min", "actual_mean", "predicted_min", "iterations", "seconds_total")
 _WORST = 3
@@ -49,6 +50,11 @@ def look_at(source: Source, wanted: str | None) -> Look:
     return Look(lines, chosen, source.details(lines[chosen].session) if chosen >= 0 else None)
 
 
+def without_server(look: Look, since: float) -> Look:
+    """The last look, when nothing can be read any more since a Unix time."""
+    return replace(look, lines=[replace(line, verdict=server_gone(since)) for line in look.lines])
+
+
 def _place(lines: Sequence[SessionLine], wanted: str | None) -> int:
     if wanted is None:
         return max(range(len(lines)), key=lambda i: lines[i].changed_at or 0.0, default=-1)
@@ -71,7 +77,9 @@ def rendered(where: str, look: Look, trouble: str = "", most_rows: int | None = 
     if look.lines:
         rows.append(_table(look, most_rows or count))
     if look.chosen >= 0:
-        rows += ["", Text(plain(look.lines[look.chosen].label) or look.lines[look.chosen].session, style="bold")]
+        line = look.lines[look.chosen]
+        rows += ["", Text(plain(line.label) or line.session, style="bold")]
+        rows.append(Text(plain(line.verdict.line(time.time())), style=_TONES[line.verdict.tone]))
     if look.details is not None:
         rows += _details(look.details)
     return Group(*rows)
@@ -79,18 +87,21 @@ def rendered(where: str, look: Look, trouble: str = "", most_rows: int | None = 
 
 def _table(look: Look, most_rows: int) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for name in ("", "label", "state", "step", "minimum", "changed", "session"):
-        right = name in ("step", "minimum", "changed")
+    for name in ("", "label", "verdict", "since", "step", "minimum", "committed", "session"):
+        right = name in ("since", "step", "minimum", "committed")
         table.add_column(name, justify="right" if right else "left", no_wrap=True, max_width=44)
     first = min(max(look.chosen - most_rows // 2, 0), max(len(look.lines) - most_rows, 0))
     now = time.time()
     for place, line in enumerate(look.lines[first : first + most_rows], start=first):
-        changed = f"{age(now - line.changed_at)} ago" if line.changed_at else ""
+        stands = line.verdict
+        # of a session that runs it is since when there was no commit, which has a column of its own
+        since = age(now - stands.since) if stands.since and stands.kind != "running" else ""
+        committed = f"{age(now - line.committed_at)} ago" if line.committed_at else ""
         table.add_row(
             Text("●" if line.is_live else "○", style="green" if line.is_live else "dim"),
             Text(plain(line.label) or "–", style="bold" if place == look.chosen else ""),
-            Text(plain(line.state), style=_STATES.get(line.state, "")),
-            *map(Text, (str(line.step), number(line.minimum), changed, line.session[:8])),
+            Text(plain(stands.kind), style=_TONES[stands.tone]),
+            *map(Text, (since, str(line.step), number(line.minimum), committed, line.session[:8])),
         )
     return table
 

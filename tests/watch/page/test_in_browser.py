@@ -110,11 +110,47 @@ def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProces
         file.write(json.dumps(committed | {"at": time.time(), "step": 121}) + "\n")
         file.flush()
         tab.wait(lambda: tab.text("#figures dd").startswith("121"), "the step is shown")
+        verdict = tab.wait(lambda: tab.text("#verdict").startswith("running") and tab.text("#verdict"), "it runs")
+        assert "step 121, minimum 0." in verdict
+        assert tab.run("return document.title").startswith("running · <b>flag</b> · step 121")
     with segments[-1].open("a") as file:  # alone: nothing but the refusal tells that there is news
         file.write(json.dumps(refused | {"message": "it is too bad", "hint": "move less", "details": {}}) + "\n")
     tab.wait(lambda: "FAILED_PRECONDITION.QUALITY" in tab.text("#events li"), "the refusal is shown")
     assert "move less" in tab.text("#events li")
+    tab.wait(lambda: tab.text("#verdict").startswith("refused for "), "the verdict is the refusal")
+    assert "step 121: it is too bad" in tab.text("#verdict")
+    row = f"#sessions li[data-session='{SHORT}']"
+    assert (tab.text(f"{row} .badge"), "it is too bad" in tab.text(f"{row} .why")) == ("refused", True)
+    assert tab.run("return document.title").startswith("refused · ")
     tab.wait(lambda: tab.run("return globalThis.monitor.history.columns.step.at(-1)") == 121, "the chart has the step")
+
+
+def test_one_goes_to_the_worst_step_and_back(tab: Browser, server: ServerProcess) -> None:
+    show(tab, server, THIRD)
+    lowest = "const c = monitor.history.columns; return c.step[c.actual_min.indexOf(Math.min(...c.actual_min))]"
+    worst = str(tab.run(lowest))
+    tab.run("document.getElementById('scrub-worst').click()")
+    tab.wait(lambda: tab.text("#figures dd").split()[0] == worst, "the worst step is shown")
+    assert tab.text("#worst-of") == f"committed, step {worst}"
+    assert tab.run("return document.getElementById('scrub').getAttribute('aria-valuetext')") == f"step {worst}"
+    tab.run("const s = document.getElementById('scrub'); s.value = 6; s.dispatchEvent(new Event('input'))")
+    tab.wait(lambda: tab.text("#figures dd").split()[0] == "7", "the step of the slider is shown")
+    tab.click("#quality .plot", 0, 0)
+    tab.wait(lambda: tab.text("#figures dd").split()[0] not in ("7", "40"), "the step in the chart's middle is shown")
+    tab.run("document.getElementById('scrub-latest').click()")
+    tab.wait(lambda: tab.text("#figures dd").split()[0] == "40", "the latest step is shown")
+    assert tab.complaints() == []
+
+
+def test_chart_fonts_have_whole_pixels_and_no_name_is_struck_through(tab: Browser, server: ServerProcess) -> None:
+    """uPlot takes the first digits of a font for its size, and made 22.5px of 11.5px with two pixels to one."""
+    show(tab, server, SHORT, mesh=False)
+    fonts = "return monitor.history.charts.flatMap((c) => c.plotOptions().axes.map((a) => parseFloat(a.font)))"
+    assert all(float(size).is_integer() for size in tab.run(fonts))
+    assert tab.texts("#quality .chart-legend button .value") != []
+    tab.run("document.querySelector('#quality .chart-legend button').click()")
+    style = "return getComputedStyle(document.querySelector('#quality .chart-legend button')).textDecorationLine"
+    assert tab.run(style) == "none"
 
 
 def test_a_server_that_is_gone_is_told_and_its_return_too(tab: Browser, server: ServerProcess) -> None:
@@ -122,6 +158,9 @@ def test_a_server_that_is_gone_is_told_and_its_return_too(tab: Browser, server: 
     server.stop()
     tab.wait(lambda: "The server is gone since" in tab.text("#gone"), "the page tells")
     assert tab.text("#label") == "<b>flag</b>"  # what was known stays
+    assert tab.text("#verdict").startswith("server gone for ")
+    assert tab.texts("#sessions .badge") == ["server gone"] * 3
+    assert tab.run("return document.title").startswith("server gone · ")
     server.start()
     tab.wait(lambda: tab.text("#connection").startswith("live"), "the page goes on")
     assert not tab.text("#gone")

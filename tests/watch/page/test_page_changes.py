@@ -291,5 +291,5 @@ const m = globalThis.monitor;
 const [first] = arguments;
 const last = m.sessions.find((one) => one.session === first);
 const others = m.sessions.filter((one) => one.session !== first);
-m.list.show([{ ...last, step: 777, spark: [0.5, 0.4] }, ...others], m.chosen);
+m.list.show([{ ...last, minimum_of: 777, spark: [0.5, 0.4] }, ...others], m.chosen);
 """

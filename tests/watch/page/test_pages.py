@@ -123,6 +123,15 @@ def test_a_refusal_alone_is_news(tmp_path: Path) -> None:
     assert after["state"] == before["state"]
 
 
+def test_one_step_that_is_over(client: Any) -> None:
+    told = client.get(f"/api/sessions/{SESSION}/steps/97").json()
+    assert (told["step"], told["moved"]["step"], told["moved"]["iteration"]) == (97, 97, 2)
+    assert (told["worst"]["of"], told["worst"]["step"], len(told["worst"]["cells"])) == ("committed", 97, 10)
+    assert [event["event"] for event in told["notable"]] == ["refused"]
+    missing = client.get(f"/api/sessions/{SESSION}/steps/601")
+    assert (missing.status_code, "601" in missing.json()["message"]) == (404, True)
+
+
 def test_what_cannot_be_read_is_told_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = Page(tmp_path, BUILD)
     read, tries = page._archive.overview, iter([OSError("stale file handle"), MemoryError()])

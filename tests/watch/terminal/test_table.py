@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +12,7 @@ from rich.console import Console
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.terminal.sources import FolderSource, SessionLine
-from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, values_of
+from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, values_of, without_server
 from mesh_motion_server.watch.terminal.text import age, number, plain
 
 MakeSession = Callable[..., Path]
@@ -65,6 +67,22 @@ def test_a_look_has_the_list_and_the_details_of_the_chosen_one(make_session: Mak
     ):
         assert wanted in text, wanted
     assert "\x1b" not in text
+
+
+def test_the_verdict_is_the_first_thing_said_of_a_session(make_session: MakeSession, tmp_path: Path) -> None:
+    folder = make_session("flap", steps=20)
+    refused = {"at": time.time(), "event": "refused", "request": "MOVE", "step": 21, "code": "X", "message": "too far"}
+    with max((folder / "history").iterdir()).open("a") as file:
+        file.write(json.dumps(refused | {"details": {"fraction": 0.5}}) + "\n")
+    look = look_at(FolderSource(tmp_path / "state"), None)
+    rows = shown(look)
+    assert rows[2].split()[:3] == ["●", "flap", "refused"]
+    assert rows[5].startswith("refused for ")
+    assert "step 21: too far; 50 % of the motion would pass" in rows[5]
+    assert values_of("state", look)["sessions"][0]["verdict"]["kind"] == "refused"
+    rows = shown(without_server(look, time.time()))
+    assert "server gone" in rows[2]
+    assert "what is shown is as it was then" in rows[5]
 
 
 def test_a_long_list_shows_the_rows_around_the_chosen_one() -> None:

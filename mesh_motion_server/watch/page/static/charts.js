@@ -2,25 +2,27 @@
 
 import { css, drawing, element } from "./format.js";
 
-const FONT = '11.5px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
+// whole pixels: uPlot reads no others where a screen has several to one
+const FONT = '12px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 const KEY_SHARE = 0.02;
 /** So few steps are points too: a line through one step cannot be seen. */
 const FEW = 40;
 
 /**
- * series: [{name, label, colour (a custom property), width, dash, shown, row}]; stacked: areas upon each other;
- * threshold: () => number; range: of y; value: number → text; zoomed(min, max): somebody has asked for these steps.
+ * series: [{name, label, colour (a custom property), width, dash}]; stacked: areas upon each other;
+ * threshold: () => number; range: of y; value: number → text; zoomed(min, max): somebody has asked for these steps; chosen(step): for this one.
  */
 export class Chart {
   constructor(host, options) {
     this.host = host;
     this.options = options;
-    this.shown = new Map(options.series.map((one) => [one.name, one.shown ?? true]));
+    this.shown = new Map(options.series.map((one) => [one.name, true]));
     this.columns = { step: [] };
     this.legend = element("div", { class: "chart-legend" });
     this.frame = element("div", { class: "plot", tabindex: "0", role: "img", "aria-label": options.title });
     host.replaceChildren(this.legend, this.frame);
     this.frame.addEventListener("keydown", (event) => this.key(event));
+    this.frame.addEventListener("click", () => this.choose());
     new ResizeObserver(() => this.resize()).observe(host);
     this.build();
   }
@@ -32,7 +34,7 @@ export class Chart {
   /** Other names to be drawn: phases come to be known as they happen. */
   setSeries(series) {
     if (series.map((one) => one.name).join() === this.series.map((one) => one.name).join()) return;
-    for (const one of series) if (!this.shown.has(one.name)) this.shown.set(one.name, one.shown ?? true);
+    for (const one of series) if (!this.shown.has(one.name)) this.shown.set(one.name, true);
     this.options.series = series;
     this.build();
   }
@@ -62,6 +64,7 @@ export class Chart {
       series: [{ label: "step" }, ...this.drawnOrder().map((one) => this.line(one))],
       hooks: {
         drawClear: [(plot) => this.drawThreshold(plot)],
+        draw: [(plot) => this.drawMark(plot)],
         setCursor: [() => this.say()],
         setScale: [(plot, key) => key === "x" && this.scaled(plot)],
       },
@@ -145,6 +148,25 @@ export class Chart {
     pen.restore();
   }
 
+  /** A line at the step that is shown; none at the latest (null). */
+  mark(step) {
+    this.marked = step;
+    this.plot.redraw(false);
+  }
+
+  drawMark({ ctx: pen, bbox, scales, valToPos }) {
+    const step = this.marked ?? null;
+    if (step === null || step < scales.x.min || step > scales.x.max) return;
+    pen.fillStyle = css("--accent");
+    pen.fillRect(valToPos(step, "x", true) - devicePixelRatio, bbox.top, 2 * devicePixelRatio, bbox.height);
+  }
+
+  /** The step under the cursor, unless somebody has drawn over some to come closer. */
+  choose() {
+    const { cursor, select } = this.plot;
+    if (cursor.idx !== null && cursor.idx !== undefined && !select.width) this.options.chosen(this.columns.step[cursor.idx]);
+  }
+
   drawLegend() {
     const swatch = (one) => {
       const image = drawing("svg", { width: 14, height: 10, "aria-hidden": "true" });
@@ -157,19 +179,14 @@ export class Chart {
     };
     this.values = new Map();
     this.at = element("span", { class: "at" });
-    const rows = new Map();
-    for (const one of this.series) {
+    const buttons = this.series.map((one) => {
       const value = element("span", { class: "value" });
       this.values.set(one.name, value);
       const button = element("button", { type: "button", "aria-pressed": this.shown.get(one.name) }, swatch(one), one.label, value);
       button.addEventListener("click", () => this.toggle(one, button));
-      const row = one.row ?? "";
-      if (!rows.has(row)) rows.set(row, row ? [element("span", { class: "quiet row-name", text: row })] : []);
-      rows.get(row).push(button);
-    }
-    const lines = [...rows.values()].map((buttons) => element("div", { class: "chart-legend" }, ...buttons));
-    lines[0]?.append(this.at);
-    this.legend.replaceWith((this.legend = element("div", {}, ...lines)));
+      return button;
+    });
+    this.legend.replaceChildren(...buttons, this.at);
     this.say();
   }
 
@@ -209,6 +226,7 @@ export class Chart {
     else if (event.key === "+" || event.key === "=") this.closer(0.5, steps[place]);
     else if (event.key === "-") this.closer(2, steps[place]);
     else if (event.key === "0" || event.key === "Escape") this.options.zoomed(null);
+    else if (event.key === "Enter") this.choose();
     else return;
     event.preventDefault();
   }
@@ -223,7 +241,7 @@ export class Chart {
 
   spoken(k) {
     const shown = this.series.filter((one) => this.shown.get(one.name));
-    return shown.map((one) => `${one.row ? `${one.row} ` : ""}${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
+    return shown.map((one) => `${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
   }
 
   closer(factor, centre) {

@@ -21,12 +21,10 @@ export function clock(at) {
   return when.toDateString() === new Date().toDateString() ? time : `${when.toLocaleDateString("sv")} ${time}`;
 }
 
-export function ago(at, now) {
-  const passed = Math.max(0, now - at);
-  if (passed < 2) return "now";
-  if (passed < 60) return `${passed.toFixed(0)} s ago`;
-  if (passed < 3600) return `${(passed / 60).toFixed(0)} min ago`;
-  return passed < 172800 ? `${(passed / 3600).toFixed(0)} h ago` : `${(passed / 86400).toFixed(0)} days ago`;
+/** Seconds as people say them. */
+export function duration(passed) {
+  const [size, unit] = passed < 120 ? [1, "s"] : passed < 7200 ? [60, "min"] : passed < 172800 ? [3600, "h"] : [86400, "days"];
+  return `${Math.max(0, passed / size).toFixed(0)} ${unit}`;
 }
 
 export const short = (session) => session.slice(0, 8);

@@ -9,22 +9,11 @@ const POINTS = 1500;
 const TABLE_ROWS = 60;
 const PHASES = ["--phase-0", "--phase-1", "--phase-2", "--phase-3", "--phase-4"];
 
-const line = (row, prefix) => (key, label, colour, more = {}) => ({ name: `${prefix}_${key}`, label, colour, row, ...more });
-const actual = line("committed", "actual");
-const predicted = line("predicted", "predicted");
-const dashed = { dash: [5, 3], shown: false };
-
 const QUALITY = [
-  actual("min", "minimum", "--minimum", { width: 1.9 }),
-  actual("p1", "p1", "--p1"),
-  actual("p5", "p5", "--p5"),
-  actual("p50", "median", "--p50"),
-  actual("mean", "mean", "--mean"),
-  predicted("min", "minimum", "--predicted", { dash: [5, 3], width: 1.6 }),
-  predicted("p1", "p1", "--p1", dashed),
-  predicted("p5", "p5", "--p5", dashed),
-  predicted("p50", "median", "--p50", dashed),
-  predicted("mean", "mean", "--mean", dashed),
+  { name: "actual_min", label: "minimum", colour: "--minimum", width: 1.9 },
+  { name: "actual_p1", label: "1 %", colour: "--p1" },
+  { name: "actual_p50", label: "median", colour: "--p50" },
+  { name: "predicted_min", label: "predicted minimum", colour: "--predicted", dash: [5, 3], width: 1.6 },
 ];
 
 const versioned = (session) => `${session.session} ${session.version} ${session.whole}`;
@@ -39,9 +28,10 @@ function least(columns, name) {
 }
 
 export class History {
-  /** failed(error) when what somebody zoomed to does not come. */
-  constructor(failed) {
+  /** failed(error) when what somebody zoomed to does not come; chosen(step) when somebody picks one, null: the latest. */
+  constructor(failed, chosen) {
     this.failed = failed;
+    this.chosen = chosen;
     this.loaded = "";
     this.session = null;
     this.window = null;
@@ -57,6 +47,7 @@ export class History {
       threshold: () => this.session?.threshold,
       describe: (columns) => this.describeQuality(columns),
       zoomed,
+      chosen,
     });
     this.iterations = new Chart(byId("iterations"), {
       title: "Coupling iterations a step",
@@ -71,6 +62,7 @@ export class History {
       value: (value) => (value === null || value === undefined ? "–" : String(value)),
       describe: (columns) => `Coupling iterations a step, last ${last(columns.iterations) ?? "none"}. Arrow keys read single steps.`,
       zoomed,
+      chosen,
     });
     this.phases = new Chart(byId("phases"), {
       title: "Time of a move by phase",
@@ -82,8 +74,13 @@ export class History {
       tick: (value) => Number(value.toPrecision(3)).toString(),
       describe: (columns) => `Time of a move by phase, last ${seconds(last(columns.seconds_total))} in all. Arrow keys read single steps.`,
       zoomed,
+      chosen,
     });
     this.charts = [this.quality, this.iterations, this.phases];
+    const pick = (k) => this.columns.step.length && chosen(this.columns.step[k]);
+    byId("scrub").addEventListener("input", (event) => pick(Number(event.target.value)));
+    byId("scrub-worst").addEventListener("click", () => pick(Math.max(0, least(this.columns, "actual_min"))));
+    byId("scrub-latest").addEventListener("click", () => chosen(null));
     byId("all-steps").addEventListener("click", () => this.zoom(null));
     byId("latest-steps").addEventListener("click", () => this.zoom("latest"));
     byId("as-table").addEventListener("toggle", () => this.table());
@@ -162,6 +159,7 @@ export class History {
       chart.window = bounds ? { min: bounds[0], max: bounds[1] } : null;
       chart.show(columns);
     }
+    this.at(this.step ?? null);
     byId("history-table").closest("details").open && this.table();
     this.mark();
   }
@@ -175,6 +173,18 @@ export class History {
     for (const chart of this.charts) chart.zoom(bounds);
     this.mark();
     await this.load().catch((error) => this.failed(error));
+  }
+
+  /** The step that is shown, null: the latest. */
+  at(step) {
+    this.step = step;
+    const { step: steps } = this.columns;
+    const [slider, found] = [byId("scrub"), steps.findIndex((one) => one >= step)];
+    slider.max = Math.max(0, steps.length - 1);
+    slider.value = step === null || found < 0 ? slider.max : found;
+    slider.setAttribute("aria-valuetext", step === null ? "the latest step" : `step ${step}`);
+    byId("scrub-latest").setAttribute("aria-pressed", step === null);
+    for (const chart of this.charts) chart.mark(step);
   }
 
   mark() {

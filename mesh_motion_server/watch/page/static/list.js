@@ -2,12 +2,7 @@
 
 import { arrange, byId, drawing, element, quality, short, write } from "./format.js";
 
-const TONES = { READY: "good", TRIAL: "good", COMMITTING: "good", SUSPENDED: "warn", FROZEN: "bad", FAILED: "bad" };
 const SPARK = { width: 64, height: 18 };
-
-export const tone = (session) => (session.worker === "dead" ? "bad" : session.worker === "none" ? "" : (TONES[session.state] ?? ""));
-
-export const standing = (session) => (session.worker === "dead" ? "worker fell" : session.worker === "none" && session.state === "READY" ? "at rest" : session.state.toLowerCase());
 
 /** The minimum of the latest steps as a line in 0 … 1, with the threshold. */
 function spark(values, threshold) {
@@ -24,8 +19,9 @@ function spark(values, threshold) {
 }
 
 export class List {
-  /** choose(id) when one is taken. */
-  constructor(choose) {
+  /** choose(id) when one is taken; verdictOf(session): how it stands, {kind, tone, why, since}. */
+  constructor(choose, verdictOf) {
+    this.verdictOf = verdictOf;
     this.box = byId("sessions");
     this.choose = choose;
     this.sessions = [];
@@ -73,17 +69,20 @@ export class List {
     const { row } = drawn;
     const selected = session.session === this.chosen;
     const alike = session.label && this.sessions.some((other) => other.label === session.label && other.session !== session.session);
-    const key = JSON.stringify([session, selected, alike]);
+    const verdict = this.verdictOf(session);
+    const key = JSON.stringify([session, selected, alike, verdict]);
     if (drawn.key === key) return row;
     drawn.key = key;
     row.setAttribute("aria-selected", selected);
     row.className = selected ? "active" : "";
-    const [name, state, at, line] = row.querySelectorAll("span");
+    const [name, state, at, line, why] = row.querySelectorAll("span");
     write(name, alike ? `${short(session.session)} ${session.label}` : session.label || short(session.session));
     name.title = `${session.label} ${session.session}`.trim();
-    write(state, standing(session));
-    state.dataset.tone = tone(session);
-    write(at, session.built ? `step ${session.step}${session.iteration > 1 ? ` · trial ${session.iteration}` : ""} · min ${quality(session.minimum)}` : "no mesh yet");
+    write(state, verdict.kind);
+    state.dataset.tone = verdict.tone;
+    write(at, session.built ? `step ${session.minimum_of} · min ${quality(session.minimum)}` : "");
+    write(why, ["warn", "bad"].includes(verdict.tone) ? verdict.why : "");
+    why.title = verdict.why;
     line.replaceChildren(spark(session.spark, session.threshold));
     return row;
   }
@@ -94,6 +93,7 @@ export class List {
       { id: `s-${session}`, role: "option", "data-session": session },
       element("div", { class: "row" }, element("span", { class: "name" }), element("span", { class: "badge" })),
       element("div", { class: "row second" }, element("span"), element("span", { class: "line" })),
+      element("span", { class: "why" }),
     );
     const drawn = { row, key: "" };
     this.drawn.set(session, drawn);

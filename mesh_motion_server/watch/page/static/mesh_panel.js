@@ -151,7 +151,7 @@ export class MeshPanel {
     this.note(this.whatIsShown(mesh));
     byId("mesh-inside").hidden = mesh.dimension < 3;
     byId("threshold-mark").style.left = `${100 * Math.min(1, Math.max(0, mesh.threshold))}%`;
-    byId("mesh-step").textContent = `step ${mesh.step}, ${mesh.metric}`;
+    byId("mesh-step").textContent = `step ${mesh.step}, minimum ${quality(mesh.minimum)}`;
     if (!isDrawn) this.show(mesh);
     if (this.fresh) this.fit();
     this.fresh = false;

@@ -2,12 +2,12 @@
 
 import { Absent, linked } from "./absent.js";
 import { Live, ask } from "./live.js";
-import { List, standing, tone } from "./list.js";
+import { List } from "./list.js";
 import { History } from "./history.js";
 import { MeshPanel } from "./mesh_panel.js";
 import { Events } from "./events.js";
 import { showFaces, showWorst } from "./tables.js";
-import { ago, byId, clock, element, plural, quality, seconds, short, whole, write } from "./format.js";
+import { byId, clock, duration, element, plural, quality, seconds, short, whole, write } from "./format.js";
 
 const PAUSE_SECONDS = 2;
 /** How often a history that is being read is looked at. */
@@ -20,8 +20,10 @@ class Page {
     this.sessions = [];
     this.chosen = linked();
     this.absent = new Absent((session) => this.choose(session));
-    this.list = new List((session) => this.choose(session));
-    this.history = new History((error) => this.failed(error));
+    this.list = new List((session) => this.choose(session), (session) => this.verdictOf(session));
+    this.step = null; // the one that is shown; null: the latest
+    this.gone = 0; // since when the server is, Unix time
+    this.history = new History((error) => this.failed(error), (step) => this.at(step));
     this.mesh = new MeshPanel();
     this.events = new Events();
     this.live = new Live((told) => this.hear(told), (...said) => this.standing(...said));
@@ -42,21 +44,43 @@ class Page {
     this.known = this.session ?? this.known;
     byId("nothing").hidden = this.chosen !== "";
     write(byId("nothing"), "Waiting for the first session …");
-    this.list.show(sessions, this.chosen);
+    this.show();
     this.update();
   }
 
   choose(session) {
     this.chosen = session;
     this.known = this.session ?? null;
+    this.step = this.then = null;
+    this.history.at(null);
     history.replaceState(null, "", `#${session}`);
-    this.list.show(this.sessions, session);
+    this.show();
     this.update();
+  }
+
+  /** Show a step that is over, or the latest again: null. */
+  at(step) {
+    this.step = step;
+    this.history.at(step);
+    this.update(true);
+  }
+
+  /** The list, and what the tab is called. */
+  show() {
+    this.list.show(this.sessions, this.chosen);
+    if (this.session) this.head(this.session);
+  }
+
+  /** How a session stands: {kind, tone, why, since}. */
+  verdictOf(session) {
+    return this.gone ? { kind: "server gone", tone: "bad", why: "what is shown is as it was then", since: this.gone } : session.verdict;
   }
 
   standing(gone, since, why) {
     const said = byId("connection");
     const bar = byId("gone");
+    this.gone = gone ? since / 1000 : 0;
+    this.show();
     said.dataset.state = gone ? "gone" : "live";
     write(said, gone ? "gone" : "live");
     bar.hidden = !gone;
@@ -117,14 +141,16 @@ class Page {
     if (session.session !== this.chosen) return (this.behind = true);
     this.detail = detail;
     this.detailed = session.session;
-    this.figures(session, detail);
+    const shown = await this.shown(session, detail);
+    if (session.session !== this.chosen) return (this.behind = true);
+    this.figures(session, shown);
     byId("quality-metric").textContent = detail.built.settings?.quality_metric ?? "";
     const threshold = session.threshold ?? detail.built.settings?.quality_threshold ?? null;
-    showWorst(detail.worst, threshold, (cell) => {
+    showWorst(shown.worst, threshold, (cell) => {
       this.mesh.goTo(cell);
       byId("mesh").scrollIntoView({ block: "nearest" });
     });
-    showFaces(detail.faces, detail.moved.step);
+    showFaces(shown.faces, shown.moved.step);
     this.events.show(session.session, detail.notable, detail.told);
     this.mesh.follow(session, detail);
     const { read } = detail;
@@ -137,6 +163,17 @@ class Page {
     byId("trouble").hidden = true;
   }
 
+  /** What is known of the step that is chosen: of the latest, or of one that is over, which is asked for once. */
+  async shown({ session }, detail) {
+    const { step } = this;
+    if (step === null || !detail.step) return detail;
+    if (this.then?.step !== step) {
+      const then = await (await ask(`api/sessions/${session}/steps/${step}`)).json();
+      this.then = { step, told: then };
+    }
+    return { ...this.then.told, built: detail.built };
+  }
+
   /** Of a session that is not in the list (any more) what is known stays. */
   async without(chosen) {
     if (!chosen) return;
@@ -147,9 +184,7 @@ class Page {
     this.key = ""; // it may come back
     this.mesh.leave();
     if (!isNew || !this.known) return;
-    byId("state").textContent = this.absent.discarded ? "discarded" : "not listed";
-    byId("state").dataset.tone = "warn";
-    document.title = `${byId("label").textContent} · ${byId("state").textContent} · mesh-motion`;
+    this.say({ kind: this.absent.discarded ? "discarded" : "not listed", tone: "warn", why: "", since: 0 }, this.known);
   }
 
   /** A session that steps many times a second is looked at every other second. */
@@ -164,19 +199,31 @@ class Page {
   }
 
   head(session) {
-    const name = session.label || `session ${short(session.session)}`;
-    write(byId("label"), name);
-    document.title = `${name} · step ${session.step} · mesh-motion`;
-    const state = byId("state");
-    state.textContent = standing(session);
-    state.dataset.tone = tone(session);
+    this.say(this.verdictOf(session), session);
     this.about(session);
+  }
+
+  /** How it stands, before all else: in a line of the page and in the tab's title. */
+  say({ kind, tone, why, since }, session) {
+    const name = session.label || `session ${short(session.session)}`;
+    const passed = since ? duration(this.now() - since) : "";
+    write(byId("label"), name);
+    byId("verdict").dataset.tone = tone;
+    write(byId("state"), kind);
+    write(byId("since"), passed && kind !== "running" ? `for ${passed}${why ? ":" : ""}` : "");
+    write(byId("why"), why);
+    document.title = `${kind} · ${name} · step ${session.minimum_of} · mesh-motion`;
+  }
+
+  /** Unix time by the server's clock. */
+  now() {
+    return Date.now() / 1000 + (this.offset ?? 0);
   }
 
   about(session) {
     const built = this.detailed === session.session ? this.detail.built : null;
     const cells = built?.cells ? Object.entries(built.cells).map(([type, count]) => plural(count, type)) : [];
-    const when = session.changed_at ? ago(session.changed_at, Date.now() / 1000 + (this.offset ?? 0)) : "";
+    const { committed_at: at, hourly } = session;
     const parts = [
       short(session.session),
       session.dimension ? `${session.dimension}D` : "",
@@ -184,7 +231,8 @@ class Page {
       ...cells,
       session.partitions > 1 ? `${session.partitions} partitions` : "",
       session.durability ? `durability ${session.durability}` : "",
-      when ? `last event ${when}` : "",
+      at ? `last commit ${duration(this.now() - at)} ago` : "",
+      hourly ? `${whole(hourly)} steps an hour` : "",
     ];
     byId("about").textContent = parts.filter(Boolean).join(" · ") + (session.built && !session.recorded ? " · no history is kept (history_bytes = 0)" : "");
   }
@@ -195,7 +243,7 @@ class Page {
     const { actual, corrected, standard, moved } = detail;
     const correction = moved.correction ?? {};
     const tiles = [
-      ["step", whole(this.stepOf(session, detail)), session.iteration ? `trial ${session.iteration}` : ""],
+      ["step", whole(this.step ?? this.stepOf(session, detail)), this.step !== null ? `of ${whole(session.step)}` : session.iteration ? `trial ${session.iteration}` : ""],
       ["minimum", quality(actual.min), "committed", low(actual.min)],
       ["1 %", quality(actual.p1), "committed", low(actual.p1)],
       ["predicted", quality(corrected.min), standard.min !== undefined && standard.min !== corrected.min ? `${quality(standard.min)} uncorrected` : "", low(corrected.min)],
@@ -206,13 +254,13 @@ class Page {
     byId("figures").replaceChildren(...tiles.map(made));
   }
 
-  /** A list comes later than the detail where the machine is busy; of a session that nobody holds a crash may have cost steps. */
+  /** That of the qualities beside it, or of a moment before; of a session that nobody holds a crash may have cost steps. */
   stepOf(session, detail) {
-    return session.worker === "alive" ? Math.max(session.step, detail.step) : session.step;
+    return session.worker === "alive" && detail.step ? detail.step : session.step;
   }
 
   tick() {
-    if (this.known) this.about(this.known);
+    if (this.session) this.head(this.session);
   }
 }
 

@@ -1,0 +1,117 @@
+"""What a notebook shows: a few lines about an object, its picture, and the progress of a loop.
+
+matplotlib (the extra ``plot``), PyVista, tqdm and rich are imported where they are needed, so that a solver's
+environment stays small. A mesh in space is drawn by PyVista where it is installed, by matplotlib otherwise.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from mesh_motion_client.mesh import Mesh
+
+__all__ = ["Described", "draw", "progress"]
+
+Value = TypeVar("Value")
+Floats = NDArray[np.float64]
+
+#: The facets of each cell type, in its node order; cells of a plane mesh are drawn themselves.
+_FACETS: Mapping[str, Sequence[Sequence[int]]] = {
+    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+#: Worst cells that are marked.
+_MARKED = 10
+
+
+class Described:
+    """Shown by a few lines, on a terminal and in a notebook."""
+
+    def description(self) -> list[str]:
+        """The lines; the first says what it is."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return "\n  ".join(self.description())
+
+    def _repr_html_(self) -> str:
+        head, *lines = map(html.escape, self.description())
+        return f"<strong>{head}</strong><pre>" + "\n".join(lines) + "</pre>"
+
+
+def progress(steps: Sequence[Value], what: str = "steps") -> Iterator[Value]:
+    """Go through steps and show how far it is: with tqdm or rich where one is installed, or a line for each tenth.
+
+    Examples
+    --------
+    >>> for step in progress(range(1, 4), "flag"):  # doctest: +SKIP
+    ...     session.move(motion(step))
+    ...     session.commit()
+    """
+    if find_spec("tqdm"):
+        yield from import_module("tqdm.auto").tqdm(steps, desc=what)
+    elif find_spec("rich"):
+        yield from import_module("rich.progress").track(steps, what)
+    else:
+        for done, step in enumerate(steps, start=1):
+            yield step
+            if done * 10 // len(steps) > (done - 1) * 10 // len(steps):
+                print(f"{what}: {done} of {len(steps)}")  # noqa: T201
+
+
+def draw(mesh: Mesh, points: Floats, title: str, worst: Sequence[Mapping[str, Any]] = ()) -> Any:
+    """The mesh at these coordinates (n, d), coloured by how far each facet has moved; worst cells are marked.
+
+    Returns
+    -------
+    matplotlib Figure or pyvista Plotter
+        The notebook shows it.
+    """
+    facets = _plane_cells(mesh) if mesh.dimension == 2 else _boundary(mesh)
+    moved = np.linalg.norm(points - mesh.points, axis=1)
+    far = np.array([moved[facet].mean() for facet in facets])
+    places = np.array([cell["centre"] for cell in worst[:_MARKED]]).reshape(-1, mesh.dimension)
+    if mesh.dimension == 3 and find_spec("pyvista"):
+        return _with_pyvista(points, facets, far, places, title)
+    return import_module("mesh_motion_client.picture").picture(points, facets, far, places, title)
+
+
+def _plane_cells(mesh: Mesh) -> list[NDArray[np.integer]]:
+    """The cells as rows of nodes."""
+    return [row for nodes in mesh.cells.values() for row in nodes]
+
+
+def _boundary(mesh: Mesh) -> list[NDArray[np.integer]]:
+    """The facets that one cell has alone, as rows of nodes."""
+    found: dict[int, list[NDArray[np.integer]]] = {}
+    for name, nodes in mesh.cells.items():
+        for facet in _FACETS.get(name, ()):
+            found.setdefault(len(facet), []).append(nodes[:, facet])
+    alone: list[NDArray[np.integer]] = []
+    for blocks in found.values():
+        rows = np.concatenate(blocks)
+        _, first, count = np.unique(np.sort(rows, axis=1), axis=0, return_index=True, return_counts=True)
+        alone += list(rows[first[count == 1]])
+    return alone
+
+
+def _with_pyvista(points: Floats, facets: list[Any], far: Floats, places: Floats, title: str) -> Any:
+    pyvista = import_module("pyvista")
+    surface = pyvista.PolyData(points, np.concatenate([np.r_[len(facet), facet] for facet in facets]))
+    surface.cell_data["moved by"] = far
+    plotter = pyvista.Plotter()
+    plotter.add_mesh(surface, scalars="moved by", cmap="viridis", show_edges=True)
+    if len(places):
+        plotter.add_points(places, color="red", point_size=10.0, render_points_as_spheres=True)
+    plotter.add_title(title, font_size=10)
+    return plotter

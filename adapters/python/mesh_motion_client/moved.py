@@ -1,0 +1,62 @@
+"""The reply to a Move, as a user meets it: with its mesh, so that it can be drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol import messages
+
+from mesh_motion_client.display import Described, draw
+from mesh_motion_client.errors import InvalidInput
+from mesh_motion_client.mesh import Mesh
+
+__all__ = ["Moved"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Moved(Described, messages.Moved):
+    """A trial; its fields are those of the message.
+
+    Attributes
+    ----------
+    mesh : Mesh or None
+        None in a session that was resumed.
+    is_total : bool
+        Whether displacements count from the reference mesh.
+    """
+
+    mesh: Mesh | None = None
+    is_total: bool = True
+
+    def description(self) -> list[str]:
+        """Where it stands, its quality, how far it went, what it warns of."""
+        quality, kind = self.quality, self.correction.get("method", "none")
+        plain, kept = (quality[name].get("metric", {}).get("min") or math.nan for name in ("standard", "corrected"))
+        corrected = f", {plain:.3f} without the correction {kind!r}" if kind != "none" else ", not corrected"
+        farthest = np.linalg.norm(self.displacement, axis=1).max(initial=0.0)
+        return [
+            f"Moved: step {self.step}, iteration {self.iteration}, {1e3 * self.seconds.get('total', 0.0):.3g} ms",
+            f"{quality['metric']}: minimum {kept:.3f}{corrected}; threshold {quality['threshold']:g}",
+            f"{len(self.displacement)} nodes, the farthest moves by {farthest:.4g}",
+            *(f"warning: {text}" for text in self.warnings),
+        ]
+
+    def plot(self) -> Any:
+        """A picture of the moved mesh with its worst cells. See :func:`.display.draw`.
+
+        Raises
+        ------
+        InvalidInput
+            If the mesh is not known, or displacements count from the committed state.
+        """
+        if self.mesh is None or not self.is_total:
+            raise InvalidInput(
+                "a picture needs the mesh, and displacements since the reference mesh",
+                hint="plot in the session that uploaded the mesh, and move with frame='reference'",
+            )
+        title = self.description()[1].partition(";")[0]
+        worst = self.quality["corrected"].get("worst", [])
+        return draw(self.mesh, self.mesh.points + self.displacement, f"step {self.step}, {title}", worst)
