@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from docs.site import index, repository  # noqa: E402
+from docs.site.notebooks import NotebookParser  # noqa: E402
 from mesh_motion_server import __version__  # noqa: E402
 
 project = "mesh-motion server"
@@ -51,6 +52,8 @@ def _complete(app: Any, page: str, source: list[str]) -> None:
 
 
 def setup(app: Any) -> dict[str, bool]:
+    app.add_source_suffix(".ipynb", "ipynb")
+    app.add_source_parser(NotebookParser)
     app.connect("source-read", _complete)
     app.connect("doctree-read", repository.link_files, priority=100)
     app.connect("html-collect-pages", repository.pages)

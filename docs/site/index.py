@@ -19,6 +19,7 @@ PAGES = (
     "CONTRIBUTING.md",
     "docs/*.md",
     "docs/tutorials/*.md",
+    "docs/tutorials/*.ipynb",
     "docs/howto/*.md",
     "docs/reference/*.md",
     "kernels/README.md",
@@ -32,7 +33,7 @@ PAGES = (
 )
 
 _SECTION = re.compile(r"^## (?P<name>.+)$")
-_ENTRY = re.compile(r"^(?P<indent> *)- \[(?P<title>[^\]]+)\]\((?P<target>[^)#:]+)\.md\)")
+_ENTRY = re.compile(r"^(?P<indent> *)- \[(?P<title>[^\]]+)\]\((?P<target>[^)#:]+)\.(?:md|ipynb)\)")
 
 
 def toctrees(text: str) -> dict[str, str]:

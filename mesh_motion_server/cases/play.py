@@ -41,6 +41,7 @@ from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_second
 from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, VtuSeries, patch_marks
+from mesh_motion_server.files.vtu import Data
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
@@ -293,7 +294,7 @@ class _Run:
     def _write(self, step: int) -> None:
         """Add the mesh as it is now to the series."""
         quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}
-        nodes = {"displacement": self._points - self._mesh.points, **patch_marks(self._mesh)}
+        nodes: Data = {"displacement": self._points - self._mesh.points, **patch_marks(self._mesh)}
         self._series.write(float(step), self._points, self._cells, point_data=nodes, cell_data=quality)
 
     def keep(self, folder: Path, error: BaseException) -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
-__all__ = ["VtuSeries", "write_vtu"]
+__all__ = ["Data", "VtuSeries", "write_vtu"]
 
 FloatArray = NDArray[np.float64]
 Data = Mapping[str, NDArray[np.generic]]

@@ -1,6 +1,6 @@
 """What a notebook shows: a few lines about an object, its picture, and the progress of a loop.
 
-matplotlib (the extra ``plot``), PyVista, tqdm and rich are imported where they are needed, so that a solver's
+matplotlib (the extra ``plot``), PyVista and tqdm are imported where they are needed, so that a solver's
 environment stays small. A mesh in space is drawn by PyVista where it is installed, by matplotlib otherwise.
 """
 
@@ -50,7 +50,7 @@ class Described:
 
 
 def progress(steps: Sequence[Value], what: str = "steps") -> Iterator[Value]:
-    """Go through steps and show how far it is: with tqdm or rich where one is installed, or a line for each tenth.
+    """Go through steps and show how far it is: with tqdm where it is installed, or in a line that is written again.
 
     Examples
     --------
@@ -60,17 +60,16 @@ def progress(steps: Sequence[Value], what: str = "steps") -> Iterator[Value]:
     """
     if find_spec("tqdm"):
         yield from import_module("tqdm.auto").tqdm(steps, desc=what)
-    elif find_spec("rich"):
-        yield from import_module("rich.progress").track(steps, what)
-    else:
-        for done, step in enumerate(steps, start=1):
-            yield step
-            if done * 10 // len(steps) > (done - 1) * 10 // len(steps):
-                print(f"{what}: {done} of {len(steps)}")  # noqa: T201
+        return
+    for done, step in enumerate(steps, start=1):
+        yield step
+        print(f"\r{what}: {done} of {len(steps)}", end="\n" if done == len(steps) else "", flush=True)  # noqa: T201
 
 
 def draw(mesh: Mesh, points: Floats, title: str, worst: Sequence[Mapping[str, Any]] = ()) -> Any:
     """The mesh at these coordinates (n, d), coloured by how far each facet has moved; worst cells are marked.
+
+    Of a mesh in space the moving patches are drawn, or the whole boundary where there is none.
 
     Returns
     -------
@@ -92,7 +91,7 @@ def _plane_cells(mesh: Mesh) -> list[NDArray[np.integer]]:
 
 
 def _boundary(mesh: Mesh) -> list[NDArray[np.integer]]:
-    """The facets that one cell has alone, as rows of nodes."""
+    """The facets that one cell has alone, as rows of nodes; those of the moving patches where there are any."""
     found: dict[int, list[NDArray[np.integer]]] = {}
     for name, nodes in mesh.cells.items():
         for facet in _FACETS.get(name, ()):
@@ -102,7 +101,9 @@ def _boundary(mesh: Mesh) -> list[NDArray[np.integer]]:
         rows = np.concatenate(blocks)
         _, first, count = np.unique(np.sort(rows, axis=1), axis=0, return_index=True, return_counts=True)
         alone += list(rows[first[count == 1]])
-    return alone
+    moving = [patch.nodes for patch in mesh.patches.values() if patch.role == "moving"]
+    seen = np.isin(np.arange(len(mesh.points)), np.concatenate(moving)) if moving else np.ones(len(mesh.points), bool)
+    return [facet for facet in alone if seen[facet].all()]
 
 
 def _with_pyvista(points: Floats, facets: list[Any], far: Floats, places: Floats, title: str) -> Any:

@@ -38,7 +38,7 @@ class Moved(Described, messages.Moved):
         corrected = f", {plain:.3f} without the correction {kind!r}" if kind != "none" else ", not corrected"
         farthest = np.linalg.norm(self.displacement, axis=1).max(initial=0.0)
         return [
-            f"Moved: step {self.step}, iteration {self.iteration}, {1e3 * self.seconds.get('total', 0.0):.3g} ms",
+            f"Moved: step {self.step}, iteration {self.iteration}, {self.seconds.get('total', 0.0):.3g} s",
             f"{quality['metric']}: minimum {kept:.3f}{corrected}; threshold {quality['threshold']:g}",
             f"{len(self.displacement)} nodes, the farthest moves by {farthest:.4g}",
             *(f"warning: {text}" for text in self.warnings),

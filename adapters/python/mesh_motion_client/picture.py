@@ -30,14 +30,17 @@ class Picture(Figure):
 def picture(points: Floats, facets: Sequence[Ints], far: Floats, places: Floats, title: str) -> Picture:
     """Facets at these coordinates (n, d), each coloured by how far (f,) it has moved, with marks at places (k, d)."""
     flat = points.shape[1] == 2
-    figure = Picture(figsize=(8.0, 4.5), layout="constrained")
+    seen = np.concatenate([*(points[facet] for facet in facets), places])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    height = 1.5 + 7.0 * min(1.0, float((high - low)[1] / (high - low)[0])) if flat else 4.5
+    figure = Picture(figsize=(8.0, height), layout="constrained")
     axes: Any = figure.add_subplot(projection=None if flat else "3d")
     kind = PolyCollection if flat else Poly3DCollection
     cells = kind([points[facet] for facet in facets], edgecolors="#20202060", linewidths=0.3, cmap="viridis")
     cells.set_array(far)
     (axes.add_collection if flat else axes.add_collection3d)(cells)
-    low, high = points.min(axis=0), points.max(axis=0)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), title=title)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    figure.suptitle(title, fontsize="small")
     if flat:
         axes.set_aspect("equal")
     else:
@@ -46,5 +49,5 @@ def picture(points: Floats, facets: Sequence[Ints], far: Floats, places: Floats,
     if len(places):
         axes.scatter(*places.T, s=40, facecolors="none", edgecolors="#d9341f", label="worst cells")
         axes.legend(loc="upper right", fontsize="small")
-    figure.colorbar(cells, ax=axes, label="moved by", shrink=0.8)
+    figure.colorbar(cells, ax=axes, label="moved by", location="bottom" if flat else "right", aspect=40, shrink=0.8)
     return figure

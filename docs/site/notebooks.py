@@ -1,0 +1,46 @@
+"""Notebooks as pages: their cells and what these have put out, as Markdown. Nothing is run: a test runs them."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from docutils import nodes
+from myst_parser.sphinx_ import MystParser
+
+__all__ = ["NotebookParser", "markdown_of"]
+
+
+class NotebookParser(MystParser):
+    """Of files ``.ipynb``."""
+
+    supported = ("ipynb",)
+
+    def parse(self, inputstring: str, document: nodes.document) -> None:
+        """Read it as the Markdown that it amounts to, with the navigation that Sphinx has put behind it."""
+        notebook, end = json.JSONDecoder().raw_decode(inputstring)
+        super().parse(markdown_of(notebook) + inputstring[end:], document)
+
+
+def markdown_of(notebook: dict[str, Any]) -> str:
+    """The cells one after the other."""
+    return "\n\n".join(part for cell in notebook["cells"] for part in _parts(cell)) + "\n"
+
+
+def _parts(cell: dict[str, Any]) -> list[str]:
+    source = "".join(cell["source"])
+    if cell["cell_type"] == "markdown":
+        return [source]
+    streamed = "".join("".join(output.get("text", "")) for output in cell["outputs"])
+    told = [f"```text\n{streamed.rpartition(chr(13))[2].rstrip()}\n```"] if streamed else []
+    return [f"```python\n{source}\n```", *told, *(_output(one["data"]) for one in cell["outputs"] if "data" in one)]
+
+
+def _output(data: dict[str, Any]) -> str:
+    """What a cell has put out: a picture, markup, or text."""
+    if "image/png" in data:
+        picture = "".join(data["image/png"]).replace("\n", "")
+        return f'```{{raw}} html\n<img alt="the picture" src="data:image/png;base64,{picture}">\n```'
+    if "text/html" in data:
+        return "```{raw} html\n" + "".join(data["text/html"]) + "\n```"
+    return "```text\n" + "".join(data["text/plain"]) + "\n```"
