@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
+
+from myst_parser.parsers.sphinx_ import MystParser
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from docs.site import index, repository  # noqa: E402
-from docs.site.notebooks import NotebookParser  # noqa: E402
+from docs.site.notebooks import markdown_of  # noqa: E402
 from mesh_motion_server import __version__  # noqa: E402
 
 project = "mesh-motion server"
@@ -49,6 +52,16 @@ def _complete(app: Any, page: str, source: list[str]) -> None:
     """Add what the page itself does not have: navigation."""
     del app
     source[0] += _TOCTREES.get(page, "")
+
+
+class NotebookParser(MystParser):
+    """Of files ``.ipynb``, with the navigation that is put behind them."""
+
+    supported = ("ipynb",)
+
+    def parse(self, inputstring: str, document: Any) -> None:
+        notebook, end = json.JSONDecoder().raw_decode(inputstring)
+        super().parse(markdown_of(notebook) + inputstring[end:], document)
 
 
 def setup(app: Any) -> dict[str, bool]:

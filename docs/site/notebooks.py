@@ -2,24 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
-from docutils import nodes
-from myst_parser.sphinx_ import MystParser
-
-__all__ = ["NotebookParser", "markdown_of"]
-
-
-class NotebookParser(MystParser):
-    """Of files ``.ipynb``."""
-
-    supported = ("ipynb",)
-
-    def parse(self, inputstring: str, document: nodes.document) -> None:
-        """Read it as the Markdown that it amounts to, with the navigation that Sphinx has put behind it."""
-        notebook, end = json.JSONDecoder().raw_decode(inputstring)
-        super().parse(markdown_of(notebook) + inputstring[end:], document)
+__all__ = ["markdown_of"]
 
 
 def markdown_of(notebook: dict[str, Any]) -> str:
