@@ -61,7 +61,8 @@ def patch_facets(mesh: Mesh, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
 def _once(facets: NDArray[np.int64]) -> NDArray[np.int64]:
     """The facets (f, k) that no other one has the nodes of: those of the boundary."""
     _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
-    return facets[np.sort(first[count == 1])]
+    alone: NDArray[np.int64] = facets[np.sort(first[count == 1])]
+    return alone
 
 
 def _cut(cells: NDArray[np.integer], kind: str) -> NDArray[np.int64]:

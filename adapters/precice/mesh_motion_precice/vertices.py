@@ -145,7 +145,8 @@ def nodes_at(places: NDArray[np.float64], points: NDArray[np.float64], what: str
         A place is farther from its nearest node than a thousandth of the distance to the next one, or two nodes are
         there.
     """
-    distance, node = _search_tree(points).query(places, k=2)
+    node: NDArray[np.int64]
+    distance, node = _search_tree(points).query(places, k=2, workers=-1)
     lost = ~(distance[:, 0] < _MATCH * distance[:, 1])
     if lost.any():
         row = int(np.argmax(lost))
@@ -157,7 +158,7 @@ def nodes_at(places: NDArray[np.float64], points: NDArray[np.float64], what: str
             hint="the solver's mesh and the mesh file must be the same undeformed mesh, in the same unit",
             details={"row": row},
         )
-    return node[:, 0].astype(np.int64)
+    return node[:, 0]
 
 
 def _search_tree(points: NDArray[np.float64]) -> Any:
