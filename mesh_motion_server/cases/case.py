@@ -185,7 +185,7 @@ class Case:
             raise InvalidInput(f"{self.path}: patch {empty[0]!r} of {mesh.path.name} has no nodes")
         for number, motion in enumerate(self.content.motion, start=1):
             _check_vectors(self.path, number, motion.rigid or motion.oscillation, mesh.dimension)
-        return mesh
+        return mesh if "periodic" in roles.values() else mesh.with_halo()
 
 
 def case_name(path: Path) -> str:
