@@ -240,7 +240,7 @@ def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
         if settings.target == "auto" and mesh.metric == "relative-size-skew" and found.minimum >= target:
             found = _raised(found, mesh, _AMPLE * target)
     elif raises(problem, settings):
-        found = reshaped(problem, settings, mesh)
+        found = reshaped(problem, mesh)
     else:
         found = polish(problem.begin, mesh, mesh.free(~mesh.held))
     return _freed(found)

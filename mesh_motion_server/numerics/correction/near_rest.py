@@ -19,7 +19,6 @@ from mesh_motion_server.numerics.correction.correction_problem import (
     SMALL_MESH,
     CorrectionProblem,
     CorrectionSettings,
-    goal,
 )
 from mesh_motion_server.numerics.correction.trial_nodes import RELATIVE_SHAPE, Polished, TrialMesh, polish, reach
 from mesh_motion_server.numerics.quality.metrics import CellQuality
@@ -32,6 +31,8 @@ NEAR_REST = 0.95
 NOTICED = 1.01
 _RUNG = 0.9  # of the ladder below NEAR_REST: what one step after the other may lose before it is raised again
 _LEAST = 1e-3
+#: Of the best metric of a mesh below the threshold, what the shape at rest may cost.
+_WORTH = 0.95
 
 
 def raises(problem: CorrectionProblem, settings: CorrectionSettings) -> bool:
@@ -68,13 +69,13 @@ def nearer_rest(problem: CorrectionProblem, mesh: TrialMesh, before: CellQuality
     return Polished(problem.begin, least)
 
 
-def reshaped(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Polished:
-    """A mesh below the threshold raised towards its shape at rest, or where that fails to its best metric."""
-    shape, region = replace(mesh, metric=RELATIVE_SHAPE), mesh.free(~mesh.held)
-    found = polish(problem.begin, shape, region, target=NEAR_REST)
-    if mesh.quality(found.points).min() >= goal(settings):
-        return found
-    return polish(problem.begin, mesh, region)
+def reshaped(problem: CorrectionProblem, mesh: TrialMesh) -> Polished:
+    """A mesh below the threshold at its best metric, or nearer to its shape at rest where that costs little of it."""
+    region = mesh.free(~mesh.held)
+    best = polish(problem.begin, mesh, region)
+    shaped = polish(problem.begin, replace(mesh, metric=RELATIVE_SHAPE), region, target=NEAR_REST)
+    own, most = (mesh.quality(found.points).min() for found in (shaped, best))
+    return shaped if own >= _WORTH * most else best
 
 
 def spoils(before: CellQuality, after: CellQuality, metric: str, gain: float = 1.0) -> bool:
