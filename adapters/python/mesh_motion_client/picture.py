@@ -32,6 +32,8 @@ def picture(points: Floats, facets: Sequence[Ints], far: Floats, places: Floats,
     flat = points.shape[1] == 2
     seen = np.concatenate([*(points[facet] for facet in facets), places])
     low, high = seen.min(axis=0), seen.max(axis=0)
+    margin = 0.02 * (high - low).max()  # a patch may be flat
+    low, high = low - margin, high + margin
     height = 1.5 + 7.0 * min(1.0, float((high - low)[1] / (high - low)[0])) if flat else 4.5
     figure = Picture(figsize=(8.0, height), layout="constrained")
     axes: Any = figure.add_subplot(projection=None if flat else "3d")
