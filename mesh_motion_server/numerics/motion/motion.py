@@ -242,6 +242,7 @@ class MotionModel(PreparedMesh):
             near=near,
             valid=step.valid,
             known=quality.metric.min if self.predicts_exactly and not quality.inverted else None,
+            near_walls=lambda: self.near_walls,
         )
         radius = float(predicted.motion.method.enrichment_radius or 0.0)
         with watch.phase("correct"):
