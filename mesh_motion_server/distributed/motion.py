@@ -53,8 +53,6 @@ _FIXED_CHOICES = {
     "correction": ("none",),
     "displacement": ("relative", "absolute"),
     "reduction": ("none",),
-    "volume_reduction": ("none",),
-    "support_radius_choice": ("mesh",),
     "boundary_layer_thickness": (None,),
 }
 
