@@ -269,11 +269,9 @@ class Method:
                 raise _refused(name, f"{name}: expected {key.expected}, got {value!r}", "set another value")
             for other, allowed in key.needs.get(str(value), {}).items():
                 if getattr(self, other) not in allowed:
-                    raise _refused(
-                        name,
-                        f"{name} = {value!r}: expected {other} {' or '.join(map(repr, allowed))}, got {getattr(self, other)!r}",
-                        f"set another {other}, or leave {name} out",
-                    )
+                    expected, got = " or ".join(map(repr, allowed)), getattr(self, other)
+                    message = f"{name} = {value!r}: expected {other} {expected}, got {got!r}"
+                    raise _refused(name, message, f"set another {other}, or leave {name} out")
 
     def as_dict(self) -> dict[str, object]:
         """The choices as plain values, in the order of the fields."""
