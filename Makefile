@@ -18,7 +18,7 @@
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
 # make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, six minutes (adapters/kratos/README.md)
 # make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
-# make docker builds the images and runs server + mock fluid + mock solid; make docker-openfoam server + OpenFOAM + CalculiX
+# make docker builds the images and couples server, mock fluid and mock solid: out/docker; make docker-openfoam OpenFOAM and CalculiX
 #
 # Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the versions
 # of requirements/dev.lock instead of the newest.
@@ -156,11 +156,15 @@ mok: $(VENV)/.development
 flap: $(VENV)/.development
 	$(BIN)/python examples/perpendicular_flap/proof.py --out out/flap
 
+# The plugin of today, or docker-compose 1. The result comes from the stopped container to out/docker, as the caller's own.
+COMPOSE = $$(docker compose version >/dev/null 2>&1 && echo docker compose || echo docker-compose) --profile $(1)
+COMPOSED = compose="$(COMPOSE)" && $$compose up --build --abort-on-container-exit --exit-code-from $(2) \
+  && mkdir -p out/docker && docker cp "$$($$compose ps -aq $(2))":/results/. out/docker && ls out/docker
 docker:
-	docker-compose --profile mock up --build --abort-on-container-exit --exit-code-from fluid
+	$(call COMPOSED,mock,fluid)
 
 docker-openfoam:
-	docker-compose --profile openfoam up --build --abort-on-container-exit --exit-code-from flap
+	$(call COMPOSED,openfoam,flap)
 
 clean:
 	rm -rf $(VENV) out dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from benchmarks.distributed.cases import PartitionCase
 from benchmarks.distributed.figures import Row
 from benchmarks.distributed.local_cluster import local_cluster
+from benchmarks.distributed.partitioned import PartitionedMotion, PartitionedStep
+from benchmarks.distributed.sources import FileSource, write_partitions
 from mesh_motion_server.distributed.connection import Connection
 from mesh_motion_server.distributed.crew import Crew, Question
 from mesh_motion_server.distributed.held import HeldPartition
 from mesh_motion_server.distributed.model import DistributedModel
-from mesh_motion_server.distributed.motion import PartitionedMotion
 from mesh_motion_server.distributed.packing import pack
-from mesh_motion_server.distributed.sources import FileSource, MeshSource, write_partitions
+from mesh_motion_server.distributed.split import Split
 from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import Method
@@ -74,12 +75,10 @@ def measure_messages(case: PartitionCase) -> tuple[float, float, float]:
             spent.append(time.perf_counter() - begin)
         return min(spent)  # whatever else the machine does only adds
 
-    boundary = case.boundary[:10]
     found = {}
     with workers_on_this_machine(1) as connection:
         for count in (1, 17):
-            source = _source_of(case, boundary, count)
-            crew = Crew(connection, f"mesh-motion-messages-{count}", count, source)
+            crew = Crew(connection, f"mesh-motion-messages-{count}", count, _partitions_of(case, count))
             crew.ask(Question(_nothing, "questions", "summaries", _no_arguments))
             found[count] = seconds(crew, _nothing, _EMPTY_QUESTIONS)
             if count == 1:
@@ -88,8 +87,9 @@ def measure_messages(case: PartitionCase) -> tuple[float, float, float]:
     return found[1], max(found[17] - found[1], 0.0) / 16, bandwidth
 
 
-def _source_of(case: PartitionCase, boundary: NDArray[np.int64], count: int) -> Any:
-    return MeshSource(case.points, case.cells, boundary, count).make
+def _partitions_of(case: PartitionCase, count: int) -> Callable[[int], HeldPartition]:
+    split = Split.build(case.points, case.cells, count)
+    return lambda number: HeldPartition(split.partition(number))
 
 
 def measured(case: PartitionCase, workers: list[int], folder: Path, repeat: int) -> Iterator[Row]:
@@ -150,36 +150,34 @@ def _partitions(
         body = motion.boundary[motion.roles.moving]
         targets = body + case.displacement(body, step)
         run = _Clock(motion)
-        trial = motion.move(targets, factors)
-        row = run.row(case, "partitions", workers, trial.seconds["solve"], 0.0, setup)
-        motion.commit()
-        rows.append((row, float(np.abs(motion.boundary - goal[source.nodes]).max())))
+        moved = motion.move(targets, factors)
+        rows.append(run.row(case, "partitions", workers, 0.0, 0.0, setup))
+        assert np.array_equal(motion.boundary, goal[source.nodes])
     own = motion.positions()
     last = expected[-1]
     difference = max(
         float(np.abs(points - last[part.nodes[part.own]]).max())
         for points, part in ((own[n], source.make(n)().mesh) for n in range(workers))
     )
-    pack_seconds, solve = _pack_seconds(trial), _solve_seconds(motion, targets)
+    pack_seconds, solve = _pack_seconds(moved), _solve_seconds(motion, targets)
     motion.close()
-    best = min((row for row, _ in rows[1:]), key=lambda row: row.here + row.longest)
+    best = min(rows[1:], key=lambda row: row.here + row.longest)
     halo = sum(len(source.make(n)().mesh.nodes) for n in range(workers)) / len(case.points) - 1.0
     return _changed(best, difference=difference, pack=pack_seconds, solve=solve, halo=halo)
 
 
-def _pack_seconds(trial: Any) -> float:
+def _pack_seconds(step: PartitionedStep) -> float:
     """Processor time of cutting one step's coefficients up."""
-    stage, boxes = trial.step.stage, trial.step.boxes
     begin = time.process_time()
-    for box in boxes:
-        pack((stage.interpolant, *stage.further), box)
+    for box in step.boxes:
+        pack((step.stage.interpolant, *step.stage.further), box)
     return time.process_time() - begin
 
 
 def _solve_seconds(motion: PartitionedMotion, targets: Floats) -> float:
     """Processor time of the interpolation, made anew, at the boundary alone."""
     begin = time.process_time()
-    motion._motion.trial(motion.boundary, targets, MakeEachTime(), Stopwatch())
+    motion.interpolation.trial(motion.boundary, targets, MakeEachTime(), Stopwatch())
     return time.process_time() - begin
 
 

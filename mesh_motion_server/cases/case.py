@@ -163,8 +163,8 @@ class Case:
         Raises
         ------
         InvalidInput
-            As :func:`~mesh_motion_server.files.read_mesh`; for a patch without a role, a role for no patch, and a
-            motion whose vectors do not have the mesh's dimension.
+            As :func:`~mesh_motion_server.files.read_mesh`; for a patch without a role, a role for no patch, a
+            motion of a patch that does not move, and one whose vectors do not have the mesh's dimension.
         """
         mesh = read_mesh(self.mesh_path, self.content.mesh.zone)
         roles = self.content.patches
@@ -183,6 +183,7 @@ class Case:
             )
         if empty := [name for name, nodes in mesh.patches.items() if not len(nodes)]:
             raise InvalidInput(f"{self.path}: patch {empty[0]!r} of {mesh.path.name} has no nodes")
+        _check_motions(self.path, self.content)
         for number, motion in enumerate(self.content.motion, start=1):
             _check_vectors(self.path, number, motion.rigid or motion.oscillation, mesh.dimension)
         return mesh
@@ -213,7 +214,6 @@ def read_case(path: Path | str) -> Case:
         raise _first_offender(error, path) from None
     except InvalidInput as error:  # keys of [method] that cannot be combined
         raise InvalidInput(f"{path}: method.{error.message}", hint=error.hint, details=error.details) from None
-    _check_motions(path, content)
     return Case(path, content)
 
 
@@ -264,8 +264,8 @@ _WAYS_OUT = {
 
 
 def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
-    """One line for the first error: file, key, value, what was expected."""
-    first = error.errors(include_url=False)[0]
+    """One line for the first error, a misspelt key before the one that is missing: file, key, value, expectation."""
+    first = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
     place = [part for part in first["loc"] if part != "[key]"]
     where = _place(place) or "the file"
     if first["type"] == "extra_forbidden":

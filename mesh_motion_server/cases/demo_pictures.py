@@ -21,7 +21,7 @@ _STANDARD, _CORRECTED = LIGHT.faint, LIGHT.runs[0]
 
 
 def draw_overview(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Two rows, standard and corrected; a column a case."""
+    """Two rows, standard and corrected; a column a case. The corrected numbers are in the file's description too."""
     figure = Figure(figsize=(5.0 * len(outcomes), 10.6), dpi=100, layout="constrained")
     axes = figure.subplots(2, len(outcomes), squeeze=False)
     for column, outcome in enumerate(outcomes):
@@ -33,7 +33,8 @@ def draw_overview(path: Path, outcomes: Sequence[Outcome]) -> None:
             colours = draw_mesh(axes[row, column], after, None, title, choose_window(before, after, None))
             axes[row, column].tick_params(labelbottom=False, labelleft=False, length=0)
     _colour_bar(figure, colours, axes.ravel().tolist())
-    figure.savefig(path, metadata={"Software": None})
+    lowest = " ".join(f"{outcome.corrected.summary['min_size_skew']:.3f}" for outcome in outcomes)
+    figure.savefig(path, metadata={"Software": None, "Description": lowest})
 
 
 def draw_flag(path: Path, outcome: Outcome) -> None:

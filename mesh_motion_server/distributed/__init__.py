@@ -17,8 +17,8 @@ bit, except for the means, which are sums in another order.
     crew.py              asks all partitions something; rebuilds those of a lost worker
     versions.py          positions that both sides know, and the rows in which others differ from them
     evaluator.py         the evaluator and judge of a session: displacements come back
-    motion.py            motions of a mesh that no single machine holds: only summaries come back
-    sources.py           partitions as files
+    fallback.py          computes on this machine while no worker answers, where the operator said so
+    model.py             a session's model whose evaluator and judge lie on workers
     traffic.py           bytes on the wire by kind
 
 Nothing else in the server imports ``dask`` or ``distributed``, and here only :func:`.connection.require_dask` does,

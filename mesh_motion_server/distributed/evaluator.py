@@ -11,8 +11,6 @@ to workers     positions: where boundary and corrected nodes were put       boun
 from workers   displacements of all nodes, since the session answers them   volume
 from workers   parts of the summary                                         partitions
 ============== ============================================================ =======================
-
-A caller that does not want the displacements in one place takes :mod:`~mesh_motion_server.distributed.motion`.
 """
 
 from __future__ import annotations

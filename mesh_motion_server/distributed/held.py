@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,25 +21,19 @@ from mesh_motion_server.distributed.packing import unpack
 from mesh_motion_server.distributed.split import MeshPartition
 from mesh_motion_server.distributed.summaries import PartialSummary, Questions, part_of
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.mesh.paths import RigidMotion
 from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.motion.motion_field import Stage
 from mesh_motion_server.numerics.quality.metrics import CellQuality, CellsAtRest, cell_quality, cells_at_rest
 
 __all__ = [
     "Answer",
     "HeldPartition",
     "Positions",
-    "Step",
     "VersionLost",
-    "advance",
     "displace",
     "gradient",
     "judge",
-    "own_positions",
     "perform",
     "questioned",
-    "write_positions",
 ]
 
 Floats = NDArray[np.float64]
@@ -58,44 +51,14 @@ class Positions:
     Attributes
     ----------
     version : int or None
-        None: the values are the positions of all rows, or a file has them.
+        None: the values are the positions of all rows.
     rows : (k,) int64 array or None
     values : (k, d) array, mesh length unit
-    file : str
-        A checkpoint; empty: none.
     """
 
     version: int | None
     rows: Ints | None = None
     values: Floats | None = None
-    file: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One stage of a motion as it travels.
-
-    Attributes
-    ----------
-    rigid : RigidMotion or None
-    interpolants : bytes
-        The levels, from :func:`~mesh_motion_server.distributed.packing.pack`.
-    rows : (k,) int64 array
-        Nodes with prescribed positions, as rows of the partition.
-    values : (k, d) array, mesh length unit
-    """
-
-    rigid: RigidMotion | None
-    interpolants: bytes
-    rows: Ints
-    values: Floats
-
-    def positions(self, points: Floats) -> Floats:
-        """(p, d) where the stage puts points (p, d)."""
-        first, *further = unpack(self.interpolants)
-        moved = Stage(self.rigid, first, tuple(further)).positions(points, LocalEvaluator())
-        moved[self.rows] = self.values
-        return moved
 
 
 @dataclass(eq=False)
@@ -136,8 +99,6 @@ class HeldPartition:
         VersionLost
             If they are not here.
         """
-        if where.file:
-            return np.asarray(np.load(where.file, allow_pickle=False))
         if where.version is None:
             return _given(where.values)
         found = self.mesh.points if where.version == 0 else self.versions.get(where.version)
@@ -220,13 +181,6 @@ def judge(
     return _judged(held, points, metric), bounding_box(points)
 
 
-def advance(
-    held: HeldPartition, start: Positions, steps: tuple[Step, ...], version: int, metric: str, keep: tuple[int, ...]
-) -> tuple[PartialSummary, Floats]:
-    """As :func:`judge` for where some stages take the nodes."""
-    return judge(held, Positions(None, None, _moved(held, start, steps)), version, metric, keep)
-
-
 def questioned(
     held: HeldPartition,
     questions: Questions,
@@ -247,28 +201,6 @@ def questioned(
     if held.quality is None:
         raise VersionLost("no quality")
     return tuple(content(held.quality.metric(name), way) for name, way in questions)
-
-
-def own_positions(held: HeldPartition, start: Positions, steps: tuple[Step, ...]) -> Floats:
-    """(o, d) positions of its own nodes where some stages take them, mesh length unit."""
-    return _moved(held, start, steps)[held.mesh.own]
-
-
-def write_positions(held: HeldPartition, start: Positions, steps: tuple[Step, ...], file: str) -> int:
-    """Write the positions of all its nodes where some stages take them to a new file; its bytes."""
-    positions = _moved(held, start, steps)
-    partial = Path(file + ".part")
-    with open(partial, "wb") as stream:
-        np.save(stream, positions)
-    partial.replace(file)
-    return int(positions.nbytes)
-
-
-def _moved(held: HeldPartition, start: Positions, steps: tuple[Step, ...]) -> Floats:
-    points = held.at(start)
-    for step in steps:
-        points = step.positions(points)
-    return points
 
 
 def _judged(held: HeldPartition, points: Floats, metric: str) -> PartialSummary:

@@ -48,7 +48,8 @@ class Holders:
             )
         current = self._session.epoch
         if request.epoch != current:
-            reason = "another holder resumed the session" if request.epoch < current else "it was never given out"
+            resumed = request.epoch < current
+            reason = "the session was resumed by another holder" if resumed else "it was never given out"
             raise SessionError(
                 f"epoch {request.epoch} is not the current one: {reason}",
                 code="ABORTED.FENCED",

@@ -194,12 +194,17 @@ class Registry:
                 continue
             if len(page) == _LISTED:
                 return page, True
-            live = self.live.get(name)
+            live = self._serving(name)
             page.append((owner, live.listed() if live is not None else _stored(self._store.describe(name))))
         return page, False
 
-    def _owner_listed(self, session: str) -> str | None:
+    def _serving(self, session: str) -> Live | None:
+        """The live session, None once CLOSE was answered: then the store tells whether there still is one."""
         live = self.live.get(session)
+        return None if live is None or live.state == "CLOSED" else live
+
+    def _owner_listed(self, session: str) -> str | None:
+        live = self._serving(session)
         owner: str | None = live.owner if live is not None else self._store.owner_listed(session)
         return owner
 

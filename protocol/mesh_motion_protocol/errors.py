@@ -63,7 +63,7 @@ ERROR_CODES: dict[str, ErrorCode] = _codes(
     ("FAILED_PRECONDITION.QUALITY", False, _SAME, "no acceptable mesh was found for the displacement",
      "move the fraction that stays valid, in smaller steps"),
     ("ABORTED", True, _SAME, "the request was overtaken", "ask STATUS, then decide"),
-    ("ABORTED.FENCED", False, _SAME, "the session was resumed by someone else", "give the session up, or RESUME"),
+    ("ABORTED.FENCED", False, _SAME, "the session was resumed by another holder", "give the session up, or RESUME"),
     ("ABORTED.STALE", False, _SAME, "the request is older than the replies still remembered", "ask STATUS"),
     ("ABORTED.CONFLICT", False, _SAME, "this request id was used before with another content", "use a new sequence"),
     ("ABORTED.TRIAL_LOST", False, _SAME, "the trial did not survive a restart", "repeat the MOVE, then COMMIT"),

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from mesh_motion_server.cases.case import read_case
 from mesh_motion_server.cases.demo import DEMO_CASES, Outcome, _write_case, play_demo, table_of
 from mesh_motion_server.cases.motion_program import MotionProgram
 
 ROOT = Path(__file__).parents[2]
+#: The demonstration's motions as docs/beyond.md names them.
+ROWS = ("dx −0.3", "dx, dy −0.25", "dx, dy −0.2, +60°")
+
+
+def lowest_in(picture: Path) -> str:
+    """The numbers that a picture shows, from its description."""
+    with Image.open(picture) as image:
+        return str(image.info["Description"])
 
 
 @pytest.mark.parametrize("case", DEMO_CASES, ids=lambda case: case.name)
@@ -27,10 +37,17 @@ def test_the_demo_shows_the_examples(case, tmp_path: Path) -> None:
     MotionProgram.of(ours, ours.read_mesh())
 
 
+def test_the_front_picture_and_the_table_show_the_same_numbers() -> None:
+    table = (ROOT / "docs" / "beyond.md").read_text(encoding="utf-8")
+    reached = [re.findall(rf"^\| {re.escape(row)} \|(?: [^|]+ \|){{2}} ([^|]+) \|", table, re.M)[0] for row in ROWS]
+    assert lowest_in(ROOT / "docs" / "images" / "demo.png").split() == reached
+
+
 @pytest.mark.nightly
 def test_the_demo_corrects_what_plain_interpolation_inverts(tmp_path: Path) -> None:
     outcomes: list[Outcome] = play_demo(tmp_path)
     assert {p.name for p in tmp_path.glob("*.png")} == {"overview.png", "flag.png"}
+    assert lowest_in(tmp_path / "overview.png") == lowest_in(ROOT / "docs" / "images" / "demo.png")
     for outcome in outcomes[:3]:
         assert outcome.standard.summary["inverted_cells"] > 0
         assert outcome.corrected.summary["inverted_cells"] == 0

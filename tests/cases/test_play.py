@@ -316,7 +316,7 @@ def test_without_matplotlib_all_but_the_picture(
 
 
 def nothing_is_left(server: Server) -> bool:
-    """No session: a discarded one leaves the list when its worker has ended, soon after CLOSED."""
+    """No session: a discarded one leaves the list with CLOSED."""
     deadline = time.monotonic() + 20.0
     while server.sessions() and time.monotonic() < deadline:
         time.sleep(0.05)

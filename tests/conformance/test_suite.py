@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import zmq
 from mesh_motion_conformance.__main__ import main
-from mesh_motion_conformance.case import Case, Outcome, Skip, Unmet, section_order
+from mesh_motion_conformance.case import Case, Outcome, Skip, Unmet
 from mesh_motion_conformance.client import client_cases
 from mesh_motion_conformance.line import Silence
 from mesh_motion_conformance.presence import Unreachable, require_somebody
@@ -27,15 +27,6 @@ README = ROOT / "protocol" / "conformance" / "README.md"
 def titles_of_the_document():
     """Section → its title."""
     return dict(re.findall(r"^## (\d+) (.+)$", SPEC.read_text(encoding="utf-8"), re.MULTILINE))
-
-
-def counts(cases):
-    """The README's rows: a section with its number of cases and its title."""
-    titles = titles_of_the_document()
-    sections = [case.section.partition(".")[0] for case in cases]
-    return "".join(
-        f"| {s} | {sections.count(s)} | {titles[s]} |\n" for s in sorted(set(sections), key=section_order)
-    ) + (f"| all | {len(cases)} | |\n")
 
 
 def test_the_summary_names_sections_as_the_document_does():
@@ -64,18 +55,11 @@ def test_every_case_is_named_by_a_sentence_of_the_document(cases):
         assert case.demand, case.id
 
 
-def test_there_are_at_least_600_cases():
-    assert len(server_cases()) >= 600
-    assert len(client_cases()) >= 60
-
-
-def test_the_readme_counts_the_cases_and_not_too_many():
-    text = README.read_text(encoding="utf-8")
-    for name, cases in (("server", server_cases()), ("client", client_cases())):
-        block = re.search(rf"<!-- counts: {name} -->\n(.*?)<!-- end -->", text, re.DOTALL)
-        said, true = (re.findall(r"^\| (\w+) \| (\d+) \|", rows, re.MULTILINE) for rows in (block[1], counts(cases)))
-        assert [section for section, _ in said] == [section for section, _ in true]
-        assert all(int(a) <= int(b) for (_, a), (_, b) in zip(said, true, strict=True)), counts(cases)
+def test_there_are_as_many_cases_as_the_readme_says():
+    said = re.findall(r"[Mm]ore than (\d+) (?:cases|scenarios)", README.read_text(encoding="utf-8"))
+    assert len(said) == 2
+    assert len(server_cases()) > int(said[0])
+    assert len(client_cases()) > int(said[1])
 
 
 def test_it_imports_neither_the_server_nor_what_computes():

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -26,21 +24,6 @@ def block(language: str) -> str:
 
 def options(line: str) -> set[str]:
     return set(re.findall(r"(?<=\s)--[\w-]+", line))
-
-
-@pytest.mark.nightly
-@pytest.mark.slow  # starts worker processes
-def test_the_lines_of_python_run(tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    script = tmp_path / "motion.py"  # the workers' processes import it
-    script.write_text(block("python"), encoding="utf-8")
-    run = subprocess.run(
-        [sys.executable, str(script)], cwd=ROOT, capture_output=True, text=True, timeout=200, check=False
-    )
-    assert run.returncode == 0, run.stderr
-    quality = [float(line.split()[0]) for line in run.stdout.splitlines()]
-    assert len(quality) == 3
-    assert quality == sorted(quality, reverse=True)
 
 
 def test_the_settings_are_some() -> None:

@@ -65,3 +65,14 @@ def test_compose_takes_the_file(profile):
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert PROFILES[profile] <= set(done.stdout.split())
+
+
+def test_what_the_images_copy_reaches_the_builder():
+    """What .dockerignore leaves out cannot be copied; it names what is let in."""
+    taken = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(), flags=re.MULTILINE)
+    copied = [
+        name
+        for line in re.findall(r"^COPY (?!--)(.+) \S+$", "".join(STAGES), flags=re.MULTILINE)
+        for name in line.split()
+    ]
+    assert [name for name in copied if not any(name == let or name.startswith(f"{let}/") for let in taken)] == []

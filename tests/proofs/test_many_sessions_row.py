@@ -69,10 +69,8 @@ def test_workers_that_stay_are_found(seed: Seed, tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("proofs.holder._PATIENCE", 2.0)
     seed("workers that stay")
     with fleet(tmp_path, 1, 1) as made:
-        with pytest.raises(BrokenPromise, match="no worker ended within 2 s"):
-            row.swap(made, 0, Polite())
-        made.live.clear()
-        with pytest.raises(BrokenPromise, match=r"1 workers and \d+ open files"):
+        row.swap(made, 0, Polite())  # the place of the closed session is free, whether its worker ends or not
+        with pytest.raises(BrokenPromise, match=r"[12] workers and \d+ open files"):
             row.require_calm(made)
 
 

@@ -171,6 +171,8 @@ class SessionHost:
 
     def close_session(self, request, identity):
         self.closed, self.state = True, "CLOSED"
+        if request.outcome == "discard":
+            self.store.path(self.session).unlink()
         return m.Closed(**identity, step=self.step)
 
     def expire(self, now):

@@ -350,8 +350,9 @@ def test_a_worker_that_is_slow_to_end_holds_nobody_up(start, connect, open_sessi
     wait_until(lambda: server.events("worker_ended"), "the log tells")
 
 
-def test_the_place_of_a_closed_session_is_free_at_once(start, open_session):
+def test_the_place_of_a_closed_session_is_free_at_once(start, connect, open_session):
     server = start(max_sessions=1)
     for _ in range(20):
         _, data, at = open_session(server)
         assert data.ask(Close, **at, outcome="discard").type == "CLOSED"
+        assert connect(server.endpoint).ask(List).sessions == []

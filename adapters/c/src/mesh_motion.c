@@ -908,7 +908,7 @@ static outcome check_unfenced(mm_session *session, const answer *probed)
         return DONE;
     }
     return fail(session->context, "ABORTED.FENCED", "give this session up, or resume it again from here",
-                "the session was resumed by someone else (epoch %" PRId64 ")", integer_field(probed, "epoch"));
+                "the session was resumed by another holder (epoch %" PRId64 ")", integer_field(probed, "epoch"));
 }
 
 /* While a request is computed: does the worker still live, and for us? */

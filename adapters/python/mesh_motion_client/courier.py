@@ -253,7 +253,7 @@ class Courier:
     def _check_unfenced(self, probed: Probed) -> None:
         if probed.epoch > self._epoch:
             raise SessionError(
-                f"the session was resumed by someone else (epoch {probed.epoch})",
+                f"the session was resumed by another holder (epoch {probed.epoch})",
                 code="ABORTED.FENCED",
                 hint="give this session up, or resume it again from here",
             )

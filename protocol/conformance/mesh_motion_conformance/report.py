@@ -16,7 +16,7 @@ _TITLES = {
     "2": "Transport", "3": "Frames", "4": "Header", "5": "Arrays", "6": "Limits", "7": "A session", "8": "States",
     "9": "Partitions", "10": "Exactly once", "11": "Broken connections, RESUME, fencing", "12": "Messages",
     "13": "Mesh", "14": "Settings", "15": "Reports", "16": "The committed state's digest", "17": "Errors",
-    "18": "Versions", "19": "A session, frame by frame", "20": "Keys and roles", "21": "Durability",
+    "18": "Versions", "19": "A minimal client", "20": "Keys and roles", "21": "Durability",
     "22": "Shared memory",
 }  # fmt: skip
 
