@@ -6,7 +6,7 @@ FROM ${BASE} AS python
 # The folders are the user's from the start: a named volume takes the owner of the folder it is first mounted on.
 RUN apt-get update \
  && apt-get install -y --no-install-recommends python3 python3-venv \
- && rm -rf /var/lib/apt/lists/* \
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/* \
  && python3 -m venv /opt/mesh-motion \
  && useradd --uid 10001 --create-home --shell /usr/sbin/nologin mesh \
  && install -d -o mesh -g mesh -m 0700 /run/mesh-motion /var/lib/mesh-motion \
@@ -38,7 +38,9 @@ WORKDIR /home/mesh
 
 FROM python AS server
 COPY requirements/server.lock ./
-RUN pip install --no-cache-dir --require-hashes -r server.lock
+# A tenth of scipy and numpy are their own tests.
+RUN pip install --no-cache-dir --require-hashes -r server.lock \
+ && find /opt/mesh-motion -type d -name tests -prune -exec rm -r {} +
 COPY --from=build /wheels /wheels
 RUN pip install --no-cache-dir --no-deps /wheels/*.whl
 USER mesh

@@ -8,7 +8,7 @@
 # make lint   ruff and mypy, as CI does
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
 # make prove-full the same with the counts of a night
-# make mutants changes journal, session and codec in small ways and shows that the tests notice (tests/mutation), ten minutes
+# make mutants changes journal, session, codec and judging in small ways and shows that the tests notice (tests/mutation), ten minutes
 # make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes

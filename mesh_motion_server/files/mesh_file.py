@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,8 @@ class MeshFile:
         Which of the file's zones it is; "" in formats without zones.
     notes : tuple of str
         What was left out or named, a line each.
+    halo : dict of str to (h, k) int64 arrays
+        Cells beyond periodic sides, images of others, that are left out.
     """
 
     points: FloatArray
@@ -47,6 +49,7 @@ class MeshFile:
     periodic: tuple[str, ...] = ()
     zone: str = ""
     notes: tuple[str, ...] = ()
+    halo: dict[str, IntArray] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
@@ -62,6 +65,14 @@ class MeshFile:
     def cell_table(self) -> CellTable:
         """The cells as the numerics take them."""
         return CellTable.from_arrays(self.cells)
+
+    def with_halo(self) -> MeshFile:
+        """The mesh with its halo: cells like others, behind sides that are not periodic but fixed."""
+        cells = {
+            name: np.concatenate([of[name] for of in (self.cells, self.halo) if name in of])
+            for name in {**self.cells, **self.halo}
+        }
+        return replace(self, cells=cells, halo={})
 
     def __post_init__(self) -> None:
         _check_points(self.points, self.path)

@@ -55,21 +55,22 @@ class _Zone:
             marker[kind].append(nodes)
 
     def mesh(self, path: Path, zone: str) -> MeshFile:
-        """The mesh without its halo and without markers that have no elements."""
+        """The mesh, its halo apart, without markers that have no elements."""
         points = _columns(self.points, range(self.dimension), np.float64)
         markers = {
             name or _UNNAMED: {kind: np.concatenate(parts) for kind, parts in of.items()}
             for name, of in self.markers.items()
         }
-        cells, markers, left = _without_halo(self.cells, markers, self.physical, len(points))
+        cells, halo, markers = _without_halo(self.cells, markers, self.physical, len(points))
         none = np.empty(0, dtype=np.int64)
         nodes = {name: np.concatenate([none, *(part.ravel() for part in of.values())]) for name, of in markers.items()}
         notes = [f"marker {name!r} has no elements: it is no patch" for name in nodes if not len(nodes[name])]
         notes += [f"a marker without a name is the patch {_UNNAMED!r}"] if "" in self.markers else []
-        notes += [f"cells of the halo ({_HALO}) that are left out: {left}"] if left else []
+        left = sum(len(of) for of in halo.values())
+        notes += [f"cells of the halo ({_HALO}) that are left out where a patch is periodic: {left}"] if left else []
         patches = {name: of for name, of in nodes.items() if len(of)}
         mesh = assemble(path, points, cells, patches)
-        return replace(mesh, zone=zone, notes=tuple(notes))
+        return replace(mesh, zone=zone, notes=tuple(notes), halo=halo)
 
 
 _Markers = dict[str, dict[str, IntArray]]
@@ -77,8 +78,8 @@ _Markers = dict[str, dict[str, IntArray]]
 
 def _without_halo(
     cells: dict[str, IntArray], markers: _Markers, physical: int, count: int
-) -> tuple[dict[str, IntArray], _Markers, int]:
-    """Cells and markers without those of the halo, and how many cells that are.
+) -> tuple[dict[str, IntArray], dict[str, IntArray], _Markers]:
+    """Cells without those of the halo, those, and markers without them.
 
     The halo begins behind the ``physical`` ones of ``count`` nodes. Its cells have such a node that no marker has; a
     periodic marker has the nodes on its side.
@@ -88,17 +89,16 @@ def _without_halo(
         for nodes in of.values():
             halo[nodes[(nodes >= 0) & (nodes < count)]] = False
     kept = {name: nodes[~_touching(nodes, halo)] for name, nodes in cells.items()}
-    left = sum(len(cells[name]) - len(nodes) for name, nodes in kept.items())
+    left = {name: nodes[_touching(nodes, halo)] for name, nodes in cells.items() if len(nodes) > len(kept[name])}
     if not left:
-        return cells, markers, 0
+        return cells, {}, markers
     beyond = np.arange(count) >= physical
     for nodes in kept.values():
         beyond[nodes] = False
-    return (
-        kept,
-        {name: {kind: part[~_touching(part, beyond)] for kind, part in of.items()} for name, of in markers.items()},
-        left,
-    )
+    markers = {
+        name: {kind: part[~_touching(part, beyond)] for kind, part in of.items()} for name, of in markers.items()
+    }
+    return kept, left, markers
 
 
 def _touching(nodes: IntArray, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -164,7 +164,10 @@ def test_a_halo_of_older_releases_is_left_out(tmp_path: Path) -> None:
     text += "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 2\nSEND_TO= -1\n1 6 1\n1 7 1\n"
     mesh = read_mesh(su2(tmp_path, text))
     assert (len(mesh.points), len(mesh.cells["quad"]), list(mesh.patches)) == (8, 1, ["lower wall", "far", "pin"])
-    assert mesh.notes == ("cells of the halo (SEND_RECEIVE) that are left out: 1",)
+    assert mesh.notes == ("cells of the halo (SEND_RECEIVE) that are left out where a patch is periodic: 1",)
+    whole = mesh.with_halo()
+    assert whole.cells["quad"].tolist() == [*mesh.cells["quad"].tolist(), *mesh.halo["quad"].tolist()]
+    assert mesh.halo["quad"].tolist() == [[2, 6, 7, 5]]
     images_on_a_marker = with_rows(text, ("MARKER_ELEMS= 1\n1 3", "MARKER_ELEMS= 2\n1 3\n3 6 7"))
     assert len(read_mesh(su2(tmp_path, images_on_a_marker)).cells["quad"]) == 2
 

@@ -60,6 +60,10 @@ _SESSION = (
     "tests/service/test_exactly_once.py",
     "tests/service/test_quality_report.py",
 )
+_NUMERICS = {
+    "quality.orientation": ("orientation",),
+    "quality.quality_summary": ("quality_summary", "order_statistics"),
+}
 _PROTOCOL = tuple(f"tests/protocol/test_{name}.py" for name in ("codec", "header", "schema", "vectors", "digests"))
 
 
@@ -92,5 +96,10 @@ TARGETS: Mapping[str, Target] = MappingProxyType(
         "mesh_motion_protocol",
         _PROTOCOL,
         {name: (name, "codec", "vectors") for name in ("codec", "header", "arrays", "digests", "schema")},
+    )
+    | _targets(
+        "mesh_motion_server.numerics",
+        tuple(f"tests/numerics/test_{name}.py" for names in _NUMERICS.values() for name in names),
+        _NUMERICS,
     )
 )

@@ -13,10 +13,10 @@ from mesh_motion_server.numerics.correction.correction import (
     Correction,
     CorrectionProblem,
     CorrectionSettings,
-    _spoils,
     correct,
 )
 from mesh_motion_server.numerics.correction.correction_problem import SMALL_MESH
+from mesh_motion_server.numerics.correction.near_rest import spoils
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -214,6 +214,6 @@ def test_a_correction_that_gains_less_than_it_spoils_is_told_from_one_that_gains
     extremes = zip(before.relative_extremes(), after.relative_extremes(), strict=True)
     spoiled = max(own / new for own, new in extremes)
     assert spoiled > 1.1
-    assert _spoils(before, after, "relative-size-skew", 0.99 * spoiled)
-    assert not _spoils(before, after, "relative-size-skew", 1.01 * spoiled)
-    assert not _spoils(before, after, "size-skew", 1.0)
+    assert spoils(before, after, "relative-size-skew", 0.99 * spoiled)
+    assert not spoils(before, after, "relative-size-skew", 1.01 * spoiled)
+    assert not spoils(before, after, "size-skew", 1.0)

@@ -8,7 +8,9 @@ import pytest
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.quality.mesh_check import check_mesh
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.quality.mesh_check import check_mesh, checked_mesh
 
 
 @dataclass
@@ -168,6 +170,26 @@ def test_odd_patches_are_noticed(mesh):
     assert inside == "patch 'others': 1 node is not on the boundary of the mesh, the first is node 12"
     assert uncovered.startswith("11 boundary nodes are in no patch, the first is node 2; nothing holds them")
     assert shared == "patches 'left' (moving) and 'others' (fixed) share 2 nodes, the first is node 5; moving wins"
+
+
+def test_nodes_behind_fixed_ones_rest(mesh):
+    """A row of cells beyond a fixed line, as the halo of a periodic side is."""
+    columns, cells = mesh.points[:, 0], CellTable.from_arrays(mesh.cells)
+    mesh.patches = {
+        "left": Patch("moving", np.flatnonzero(columns == columns.min())),
+        "line": Patch("fixed", np.flatnonzero(np.isclose(columns, np.unique(columns)[-2]))),
+    }
+    beyond = np.flatnonzero(columns == columns.max())
+    assert np.array_equal(checked_mesh(mesh.points, cells, mesh.patches).resting, beyond)
+    assert mesh.check()[-1] == (
+        f"{len(beyond)} boundary nodes are in no patch, the first is node {beyond[0]}; "
+        "they lie behind fixed nodes and stay where they are"
+    )
+    model = MotionModel.build(mesh.points, cells, mesh.patches, Method())
+    moved = model.move(mesh.points, mesh.points[model.roles.moving] + [0.05, 0.02]).points
+    assert np.array_equal(moved[beyond], mesh.points[beyond])
+    between = np.flatnonzero((columns > columns.min()) & np.isin(np.arange(len(columns)), model.roles.all, invert=True))
+    assert (moved[between] != mesh.points[between]).any(axis=1).all()
 
 
 @pytest.mark.parametrize("name", ["tetra", "hexahedron", "wedge", "pyramid", "line"])

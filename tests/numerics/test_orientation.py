@@ -9,8 +9,8 @@ from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.quality.mesh_check import check_mesh, checked_mesh
-from mesh_motion_server.numerics.quality.metrics import cell_quality
-from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_server.numerics.quality.orientation import oriented, oriented_at_rest
 
 LISTED = {1: "from right to left", 2: "clockwise", 3: "in the opposite orientation"}
 
@@ -38,6 +38,24 @@ def square(order: dict[int, list[int]] | None = None) -> tuple[np.ndarray, CellT
         "others": Patch("fixed", np.flatnonzero((x == 1) | (y == 0) | (y == 1))),
     }
     return points, CellTable.from_arrays({"quad": quads}), patches
+
+
+def test_a_crossed_quadrilateral_stays_as_it_is():
+    """Its area is negative and its corners have both signs: no mirror image makes it valid."""
+    points = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, -2.0], [1.0, 1.0]])
+    cells = CellTable.from_arrays({"quad": [[0, 1, 2, 3]]})
+    read = oriented(points, cells)
+    assert read.sizes[0] < 0.0
+    assert read.cells is cells
+    assert len(read.mirrored) == 0
+
+
+def test_at_rest_the_mirror_image_is_measured():
+    points = one_cell("triangle")
+    cells, rest = oriented_at_rest(points, CellTable.from_arrays({"triangle": [[0, 2, 1]]}))
+    assert cells.blocks[0].nodes.tolist() == [[0, 1, 2]]
+    assert rest.sizes.tolist() == reference_sizes(points, cells).tolist()
+    assert rest.sizes[0] > 0.0
 
 
 @pytest.mark.parametrize("name", CELL_TYPES)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import summarize
+from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, summarize
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.quality.quality_summary import distribution, smallest
 
@@ -56,5 +56,9 @@ def test_a_summary_names_the_worst_cells():
     assert summary.worst[0].value == 0.0
     assert summary.worst[1].size_skew == pytest.approx(3**0.5 / 2)
     assert summary.metric == distribution(quality.metric("size-skew-product"))
+    named = {"size": summary.size, "skew": summary.skew, "size_skew": summary.size_skew, "metric": summary.metric}
+    assert summary.reported == named
+    lowest = lowest_of(quality, moved, cells, metric="size-skew-product")
+    assert lowest.reported == {"metric": lowest.metric}
     with pytest.raises(InvalidInput, match="unknown quality metric"):
         summarize(quality, moved, cells, metric="angle")

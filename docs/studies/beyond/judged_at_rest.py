@@ -129,7 +129,7 @@ def claims(outcome: Outcome) -> None:
         ideal, rest = (rows[name, metric] for metric in METRICS)
         if "small" in name:
             assert rest[4] >= 0.98 * ideal[4]
-            assert rest[3] == rest[2]  # nothing was corrected
+            assert rest[3] >= rest[2]
         if "stretched" in name or "hybrid" in name:
             assert rest[7] > 0.99
 

@@ -46,6 +46,7 @@ from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import I
 from mesh_motion_server.numerics.correction.enrichment.placement import gap_middle
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
+from mesh_motion_server.numerics.correction.near_rest import NEAR_REST, leans, nearer_rest, raises, reshaped, spoils
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime, travel
 from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
 from mesh_motion_server.numerics.quality.metrics import CellQuality
@@ -65,7 +66,6 @@ Floats = NDArray[np.float64]
 _WORST = 10  # cells that a refusal names
 #: Thresholds that a large mesh is raised to where that is cheap: what just meets one is spent by the next step.
 _AMPLE = 2.5
-_NOTICED = 1.01  # factor by which a quality may fall for nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,33 +132,34 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
     if settings.in_time == "smooth":
         return _smooth_in_time(problem, settings, mesh)
-    if p.known is not None and p.valid is None and (settings.correction == "none" or p.known >= goal(settings)):
+    lifts = raises(problem, settings)
+    enough = max(NEAR_REST, goal(settings)) if lifts else goal(settings)
+    if p.known is not None and p.valid is None and (settings.correction == "none" or p.known >= enough):
         return _judged(problem, settings, _Found(p.begin), "none", p.known)
     before = mesh.cell_quality(p.begin)
     quality = signed(before, mesh.metric)
     least = float(quality.min())
-    if settings.correction == "none" or (p.valid is None and least >= goal(settings)):
+    good = p.valid is None and least >= goal(settings)
+    if settings.correction == "none" or (good and not (lifts and leans(problem, mesh, before))):
         return _judged(problem, settings, _Found(p.begin), "none", least, before)
     found = _Found(p.begin)
-    if p.valid is None or settings.correction == "optimised":
+    if good:
+        with one_blas_thread():
+            found = _freed(nearer_rest(problem, mesh.released(p.constraint), before))
+    elif p.valid is None or settings.correction == "optimised":
         with one_blas_thread():
             found = CORRECTIONS[settings.correction](problem, settings, mesh, quality)
     after = before if found.points is p.begin else mesh.cell_quality(found.points)
     corrected = signed(after, mesh.metric)
     # a method may fail, or gain less than it spoils: the mesh never gets worse by it
-    if corrected.min() < least or (least > 0.0 and _spoils(before, after, mesh.metric, float(corrected.min() / least))):
+    if not good and (
+        corrected.min() < least or (least > 0.0 and spoils(before, after, mesh.metric, float(corrected.min() / least)))
+    ):
         found, after, corrected = _Found(p.begin), before, quality
     if not corrected.min() > 0.0:
         raise _refusal(corrected, settings)
-    return _judged(problem, settings, found, settings.correction, float(corrected.min()), after)
-
-
-def _spoils(before: CellQuality, after: CellQuality, metric: str, gain: float) -> bool:
-    """Whether the smallest relative skew or size falls by more than the ``gain``, a factor, of the minimum quality."""
-    if metric != "relative-size-skew":
-        return False
-    extremes = zip(before.relative_extremes(), after.relative_extremes(), strict=True)
-    return any(own > max(gain, _NOTICED) * new for own, new in extremes)
+    method = "none" if good and found.points is p.begin else settings.correction
+    return _judged(problem, settings, found, method, float(corrected.min()), after)
 
 
 def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:
@@ -228,8 +229,15 @@ def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
         found = reach(problem.begin, mesh, target, quality=quality)
         if settings.target == "auto" and mesh.metric == "relative-size-skew" and found.minimum >= target:
             found = _raised(found, mesh, _AMPLE * target)
+    elif raises(problem, settings):
+        found = reshaped(problem, mesh)
     else:
         found = polish(problem.begin, mesh, mesh.free(~mesh.held))
+    return _freed(found)
+
+
+def _freed(found: Polished) -> _Found:
+    """What freeing nodes gave."""
     return _Found(found.points, None, found.freed, found.iterations, found.history)
 
 

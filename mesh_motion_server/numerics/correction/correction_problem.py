@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +71,8 @@ class CorrectionProblem:
         from it instead of untangling ``standard``, and the other corrections leave it as it is.
     known : float, optional
         Smallest quality of ``standard``, where it has been judged already and no cell is inverted.
+    near_walls : callable, optional
+        Marks the nodes (n,) near the moving walls, which stay where a good ``standard`` is only made better.
     """
 
     start: Floats
@@ -85,6 +88,7 @@ class CorrectionProblem:
     near: Floats | None = None
     valid: Floats | None = None
     known: float | None = None
+    near_walls: Callable[[], NDArray[np.bool_]] | None = None
 
     @property
     def begin(self) -> Floats:

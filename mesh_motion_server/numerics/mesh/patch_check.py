@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
 
-__all__ = ["check_patches", "patch_warnings"]
+__all__ = ["check_patches", "nodes_behind_fixed", "patch_warnings"]
 
 Ints = NDArray[np.int64]
 
@@ -74,7 +78,7 @@ def _check_nodes(n: int, name: str, nodes: NDArray[np.integer]) -> None:
         )
 
 
-def patch_warnings(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
+def patch_warnings(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) -> list[str]:
     """What is odd about usable patches.
 
     Parameters
@@ -83,8 +87,43 @@ def patch_warnings(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
         Nodes on the boundary of the mesh.
     patches : mapping of name to Patch
         Checked by :func:`check_patches`.
+    resting : (r,) array
+        Of :func:`nodes_behind_fixed`.
     """
-    return [*_inside(boundary, patches), *_uncovered(boundary, patches), *_shared(patches)]
+    return [*_inside(boundary, patches), *_uncovered(boundary, patches, resting), *_shared(patches)]
+
+
+def nodes_behind_fixed(n: int, cells: CellTable, boundary: Ints, patches: Mapping[str, Patch]) -> Ints:
+    """Boundary nodes (r,) in no patch that fixed nodes cut off from all other patches: those of halo cells, mostly.
+
+    Interpolation knows no cells, and would carry them along through the fixed nodes.
+    """
+    floating = _floating(boundary, patches)
+    if not len(floating):
+        return floating
+    fixed, other = np.zeros((2, n), dtype=bool)
+    for patch in patches.values():
+        (fixed if patch.role == "fixed" else other)[patch.nodes] = True
+    fixed &= ~other
+    part = _parts(n, cells, ~fixed)
+    meets = np.zeros(part.max() + 1, dtype=bool)  # a fixed node, by part
+    for block in cells:
+        rows = block.nodes[fixed[block.nodes].any(axis=1)]
+        meets[part[rows[~fixed[rows]]]] = True
+    meets[part[other]] = False
+    return floating[meets[part[floating]]]
+
+
+def _parts(n: int, cells: CellTable, joined: NDArray[np.bool_]) -> Ints:
+    """(n,) number of the part of the mesh that each node belongs to, where only ``joined`` (n,) nodes join cells."""
+    pairs = []
+    for block in cells:
+        for a, b in combinations(block.nodes.T, 2):
+            both = joined[a] & joined[b]
+            pairs.append(np.stack([a[both], b[both]]))
+    ends = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(ends.shape[1], dtype=bool), tuple(ends)), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _inside(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
@@ -99,16 +138,25 @@ def _inside(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
     return found
 
 
-def _uncovered(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
-    """Boundary nodes in no patch."""
-    covered = np.concatenate([patch.nodes for patch in patches.values()])
-    floating = np.setdiff1d(boundary, covered)
-    if not len(floating):
-        return []
+def _uncovered(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) -> list[str]:
+    """Boundary nodes in no patch, and what becomes of them."""
+    fates = {
+        "nothing holds them: they follow the interpolation like interior nodes": np.setdiff1d(
+            _floating(boundary, patches), resting
+        ),
+        "they lie behind fixed nodes and stay where they are": resting,
+    }
     return [
-        f"{len(floating)} boundary node{'s are' if len(floating) > 1 else ' is'} in no patch, the first is node "
-        f"{floating[0]}; nothing holds them: they follow the interpolation like interior nodes"
+        f"{len(nodes)} boundary node{'s are' if len(nodes) > 1 else ' is'} in no patch, the first is node "
+        f"{nodes[0]}; {fate}"
+        for fate, nodes in fates.items()
+        if len(nodes)
     ]
+
+
+def _floating(boundary: Ints, patches: Mapping[str, Patch]) -> Ints:
+    """Boundary nodes (f,) in no patch."""
+    return np.setdiff1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
 
 
 def _shared(patches: Mapping[str, Patch]) -> list[str]:

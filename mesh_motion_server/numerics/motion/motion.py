@@ -222,6 +222,7 @@ class MotionModel(PreparedMesh):
             near=near,
             valid=step.valid,
             known=None if quality.inverted else quality.metric.min,
+            near_walls=lambda: self.near_walls,
         )
         radius = float(predicted.motion.method.enrichment_radius or 0.0)
         with watch.phase("correct"):

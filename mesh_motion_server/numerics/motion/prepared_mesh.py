@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_server.numerics.correction.free_region import grow
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, LocalEvaluator
@@ -99,7 +100,9 @@ class PreparedMesh:
         InvalidInput
             When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        cells, sizes, warnings = checked_mesh(points, cells, patches)
+        cells, sizes, warnings, resting = checked_mesh(points, cells, patches)
+        if len(resting):
+            patches = {**patches, "": Patch("fixed", resting)}
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
@@ -153,6 +156,13 @@ class PreparedMesh:
     def boundary(self) -> PossibleCrossing:
         """The boundary, which may cross itself."""
         return PossibleCrossing.build(self.points, self.cells, self.roles)
+
+    @cached_property
+    def near_walls(self) -> NDArray[np.bool_]:
+        """(n,) nodes of the cells on the moving walls, and of the layers there."""
+        moving = np.zeros(len(self.points), dtype=bool)
+        moving[self.roles.moving] = True
+        return held_with(grow(self.cells, moving, 1), None if self.layered is None else self.layered.layer)
 
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.

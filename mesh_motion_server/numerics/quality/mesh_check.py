@@ -5,7 +5,7 @@ basic to dependent ones, so the first error is the one to mend first: shapes and
 geometry, the patches, the boundary.
 
 Boundary nodes in no patch are allowed: they follow the interpolation like interior nodes, and no correction moves
-them. That is rarely wanted at a wall, hence the warning.
+them; those behind fixed nodes rest. That is rarely wanted at a wall, hence the warning.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mesh_motion_server.numerics.interpolation.support_radius import suggest_sup
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
-from mesh_motion_server.numerics.mesh.patch_check import check_patches, patch_warnings
+from mesh_motion_server.numerics.mesh.patch_check import check_patches, nodes_behind_fixed, patch_warnings
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality, quality_extremes, reference_sizes
@@ -47,11 +47,14 @@ class CheckedMesh(NamedTuple):
     reference_sizes : (m,) array
         Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`, all positive.
     warnings : list of str
+    resting : (r,) int64 array
+        Nodes in no patch that stay where they are: those behind fixed nodes.
     """
 
     cells: CellTable
     reference_sizes: NDArray[np.float64]
     warnings: list[str]
+    resting: NDArray[np.int64]
 
 
 def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
@@ -92,7 +95,8 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     boundary = _boundary_of(points, listed, read)
     checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
     odd = [*read.warnings, *_coincident(points, checked), *_orphans(len(points), cells)]
-    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches)])
+    resting = nodes_behind_fixed(len(points), cells, boundary, patches)
+    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches, resting)], resting)
 
 
 def _check_points(points: NDArray[np.float64], dimension: int) -> None:

@@ -1,0 +1,110 @@
+"""Small meshes judged at rest are raised beyond the threshold, but not near walls, nor where that spoils areas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.numerics.correction import near_rest
+from mesh_motion_server.numerics.correction.near_rest import NEAR_REST
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+
+AROUND, LAYERS = 48, 12
+
+
+def cascade(*, split: bool = False) -> tuple[np.ndarray, CellTable, dict[str, Patch]]:
+    """A stretched O-grid about an inclined blade in a passage as high as the blade is long."""
+    angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    blade = np.column_stack([0.5 * np.cos(angle), 0.06 * np.sin(angle)]) @ turn
+    side = np.column_stack([np.cos(angle - 0.4), np.sin(angle - 0.4)])
+    side *= np.array([1.2, 0.5]) / np.abs(side).max(axis=1)[:, None]
+    share = ((1.5 ** np.arange(LAYERS + 1) - 1.0) / (1.5**LAYERS - 1.0))[:, None, None]
+    points = (blade * (1.0 - share) + side * share).reshape(-1, 2)
+    i, j = np.arange(AROUND), np.roll(np.arange(AROUND), -1)
+    quads = np.concatenate([np.column_stack([i, i + AROUND, j + AROUND, j]) + k * AROUND for k in range(LAYERS)])
+    kind = {"triangle": np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])} if split else {"quad": quads}
+    patches = {"blade": Patch("moving", i), "sides": Patch("fixed", i + LAYERS * AROUND)}
+    return points, CellTable.from_arrays(kind), patches
+
+
+def model_of(mesh: tuple[np.ndarray, CellTable, dict[str, Patch]] | None = None, **choices: object) -> MotionModel:
+    points, cells, patches = mesh or cascade()
+    return MotionModel.build(points, cells, patches, Method(**choices))
+
+
+def pitched(model: MotionModel, degrees: float, shift: float = 0.0) -> np.ndarray:
+    """Targets: the blade turned about its middle and shifted upwards."""
+    a = np.radians(degrees)
+    turn = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+    return model.points[model.roles.moving] @ turn.T + [0.0, shift]
+
+
+def extremes(model: MotionModel, points: np.ndarray) -> tuple[float, float]:
+    """Smallest relative skew and size."""
+    return cell_quality(points, model.cells, cells_at_rest(model.points, model.cells)).relative_extremes()
+
+
+def test_a_cascade_is_raised_towards_its_shape_at_rest_and_its_walls_are_left_alone() -> None:
+    model = model_of()
+    targets = pitched(model, 15.0, 0.1)
+    plain = model_of(correction="none").move(model.points, targets)
+    motion = model.move(model.points, targets)
+    assert plain.reached, "it is not the threshold that asks for this"
+    (before, area), (after, own) = (extremes(model, found.points) for found in (plain, motion))
+    assert before < 0.65
+    assert after > 0.8
+    assert own > 0.99 * area
+    assert np.array_equal(motion.points[model.near_walls], plain.points[model.near_walls])
+    assert motion.correction.method == "optimised"
+
+
+def test_who_names_another_metric_or_target_gets_what_the_threshold_asks() -> None:
+    targets = pitched(model_of(), 15.0, 0.1)
+    for choices in ({"quality_metric": "size-skew", "quality_threshold": 0.02}, {"correction_target": "threshold"}):
+        model = model_of(**choices)
+        plain = model_of(**choices, correction="none").move(model.points, targets)
+        assert plain.reached
+        assert np.array_equal(model.move(model.points, targets).points, plain.points)
+
+
+def test_what_is_near_rest_is_judged_once_and_freed_never(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = model_of()
+    monkeypatch.setattr(near_rest, "reach", None)
+    monkeypatch.setattr(near_rest, "leans", None)
+    motion = model.move(model.points, pitched(model, 0.5))
+    assert motion.corrected.metric.min > NEAR_REST
+    assert motion.correction.method == "none"
+
+
+def test_a_step_from_a_raised_mesh_does_not_pay_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = model_of()
+    committed = model.move(model.points, pitched(model, 15.0, 0.1)).points
+    assert extremes(model, committed)[0] < NEAR_REST
+    monkeypatch.setattr(near_rest, "reach", None)
+    motion = model.move(committed, pitched(model, 15.2, 0.1))
+    assert motion.correction.method == "none"
+
+
+def test_a_large_mesh_is_raised_to_the_threshold_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = model_of()
+    monkeypatch.setattr(near_rest, "SMALL_MESH", {2: 10})
+    assert model.move(model.points, pitched(model, 15.0, 0.1)).correction.method == "none"
+
+
+def test_areas_are_not_spent_for_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = cascade(split=True)
+    model = model_of(mesh)
+    targets = pitched(model, 15.0, 0.1)
+    plain = model_of(mesh, correction="none").move(model.points, targets)
+    assert plain.reached
+    motion = model.move(model.points, targets)
+    monkeypatch.setattr(near_rest, "spoils", lambda *_: False)
+    (_, area), (_, own), (_, spent) = (
+        extremes(model, found.points) for found in (plain, motion, model.move(model.points, targets))
+    )
+    assert spent < 0.99 * area <= own
