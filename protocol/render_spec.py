@@ -18,7 +18,7 @@ from typing import Any, get_args, get_origin
 from mesh_motion_protocol.declarations import Choice, Length, Range
 from mesh_motion_protocol.errors import ERROR_CODES
 from mesh_motion_protocol.limits import LIMITS
-from mesh_motion_protocol.messages import COLLECTIVE, CONTROL, MESSAGES, REPLIES, Message
+from mesh_motion_protocol.messages import COLLECTIVE, CONTROL, MESSAGES, REPLIES, Join, Message, SessionMessage
 from mesh_motion_protocol.schema import ArraySpec, FieldSpec, schema_of
 
 from mesh_motion_server.numerics.method import KEYS, Key
@@ -26,6 +26,8 @@ from mesh_motion_server.security.authorisation import MATRIX, Role
 from mesh_motion_server.session.state import TABLE, Operation, State
 
 SPEC = Path(__file__).parent / "SPEC.md"
+ADDRESS = ("session", "epoch", "partition")
+"""Fields of every request to a data endpoint; listed with JOIN only."""
 SPEC_TABLES = "conformance/mesh_motion_conformance/spec_tables.py"
 _BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _KINDS = {str: "str", bytes: "bin", int: "int", float: "float", bool: "bool", list: "array", dict: "map", Any: "any"}
@@ -71,9 +73,14 @@ def _messages() -> str:
 def _message(cls: type[Message]) -> str:
     schema, meanings = schema_of(cls), _meanings(cls)
     title = f"#### {schema.kind}\n\n{' '.join(inspect.getdoc(cls).split(chr(10) * 2)[0].split())}\n"
-    rows = [_field_row(spec, cls, meanings) for spec in schema.fields]
+    listed_before = ADDRESS if issubclass(cls, SessionMessage) and cls is not Join else ()
+    rows = [_field_row(spec, cls, meanings) for spec in schema.fields if spec.name not in listed_before]
     rows += [_array_row(spec, meanings) for spec in schema.arrays]
-    return f"{title}\n{_table(('field', 'type', 'default', 'meaning'), *rows)}" if rows else f"{title}\nNo fields.\n"
+    return (
+        f"{title}\n{_table(('field', 'type', 'default', 'meaning'), *rows)}"
+        if rows
+        else f"{title}\nNo {'further ' if listed_before else ''}fields.\n"
+    )
 
 
 def _field_row(spec: FieldSpec, cls: type[Message], meanings: dict[str, str]) -> tuple[str, ...]:

@@ -48,8 +48,8 @@ HEAVY = ("scipy", "mesh_motion_kernels", "pydantic", "mesh_motion_server")
 def forbidden(module: str) -> tuple[str, ...]:
     """Prefixes that the module may not import."""
     package, *inner = module.split(".")
-    if package == "mesh_motion_precice":  # of the server it takes the readers of mesh files, which need numpy alone
-        return (*HEAVY[:-1], "zmq", *(f"mesh_motion_server.{part}" for part in (*LAYERS, "cases", "commands")))
+    if package == "mesh_motion_precice":  # of the server it takes the readers of mesh files; scipy's k-d tree
+        return (*HEAVY[1:-1], "zmq", *(f"mesh_motion_server.{part}" for part in (*LAYERS, "cases", "commands")))
     if package in APART:
         return (*HEAVY, *APART[package])
     if not inner or inner[0] not in (*LAYERS, "files"):

@@ -107,6 +107,25 @@ auto view_of(Container& local) {
     return Vector<std::remove_pointer_t<decltype(local.data())>>(local.data(), {static_cast<Index>(local.size())});
 }
 
+/// Refuses numbers of something of which there are n, unless all are from 0 to n − 1.
+template <class T, std::size_t N>
+void require_below(View<const T, N> numbers, Index n, const char* expected) {
+    const auto last = static_cast<std::uint64_t>(n) - 1;
+    std::uint64_t signs = 0;  // a difference below 0 has the highest bit, and so has a number below 0
+    for (T number : numbers) {
+        const auto bits = static_cast<std::uint64_t>(static_cast<Index>(number));
+        signs |= bits | (last - bits);
+    }
+    require(signs >> 63 == 0, expected);
+}
+
+/// Refuses starts of parts of n entries that do not ascend up to n.
+inline void require_starts(Vector<const Index> starts, Index n, const char* expected) {
+    bool ascending = starts.size() > 0 && starts[0] >= 0 && starts[starts.size() - 1] == n;
+    for (Index i = 1; i < starts.size(); ++i) ascending &= starts[i - 1] <= starts[i];
+    require(ascending, expected);
+}
+
 /// An array that a loop made: Python receives it.
 template <class T, std::size_t N>
 struct Owned {

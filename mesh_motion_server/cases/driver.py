@@ -109,17 +109,17 @@ def open_session(
         For a server that asks for them.
     """
     patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
-    told = {"roles": dict(case.content.patches), "method": case.content.method.model_dump(exclude_unset=True)}
-    settings = kept.settings(told) if resumed else {}
+    asked = {"roles": dict(case.content.patches), "method": case.content.method.model_dump(exclude_unset=True)}
+    settings = kept.settings(asked) if resumed else {}
     state = kept.state if endpoint is None else None
     with connect(endpoint, state=state, server_options=server_options, keys=keys) as server:
         if resumed:
             session = server.resume(Credentials.load(kept.credentials))
         else:
-            session = server.open(Mesh(mesh.points, mesh.cells, patches), told["method"], label=case.name)
+            session = server.open(Mesh(mesh.points, mesh.cells, patches), asked["method"], label=case.name)
             session.credentials.save(kept.credentials)
             settings = dict(session.settings)
-            kept.begin(told, settings)
+            kept.begin(asked, settings)
         outcome: Literal["keep", "discard"] = "keep"
         try:
             yield _Session(session, settings)

@@ -13,11 +13,11 @@ FACES = ("max_non_orthogonality", "faces_above_65", "faces_above_75", "max_skewn
 Faces = Mapping[str, Mapping[str, Any]]
 
 
-def faces_numbers(told: Faces) -> dict[str, dict[str, Any]]:
+def faces_numbers(faces: Faces) -> dict[str, dict[str, Any]]:
     """What is kept of MOVED's faces: of the worst ones the first, after the step."""
-    kept = {name: {key: value for key, value in said.items() if key != "worst"} for name, said in told.items()}
+    kept = {name: {key: value for key, value in numbers.items() if key != "worst"} for name, numbers in faces.items()}
     if "after" in kept:
-        kept["after"]["worst"] = list(told["after"].get("worst", ()))[:1]
+        kept["after"]["worst"] = list(faces["after"].get("worst", ()))[:1]
     return kept
 
 

@@ -44,11 +44,11 @@ class Kept:
         """Whether no step was made."""
         return not self._steps.exists()
 
-    def begin(self, told: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+    def begin(self, asked: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         """Keep what is played, to be compared on resuming, and the settings in force."""
-        self._run.write_text(json.dumps({"told": told, "settings": settings}), encoding="utf-8")
+        self._run.write_text(json.dumps({"asked": asked, "settings": settings}), encoding="utf-8")
 
-    def settings(self, told: Mapping[str, Any]) -> dict[str, Any]:
+    def settings(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         """The settings in force.
 
         Raises
@@ -62,7 +62,7 @@ class Kept:
             raise InvalidInput(
                 f"{self.folder.parent}: no unfinished run is kept there", hint="play without --resume"
             ) from None
-        changed = sorted(name for name in told if told[name] != known["told"].get(name))
+        changed = sorted(name for name in asked if asked[name] != known["asked"].get(name))
         if changed:
             raise InvalidInput(
                 f"{self.folder.parent}: the steps that are kept were played with another {', '.join(changed)}",

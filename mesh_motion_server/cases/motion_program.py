@@ -85,14 +85,14 @@ class FunctionProgram:
         if not step:
             return np.zeros_like(self.points)
         try:
-            told = np.asarray(self.function(self.points.copy(), step), dtype=np.float64)
+            found = np.asarray(self.function(self.points.copy(), step), dtype=np.float64)
         except Exception as error:
             raise InvalidInput(f"{self.name}: in step {step}: {type(error).__name__}: {error}") from error
-        if told.shape != self.points.shape or not np.isfinite(told).all():
+        if found.shape != self.points.shape or not np.isfinite(found).all():
             raise InvalidInput(
-                f"{self.name}: in step {step}: expected finite displacements {self.points.shape}, got {told.shape}"
+                f"{self.name}: in step {step}: expected finite displacements {self.points.shape}, got {found.shape}"
             )
-        return told
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,7 @@ class StepRecord:
     iterations : int
         Coupling iterations.
     boundary_error : float
-        Largest distance between a moving or fixed node and where it was told to be, mesh length unit.
+        Largest distance between a moving or fixed node and where it should be, mesh length unit.
     seconds : float
         Wall time of the step as the driver sees it: all iterations, the wire and the commit.
     seconds_solve, seconds_predict, seconds_correct, seconds_displace : float

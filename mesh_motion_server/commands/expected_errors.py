@@ -29,8 +29,8 @@ def expected_errors() -> Iterator[None]:
 
 def _tell(line: str, error: BaseException) -> None:
     """The line, and what was noted of the error on its way."""
-    for told in (line, *getattr(error, "__notes__", ())):
-        complain(told)
+    for text in (line, *getattr(error, "__notes__", ())):
+        complain(text)
 
 
 def _kinds() -> tuple[type[Exception], ...]:

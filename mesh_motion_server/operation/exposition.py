@@ -48,10 +48,10 @@ class _Collector(Collector):
         else:
             family, values = GaugeMetricFamily(PREFIX + line.name, line.text, labels=labels), self._gauges
         if labels:
-            told = dict.fromkeys(line.shown, 0.0) | {
+            shown = dict.fromkeys(line.shown, 0.0) | {
                 label: v for (name, label), v in values.items() if name == line.name
             }
-            for label, value in sorted(told.items()):
+            for label, value in sorted(shown.items()):
                 family.add_metric([label], value)
         elif line.kind == "counter" or (line.name, "") in values:
             family.add_metric([], values.get((line.name, ""), 0))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from mesh_motion_server.operation.disk_watch import SILENT_SECONDS
 from mesh_motion_server.operation.room import DiskRoom
 
-__all__ = ["Standing"]
+__all__ = ["Readiness"]
 
 
 @dataclass(frozen=True)
-class Standing:
+class Readiness:
     """What readiness depends on.
 
     Attributes

@@ -9,9 +9,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from mesh_motion_server.transport.attempts import Attempts
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
-from mesh_motion_server.transport.processes import Child, spawn
+from mesh_motion_server.transport.processes import Attempts, Child, spawn
 from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["Attendant"]

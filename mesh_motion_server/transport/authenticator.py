@@ -26,7 +26,7 @@ _ALLOWED, _TEMPORARY, _REFUSED = b"200", b"300", b"400"
 _FRAMES = 7
 _QUESTION_BYTES = 4096
 #: Refused handshakes are counted and told at most so often: a log must not grow with an attack.
-_TOLD_SECONDS = 1.0
+_LOG_SECONDS = 1.0
 
 
 class Authenticator:
@@ -56,7 +56,7 @@ class Authenticator:
         self.guest = ""
         self._allow_list = allow_list
         self._counts: Counter[str] = Counter()
-        self._told = (0.0, 0)
+        self._logged = (0.0, 0)
 
     def answer_waiting(self) -> None:
         """Answer a question if one waits."""
@@ -98,9 +98,9 @@ class Authenticator:
         if status != _ALLOWED:
             TALLY.count("denied_connections")
         refused = self._counts.total() - self._counts[_ALLOWED.decode()]
-        when, told = self._told
-        if refused > told and time.monotonic() - when > _TOLD_SECONDS:
-            self._told = (time.monotonic(), refused)
+        when, logged = self._logged
+        if refused > logged and time.monotonic() - when > _LOG_SECONDS:
+            self._logged = (time.monotonic(), refused)
             log().warning("handshakes_refused", refused=refused, allowed=self._counts[_ALLOWED.decode()])
 
     def close(self) -> None:

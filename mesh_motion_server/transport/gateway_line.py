@@ -13,10 +13,9 @@ from typing import Any
 
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.operation.tally import TALLY
-from mesh_motion_server.transport.attempts import Attempts
 from mesh_motion_server.transport.channel import Outbox
 from mesh_motion_server.transport.endpoints import EndpointError
-from mesh_motion_server.transport.processes import Child
+from mesh_motion_server.transport.processes import Attempts, Child
 from mesh_motion_server.transport.self_test import ProtectionError
 from mesh_motion_server.transport.telemetry import log
 

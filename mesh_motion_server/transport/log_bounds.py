@@ -74,8 +74,8 @@ def places_of_exception(raised: BaseException | None) -> dict[str, Any]:
     """Type and places of an exception; its text may quote what a client has sent, and goes to that client alone."""
     if raised is None:
         return {}
-    told = {"exception": type(raised).__name__, "trace": _places(raised.__traceback__)}
-    return told | {"reason": str(raised)} if isinstance(raised, _OF_THE_SYSTEM) else told
+    fields = {"exception": type(raised).__name__, "trace": _places(raised.__traceback__)}
+    return fields | {"reason": str(raised)} if isinstance(raised, _OF_THE_SYSTEM) else fields
 
 
 def _places(trace: TracebackType | None) -> list[str]:

@@ -16,6 +16,7 @@ import signal
 import socket
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.transport.channel import Channel
 
 __all__ = [
+    "Attempts",
     "Child",
     "adopt_orphans",
     "fork",
@@ -46,6 +48,8 @@ _PR_SET_CHILD_SUBREAPER = 36
 _END_SECONDS = 5.0
 #: Of -1000 … 1000; 0 is usual.
 _OOM_SCORE = 500
+#: Starts of one child are counted over this, seconds.
+_COUNTED_SECONDS = 3600.0
 
 
 @dataclass(eq=False)
@@ -107,6 +111,27 @@ class Child:
                 return None
             time.sleep(0.001)
         return 1
+
+
+class Attempts:
+    """Starts of a child that may fall: so many an hour, however long the server runs.
+
+    Parameters
+    ----------
+    most : int
+        Within an hour; a child that falls more often has a reason that another start does not cure.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._made: deque[float] = deque(maxlen=most)
+
+    def note(self, now: float) -> None:
+        """One more, at this time of the monotonic clock."""
+        self._made.append(now)
+
+    def over(self, now: float) -> bool:
+        """Whether there is none left."""
+        return len(self._made) == self._made.maxlen and now - self._made[0] < _COUNTED_SECONDS
 
 
 def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) -> Child:

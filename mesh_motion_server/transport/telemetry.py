@@ -69,8 +69,8 @@ class _Line(logging.Formatter):
         if self._json:
             return json.dumps(line, default=repr)
         # values as literals: what a client calls itself must not steer the terminal
-        told = " ".join(f"{name}={line[name]!r}" for name in values)
-        return f"{at} {line['level']:7} {line['event']} {told}"
+        pairs = " ".join(f"{name}={line[name]!r}" for name in values)
+        return f"{at} {line['level']:7} {line['event']} {pairs}"
 
 
 def configure(role: str, level: str = "info") -> None:

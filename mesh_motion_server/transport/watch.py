@@ -13,7 +13,7 @@ from mesh_motion_protocol import PROTOCOL_VERSION
 
 from mesh_motion_server import __version__
 from mesh_motion_server.operation.disk_watch import SILENT_SECONDS, DiskWatch
-from mesh_motion_server.operation.readiness import Standing
+from mesh_motion_server.operation.readiness import Readiness
 from mesh_motion_server.operation.room import DiskRoom, available_memory, resident_bytes
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.operation.tally import TALLY
@@ -32,7 +32,7 @@ _TEMPLATE_SECONDS = 60.0
 #: The log warns when so many times the reserve is left.
 _WARNED = 2
 #: Live sessions of which the page is told, the latest; their entries fit into one message.
-_TOLD = 500
+_MOST_SESSIONS = 500
 _MAKE_ROOM = "make room, such as by removing history/ of closed sessions: below the reserve new sessions are refused"
 #: Of a session with a worker.
 _STATES = ("NEW", "OPENING", "READY", "TRIAL", "COMMITTING", "SUSPENDED", "FROZEN", "FAILED")
@@ -109,26 +109,26 @@ class Watch:
         if template is not self._template[0]:
             self._template = (template, now)
         self._warm = self._warm or (template is not None and template.spoke)
-        standing = self._standing(now, now - gateway.answered_at, draining=draining)
-        self._log_disk(standing)
-        missing = standing.missing()
-        if not standing.gateway_silent:
+        readiness = self._readiness(now, now - gateway.answered_at, draining=draining)
+        self._log_disk(readiness)
+        missing = readiness.missing()
+        if not readiness.gateway_silent:
             self.manager.tell("WATCHDOG=1", f"STATUS={registry.working()} sessions{missing and '; ' + missing}")
         if self.metrics.child is not None:
-            gauges = [*self._gauges(registry, template, standing.disk), ("ready", "", float(not missing))]
+            gauges = [*self._gauges(registry, template, readiness.disk), ("ready", "", float(not missing))]
             news = {"at": now, "gateway_at": gateway.answered_at, "missing": missing, "gauges": gauges}
             self.metrics.tell(news | {"totals": TALLY.values()})
         if self.page.child is not None:
-            told = [[*_told(live)] for live in registry.live.values()]
+            sessions = [[*_entry(live)] for live in registry.live.values()]
             # the latest, and those that fell only where there is room behind the working ones
-            told = sorted(told, key=lambda entry: entry[1] != "dead")[-_TOLD:]
-            self.page.tell({"missing": missing, "sessions": told})
+            sessions = sorted(sessions, key=lambda entry: entry[1] != "dead")[-_MOST_SESSIONS:]
+            self.page.tell({"missing": missing, "sessions": sessions})
         self._disk.ask()  # for the next time
 
-    def _standing(self, now: float, silence: float, *, draining: bool) -> Standing:
+    def _readiness(self, now: float, silence: float, *, draining: bool) -> Readiness:
         template, since = self._template
         late = template is not None and not template.spoke and now - since > _TEMPLATE_SECONDS
-        return Standing(
+        return Readiness(
             draining=draining,
             gateway_silent=silence > self._settings.stuck_seconds,
             warm=self._warm,
@@ -138,11 +138,11 @@ class Watch:
             reserve=self._settings.reserve_disk_bytes,
         )
 
-    def _log_disk(self, standing: Standing) -> None:
+    def _log_disk(self, readiness: Readiness) -> None:
         """Once when the room gets low or the disk silent, once when all is well again."""
-        disk, reserve = standing.disk, self._settings.reserve_disk_bytes
+        disk, reserve = readiness.disk, self._settings.reserve_disk_bytes
         trouble = ""
-        if standing.disk_silence > SILENT_SECONDS:
+        if readiness.disk_silence > SILENT_SECONDS:
             trouble = "disk_silent"
         elif disk.free < _WARNED * reserve:
             trouble = "disk_low"
@@ -176,6 +176,6 @@ def _build() -> dict[str, str]:
     return {"version": __version__, "protocol": version, "python": platform.python_version()}
 
 
-def _told(live: Live) -> tuple[str, str, str, int, int]:
+def _entry(live: Live) -> tuple[str, str, str, int, int]:
     """Of a session that has or had a worker: no token, no owner, no label."""
     return live.session, live.status, live.state, live.step, live.epoch

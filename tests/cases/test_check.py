@@ -7,7 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from mesh_motion_client import QualityRefused, Server
+from mesh_motion_client import QualityRefused
 
 from mesh_motion_server.cases.check import check, estimate_costs
 from mesh_motion_server.cases.play import play
@@ -166,13 +166,13 @@ def test_a_motion_that_is_accepted(make_case) -> None:
     assert check(make_case()).steps == 0
 
 
-def test_the_refused_step_is_the_one_that_play_refuses(make_case, server: Server, tmp_path: Path) -> None:
+def test_the_refused_step_is_the_one_that_play_refuses(make_case, tmp_path: Path) -> None:
     path = make_case(
         (MOTION, "translation = [0.03, 0.01], rotation = 90.0, centre = [0.5, 0.5]"), ("count = 2", "count = 9")
     )
     report = check(path, seconds=60.0)
     with pytest.raises(QualityRefused) as refused:
-        play(path, tmp_path / "out", endpoint=server.endpoint)
+        play(path, tmp_path / "out")
     assert 0 < report.steps < 9
     step = f"step {report.steps + 1} of 9"
     assert report.refused == refused.value.message.replace(step, f"{step} will be refused", 1)

@@ -72,13 +72,14 @@ def test_a_trial_outlives_a_refused_move_that_a_worker_did_not(server, session, 
     assert session.points()[0, 1] == 0.25
 
 
-def test_kill_9_of_the_whole_server_and_restart(server, session, background):
+def test_kill_9_of_the_whole_server_and_restart(server, session, background, caplog):
     session.move(UP)
     session.commit()
     with server.hold():
         moving = background(lambda: session.move(2 * UP))
         wait_until(lambda: server.moves() == 2, "the move runs")
         server.kill()
+    wait_until(lambda: "no server answers at" in caplog.text, "the client says that it waits")
     server.start()
     assert moving().displacement.tolist() == [[0.0, 0.5]] * 16
     session.commit()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -98,3 +99,10 @@ def test_the_file_of_the_precice_participant_is_one(tmp_path: Path) -> None:
     (tmp_path / "mesh-motion.toml").write_text(block, encoding="utf-8")
     found = read_configuration(tmp_path / "mesh-motion.toml")
     assert [surface.patch for surface in found.surfaces] == ["flap"]
+    (other,) = re.findall(r"```json\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "precice-adapter-config.json").write_text(other, encoding="utf-8")
+    kept = ("[mesh]", "[patches]", "[method]")
+    tables = [part for part in re.split(r"^(?=\[)", block, flags=re.MULTILINE) if part.startswith(kept)]
+    (tmp_path / "mesh-motion.toml").write_text("".join(tables), encoding="utf-8")
+    same = read_configuration(tmp_path / "precice-adapter-config.json")
+    assert replace(same, volume=replace(same.volume, velocity="")) == found

@@ -16,6 +16,7 @@ import numpy as np
 
 TRIALS = 1000
 _BESIDE = 64  # numbers before and after an array
+_NEVER = 0.1  # share of whole numbers that are no index, in half of the arrays
 _ARRAY = re.compile(r"ndarray\[dtype=(\w+), shape=\(([^)]*)\)")
 _SEVERAL = re.compile(r"(tuple|collections\.abc\.Sequence)\[(.*)\]$")
 
@@ -69,13 +70,32 @@ def _parameter(text: str) -> Parameter:
 
 
 def filled(shape: tuple[int, ...], dtype: str, rng: np.random.Generator) -> Guarded:
-    """An array of zeros, or reals, between numbers that nobody can take for an index."""
+    """An array of reals, or of whole numbers, between numbers that nobody can take for an index."""
     kind, size = np.dtype(dtype), int(np.prod(shape))
-    beside: Any = np.nan if kind.kind == "f" else True if kind.kind == "b" else np.iinfo(kind).max // 4
+    beside: Any = np.nan if kind.kind == "f" else True if kind.kind == "b" else far_away(kind)
     around = np.full(size + 2 * _BESIDE, beside, dtype=kind)
     array = around[_BESIDE : _BESIDE + size].reshape(shape)
-    array[...] = rng.normal(size=shape) if kind.kind == "f" else 0
+    array[...] = rng.normal(size=shape) if kind.kind == "f" else whole_numbers(shape, kind, rng)
     return Guarded(array, around, _outside(around))
+
+
+def no_indices(kind: np.dtype[Any]) -> np.ndarray:
+    """Whole numbers that are no index of anything."""
+    ends = np.iinfo(kind)
+    return np.array([-1, ends.min, ends.max, -far_away(kind), far_away(kind)]).astype(kind)
+
+
+def far_away(kind: np.dtype[Any]) -> int:
+    """An index that leads to no memory of the process, whatever the size of a row."""
+    return 2 ** (40 if kind.itemsize == 8 else 30)
+
+
+def whole_numbers(shape: tuple[int, ...], kind: np.dtype[Any], rng: np.random.Generator) -> np.ndarray:
+    """Zeros, which suit as indices; small numbers, some of which do; or these with a few that never do."""
+    numbers = rng.integers(0, rng.choice([1, 2, 4]), size=shape).astype(kind)
+    if kind.kind != "b" and rng.integers(2):
+        numbers = np.where(rng.random(shape) < _NEVER, rng.choice(no_indices(kind), size=shape), numbers)
+    return numbers
 
 
 def _outside(around: np.ndarray) -> bytes:

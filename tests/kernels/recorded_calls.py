@@ -71,11 +71,11 @@ class Recorder:
         self.file = file
         self.calls: Counter[str] = Counter()
         self._forms: set[Any] = set()
-        self._loops = {name: getattr(kernels, name) for name in LOOPS}
+        self.loops = {name: getattr(kernels, name) for name in LOOPS}
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
         before = _value(arguments)
-        result = self._loops[name](*arguments)
+        result = self.loops[name](*arguments)
         self.file.write(_text(name.encode()) + before + _value(result) + _value(arguments))
         self.calls[name] += 1
         return result
@@ -94,7 +94,7 @@ class Recorder:
     def _used(self, name: str, *arguments: Any) -> Any:
         form = name, _form(arguments)
         if form in self._forms or self.calls[name] == _FORMS or _bytes(arguments) > _BYTES:
-            return self._loops[name](*arguments)
+            return self.loops[name](*arguments)
         self._forms.add(form)
         return self.call(name, arguments)
 
@@ -102,7 +102,7 @@ class Recorder:
         """Calls with whatever a loop takes."""
         rng = np.random.default_rng(0)
         for name in LOOPS:
-            for expected in fuzz.overloads(self._loops[name]):
+            for expected in fuzz.overloads(self.loops[name]):
                 for _ in range(_FUZZED):
                     arguments, _ = fuzz.drawn(expected, rng)
                     with suppress(ValueError):

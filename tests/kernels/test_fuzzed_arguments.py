@@ -51,3 +51,14 @@ def test_there_are_loops() -> None:
 @pytest.mark.parametrize("name", LOOPS)
 def test_no_argument_ends_the_process(name: str, findings: dict[str, str]) -> None:
     assert findings[name] == ""
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(900)
+def test_no_index_ends_the_process() -> None:
+    command = [sys.executable, str(_SCRIPT.with_name("corrupted_calls.py"))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    found = dict(line.split("\t") for line in done.stdout.splitlines())
+    assert set(found) == set(LOOPS) - {"available_threads", "get_threads", "set_threads"}
+    assert {name: finding for name, finding in found.items() if finding} == {}

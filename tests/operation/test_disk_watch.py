@@ -12,7 +12,7 @@ import pytest
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.operation import disk_watch
 from mesh_motion_server.operation.disk_watch import DiskWatch
-from mesh_motion_server.operation.readiness import Standing
+from mesh_motion_server.operation.readiness import Readiness
 from mesh_motion_server.operation.room import DiskRoom, disk_room
 
 
@@ -101,7 +101,7 @@ def test_without_memory_for_a_thread_the_last_answer_stays(
 
 
 def test_silence_is_told_before_what_the_disk_said_last() -> None:
-    well = Standing(False, False, True, False, DiskRoom(10, 100, True), 0.0, 5)
+    well = Readiness(False, False, True, False, DiskRoom(10, 100, True), 0.0, 5)
     assert well.missing() == ""
-    silent = Standing(False, False, True, False, DiskRoom(0, 100, False), 12.3, 5)
+    silent = Readiness(False, False, True, False, DiskRoom(0, 100, False), 12.3, 5)
     assert silent.missing() == "disk: it has not answered for 12 s"

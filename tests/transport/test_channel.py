@@ -12,9 +12,9 @@ from mesh_motion_protocol.messages import List, Ping
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.transport import channel as channel_module
-from mesh_motion_server.transport.attempts import Attempts
 from mesh_motion_server.transport.channel import Channel, Outbox
 from mesh_motion_server.transport.gateway import Gateway
+from mesh_motion_server.transport.processes import Attempts
 from mesh_motion_server.transport.worker import _failure
 
 Ends = tuple[Channel, Channel]

@@ -2,15 +2,17 @@
 
 ::
 
-    configuration   the TOML file: which patches read what, where the answer is written, how the mesh is moved
+    configuration   the participant's file: which patches read what, where the answer is written, how the mesh is moved
+    adapter_config  the same as preCICE's guidelines for adapters want it, in JSON
     api             the part of preCICE 3 that is used
     vertices        the preCICE meshes: wet surfaces that read, a volume that writes
+    connectivity    their edges, triangles and tetrahedra
     participant     the coupling loop: trial moves, checkpoints, committed windows
     command         mesh-motion-precice
 """
 
 from mesh_motion_precice.configuration import Configuration, Surface, Volume, read_configuration
-from mesh_motion_precice.participant import Participant, Window, open_session, resume_session
+from mesh_motion_precice.participant import Participant, Window, resume_session
 from mesh_motion_precice.vertices import nodes_at
 
 __all__ = [
@@ -20,7 +22,6 @@ __all__ = [
     "Volume",
     "Window",
     "nodes_at",
-    "open_session",
     "read_configuration",
     "resume_session",
 ]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import importlib
+import os
 from typing import Any, Protocol
 
 import numpy as np
-from mesh_motion_client import Unavailable
+from mesh_motion_client import InvalidInput, Unavailable
 from numpy.typing import NDArray
 
 __all__ = ["Coupling", "connect_precice"]
+
+#: Where the launchers of MPI tell how many processes they started.
+_RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 class Coupling(Protocol):
@@ -20,6 +24,26 @@ class Coupling(Protocol):
 
     def set_mesh_vertices(self, mesh_name: str, positions: NDArray[np.float64]) -> NDArray[np.int32]:
         """(n,) vertex numbers of the positions (n, d); before ``initialize``."""
+
+    def get_data_dimensions(self, mesh_name: str, data_name: str) -> int:
+        """1 for a scalar, 2 or 3 for a vector."""
+
+    def requires_mesh_connectivity_for(self, mesh_name: str) -> bool:
+        """Whether a mapping uses the edges, triangles or tetrahedra of a provided mesh."""
+
+    def set_mesh_edges(self, mesh_name: str, vertices: NDArray[np.int32]) -> None:
+        """Vertex numbers (e, 2); before ``initialize``."""
+
+    def set_mesh_triangle(
+        self, mesh_name: str, first_vertex_id: int, second_vertex_id: int, third_vertex_id: int
+    ) -> None:
+        """Vertex numbers; before ``initialize``."""
+
+    def set_mesh_triangles(self, mesh_name: str, vertices: NDArray[np.int32]) -> None:
+        """Vertex numbers (t, 3), of a mesh in three dimensions; before ``initialize``."""
+
+    def set_mesh_tetrahedra(self, mesh_name: str, vertices: NDArray[np.int32]) -> None:
+        """Vertex numbers (t, 4); before ``initialize``."""
 
     def set_mesh_access_region(self, mesh_name: str, bounding_box: NDArray[np.float64]) -> None:
         """The part of a received mesh that is wanted, (2 d,): least and largest coordinate of each axis."""
@@ -72,7 +96,17 @@ def connect_precice(participant: str, config: str) -> Coupling:
     ------
     Unavailable
         preCICE's Python bindings are not installed, or of another major version.
+    InvalidInput
+        A launcher of MPI started several processes.
+    RuntimeError
+        preCICE's own: its configuration cannot be used.
     """
+    ranks = max(int(os.environ.get(name) or 1) for name in _RANKS)
+    if ranks > 1:
+        raise InvalidInput(
+            f"{participant} is one process, got {ranks} ranks",
+            hint="start it without mpirun; the server computes on all cores, and the solvers may have as many ranks",
+        )
     hint = "install libprecice 3 (precice.org), then: pip install 'pyprecice>=3,<4'"
     try:
         precice: Any = importlib.import_module("precice")

@@ -3,64 +3,111 @@
 from __future__ import annotations
 
 import argparse
+import logging
+import os
 import sys
+import traceback
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 from mesh_motion_client import MeshMotionError, Session, connect
 
 from mesh_motion_precice.api import connect_precice
 from mesh_motion_precice.configuration import Configuration, read_configuration
-from mesh_motion_precice.participant import Participant, load_mesh, open_session, resume_session
+from mesh_motion_precice.participant import Participant, Window, load_mesh, resume_session
 
 __all__ = ["main", "run"]
 
-_FAILED = 1
+_LOG = logging.getLogger(__name__)
+#: As a shell says it of a program that Ctrl-C ended.
+_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Couple; 0 when preCICE ended the coupling, 1 with one line to stderr when it could not be done."""
     options = _parser().parse_args(arguments)
+    logging.basicConfig(level=options.log_level.upper(), format="%(message)s", stream=sys.stdout)
     try:
-        run(_configuration(options), endpoint=options.server, credentials=options.session, restart=options.restart)
-    except MeshMotionError as error:
-        sys.stderr.write(f"mesh-motion-precice: {error}\n")
-        return _FAILED
+        run(
+            _configuration(options),
+            endpoint=options.server,
+            compute_timeout=options.compute_timeout,
+            credentials=options.session,
+            restart=options.restart,
+        )
+    except BaseException as error:
+        _LOG.debug("it ended here:", exc_info=True)
+        _end_without_finalizing(error)
     return 0
 
 
-def run(configuration: Configuration, *, endpoint: str | None, credentials: Path, restart: bool) -> None:
-    """Couple from the first window to the last, a line a window to stdout.
+def _end_without_finalizing(error: BaseException) -> NoReturn:
+    """Say what was wrong and end the process, with preCICE's participant still in the error's frames.
+
+    Its destructor would finalize, and with ``wait-in-finalize`` wait for participants that wait for this one. Their
+    connections end with the process.
+    """
+    if isinstance(error, KeyboardInterrupt):
+        said = "interrupted; the session stays at its last committed window"
+    elif isinstance(error, RuntimeError):  # what the bindings raise for an error of preCICE
+        said = f"preCICE: {' '.join(str(error).split())}"
+    elif isinstance(error, MeshMotionError):
+        said = str(error)
+    else:
+        said = "".join(traceback.format_exception(error)).rstrip()
+    sys.stdout.flush()
+    sys.stderr.write(f"mesh-motion-precice: {said}\n")
+    sys.stderr.flush()
+    os._exit(_INTERRUPTED if isinstance(error, KeyboardInterrupt) else 1)
+
+
+def run(
+    configuration: Configuration, *, endpoint: str | None, compute_timeout: float, credentials: Path, restart: bool
+) -> None:
+    """Couple from the first window to the last, a line a window to the log.
 
     Raises
     ------
     MeshMotionError
+    RuntimeError
+        preCICE's own.
     """
     mesh = load_mesh(configuration)
-    with connect(endpoint) as server:
-        session = (
-            resume_session(server, mesh, credentials)
-            if restart
-            else open_session(server, mesh, configuration, credentials if endpoint else None)
-        )
+    coupling = connect_precice(configuration.participant, str(configuration.precice_config))
+    participant = Participant(coupling, mesh, configuration)
+    with connect(endpoint, compute_timeout=compute_timeout) as server:
+        if restart:
+            session = resume_session(server, mesh, credentials)
+        else:
+            session = server.open(mesh, configuration.method, label=f"preCICE {configuration.participant}")
         with session:
-            _report_start(session, configuration, restart)
-            coupling = connect_precice(configuration.participant, str(configuration.precice_config))
-            for window in Participant(coupling, session, mesh, configuration).windows():
-                sys.stdout.write(
-                    f"window {window.number}  t {window.time:.6g}  {window.iterations} iterations  "
-                    f"min size-skew {window.lowest_quality:.3f}  {' '.join(window.warnings)}".rstrip()
-                    + "\n"
-                )
-                sys.stdout.flush()
+            begun = f"goes on after window {session.step}" if restart else "begins"
+            _LOG.info("%s: session %s %s", configuration.participant, session.credentials.session, begun)
+            _begin(participant, session, restart)
+            if endpoint and not restart:
+                session.credentials.save(credentials)
+            for window in participant.windows():
+                _LOG.info("%s", _line(window))
 
 
-def _report_start(session: Session, configuration: Configuration, restart: bool) -> None:
-    """Which session it is."""
-    begun = f"goes on after window {session.step}" if restart else "begins"
-    sys.stdout.write(f"{configuration.participant}: session {session.credentials.session} {begun}\n")
-    sys.stdout.flush()
+def _begin(participant: Participant, session: Session, restart: bool) -> None:
+    """Begin the coupling; a new session that does not come to it is deleted, and the file of an earlier one stays."""
+    try:
+        participant.begin(session)
+    except BaseException:
+        if not restart:
+            session.close("discard")
+        raise
+
+
+def _line(window: Window) -> str:
+    """What the log says of a window."""
+    return (
+        f"window {window.number}  t {window.time:.6g}  {window.iterations} iterations  "
+        f"min size-skew {window.lowest_quality:.3f}  {' '.join(window.warnings)}"
+    ).rstrip()
 
 
 def _configuration(options: argparse.Namespace) -> Configuration:
@@ -75,11 +122,21 @@ def _configuration(options: argparse.Namespace) -> Configuration:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("mesh-motion-precice", description="A preCICE participant that moves a mesh.")
-    parser.add_argument("file", type=Path, help="the participant's TOML file")
+    default = Path("precice-adapter-config.json")
+    parser.add_argument("file", type=Path, nargs="?", default=default, help="the participant's file (%(default)s)")
     parser.add_argument("--server", help="endpoint of the mesh-motion server; default: a private one, without restart")
+    parser.add_argument(
+        "--compute-timeout",
+        type=float,
+        default=1800.0,
+        metavar="SECONDS",
+        help="longest wait for an answer (%(default)s)",
+    )
     parser.add_argument("--mesh", type=Path, help="mesh file, instead of [mesh] file")
     parser.add_argument("--config", type=Path, help="preCICE's configuration, instead of [precice] config")
     parser.add_argument("--restart", action="store_true", help="go on with the session of --session")
-    default = Path("mesh-motion.session")
-    parser.add_argument("--session", type=Path, default=default, help="the session's name and secret (%(default)s)")
+    session = Path("mesh-motion.session")
+    parser.add_argument("--session", type=Path, default=session, help="the session's name and secret (%(default)s)")
+    levels = ("debug", "info", "warning")
+    parser.add_argument("--log-level", choices=levels, default="info", help="how much is told on stdout (%(default)s)")
     return parser

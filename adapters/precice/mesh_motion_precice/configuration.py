@@ -1,4 +1,4 @@
-"""The participant's file: TOML in, a checked :class:`Configuration` out.
+"""The participant's file in, a checked :class:`Configuration` out.
 
 ``[mesh]``, ``[patches]`` and ``[method]`` are those of a case file; ``[precice]``, ``[[read]]``, ``[write]`` and
 ``[coupling]`` say how preCICE's meshes and data belong to them. Names of files are relative to the file.
@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
@@ -15,6 +14,8 @@ from typing import Any, Literal, TypeVar, get_args
 
 from mesh_motion_client import InvalidInput
 from mesh_motion_client.mesh import ROLES
+
+from mesh_motion_precice.adapter_config import read_tables
 
 __all__ = ["Configuration", "Frame", "Surface", "Volume", "read_configuration"]
 
@@ -52,11 +53,14 @@ class Volume:
     received : bool
         False: the mesh is provided here, a vertex a node. True: it is a solver's own, received from it with
         ``api-access="true"``; each of its vertices must lie on a node of the mesh file.
+    velocity : str
+        The data that gets the nodes' mean velocity over the step; empty: it is not written.
     """
 
     mesh: str
     data: str = "NodeDisplacement"
     received: bool = False
+    velocity: str = ""
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ class Configuration:
 
 
 def read_configuration(path: str | os.PathLike[str]) -> Configuration:
-    """Read and check a participant's file.
+    """Read and check a participant's file, TOML or ``precice-adapter-config.json``.
 
     Raises
     ------
@@ -126,13 +130,7 @@ def read_configuration(path: str | os.PathLike[str]) -> Configuration:
     """
     path = Path(path)
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(f"{path}: the file cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not a TOML file: {str(error).splitlines()[0]}") from None
-    try:
-        return _checked(values, path.parent)
+        return _checked(*read_tables(path))
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error.message}", hint=error.hint) from None
 

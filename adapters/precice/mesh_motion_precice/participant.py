@@ -8,6 +8,7 @@ several steps in a window each is a trial from where the window began, and the l
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,7 +24,9 @@ from mesh_motion_precice.vertices import VolumeVertices, WetVertices
 from mesh_motion_server.errors import InvalidInput as FileError
 from mesh_motion_server.files import read_mesh
 
-__all__ = ["Participant", "Window", "load_mesh", "open_session", "resume_session"]
+__all__ = ["Participant", "Window", "load_mesh", "resume_session"]
+
+_LOG = logging.getLogger(__name__)
 
 #: Steps of a window are equal; a rest of it shorter than this share of the longest step is no step of its own.
 _REST = 1e-9
@@ -55,35 +58,65 @@ class Window:
 
 
 class Participant:
-    """The participant, ready to couple.
+    """The participant: construct it, open the session, :meth:`begin`, then go through :meth:`windows`.
+
+    What can be known to be wrong without the other participants is said by the constructor, before there is a session.
 
     Parameters
     ----------
     coupling : Coupling
         preCICE's participant, not yet initialized.
-    session : Session
-        Of the server, READY; it stays open.
     mesh : Mesh
-        The reference mesh, as the session has it.
+        The reference mesh.
     configuration : Configuration
 
     Raises
     ------
     InvalidInput
-        preCICE's meshes do not have the mesh's dimension, or a moving node is on no patch that is read.
+        preCICE's meshes or data do not have the mesh's dimension.
+    RuntimeError
+        preCICE's own: a mesh or data is not configured for this participant.
     """
 
-    def __init__(self, coupling: Coupling, session: Session, mesh: Mesh, configuration: Configuration) -> None:
+    def __init__(self, coupling: Coupling, mesh: Mesh, configuration: Configuration) -> None:
         self._coupling = coupling
-        self._session = session
         self._mesh = mesh
         self._frame = configuration.frame
         self._time_step = configuration.time_step
         self._surfaces = [WetVertices.provide(coupling, surface, mesh) for surface in configuration.surfaces]
         self._volume = VolumeVertices.prepare(coupling, configuration.volume, mesh)
+
+    def begin(self, session: Session) -> None:
+        """Initialize preCICE, with the mesh's displacement so far where it asks for initial data.
+
+        Returns when the other participants are there.
+
+        Parameters
+        ----------
+        session : Session
+            READY, with the reference mesh; it stays open.
+
+        Raises
+        ------
+        InvalidInput
+            A moving node is on no patch that is read, or the solver's mesh is not the mesh file's.
+        RuntimeError
+            preCICE's own.
+        """
+        self._session = session
         read = np.unique(np.concatenate([surface.nodes for surface in self._surfaces]))
         if (missing := np.setdiff1d(session.moving_nodes, read)).size:
             raise InvalidInput(f"the moving node {int(missing[0])} is on no patch that is read")
+        self._start = self._displacement_so_far()
+        if self._coupling.requires_initial_data():
+            if self._volume.volume.received:
+                raise InvalidInput(
+                    f"initial data cannot be written to the received mesh {self._volume.volume.mesh!r}",
+                    hint='leave initialize="true" away from its <exchange>',
+                )
+            self._volume.write(self._coupling, self._start, np.zeros_like(self._start))
+        self._coupling.initialize()
+        self._volume = self._volume.settled(self._coupling, self._mesh)
 
     def windows(self) -> Iterator[Window]:
         """Couple until preCICE says that it is over; yields each window once it is committed.
@@ -94,43 +127,34 @@ class Participant:
             No acceptable mesh was found; the session is at its last committed window.
         MeshMotionError
             As :meth:`mesh_motion_client.Session.move`.
+        RuntimeError
+            preCICE's own, for example that another participant is gone.
         """
         coupling, time, iterations = self._coupling, 0.0, 1
-        self._begin()
-        start = time
+        start, before = time, self._start
         while coupling.is_coupling_ongoing():
             if coupling.requires_writing_checkpoint():
                 start = time
             step = self._step(coupling.get_max_time_step_size())
             moved = self._session.move(self._boundary(step), frame=self._frame)
-            self._volume.write(coupling, moved.displacement)
+            self._volume.write(coupling, moved.displacement, (moved.displacement - before) / step)
             coupling.advance(step)
-            time += step
+            time, before = time + step, moved.displacement
             if coupling.requires_reading_checkpoint():
                 self._session.rollback()
-                time, iterations = start, iterations + 1
+                _LOG.debug("iteration %d of t %.6g is repeated", iterations, time)
+                time, before, iterations = start, self._start, iterations + 1
             elif coupling.is_time_window_complete():
                 committed = self._session.commit()
                 quality = float(committed.quality["size_skew"]["min"])
                 yield Window(self._session.step, time, iterations, quality, tuple(moved.warnings))
+                before = self._start = np.zeros_like(before) if self._frame == "committed" else before
                 start, iterations = time, 1
         coupling.finalize()
 
-    def _begin(self) -> None:
-        """Initialize preCICE, with the mesh's displacement so far where it asks for initial data."""
-        if self._coupling.requires_initial_data():
-            if self._volume.volume.received:
-                raise InvalidInput(
-                    f"initial data cannot be written to the received mesh {self._volume.volume.mesh!r}",
-                    hint='leave initialize="true" away from its <exchange>',
-                )
-            self._volume.write(self._coupling, self._displacement_so_far())
-        self._coupling.initialize()
-        self._volume = self._volume.settled(self._coupling, self._mesh)
-
     def _displacement_so_far(self) -> NDArray[np.float64]:
         """(n, d) displacement of the committed state in the frame; not zero after a restart."""
-        if self._frame == "committed":
+        if self._frame == "committed" or self._session.step == 0:
             return np.zeros_like(self._mesh.points)
         return self._session.points("committed") - self._mesh.points
 
@@ -167,14 +191,6 @@ def load_mesh(configuration: Configuration) -> Mesh:
         raise InvalidInput(f"[patches] must have the patches of {configuration.mesh_file} ({known}); see {odd[0]!r}")
     patches = {name: Patch(role, file.patches[name]) for name, role in roles.items()}
     return Mesh(file.points, file.cells, patches)
-
-
-def open_session(server: Server, mesh: Mesh, configuration: Configuration, credentials: Path | None = None) -> Session:
-    """A new session; with ``credentials``, the file from which a restart takes it up again."""
-    session = server.open(mesh, configuration.method, label=f"preCICE {configuration.participant}")
-    if credentials is not None:
-        session.credentials.save(credentials)
-    return session
 
 
 def resume_session(server: Server, mesh: Mesh, credentials: Path) -> Session:

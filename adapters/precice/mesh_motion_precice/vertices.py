@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from typing import Any
 
 import numpy as np
-from mesh_motion_client import InvalidInput, Mesh
+from mesh_motion_client import InvalidInput, Mesh, Unavailable
 from numpy.typing import NDArray
 
 from mesh_motion_precice.api import Coupling
 from mesh_motion_precice.configuration import Surface, Volume
+from mesh_motion_precice.connectivity import cell_simplices, patch_facets
 
 __all__ = ["VolumeVertices", "WetVertices", "nodes_at"]
 
-#: Vertices count as a node's within this share of the mesh's extent: coordinates pass through files of 12 digits.
-_MATCH = 1e-9
+#: A vertex is at a node within this share of the distance to the next node: files give coordinates with few digits.
+_MATCH = 1e-3
 #: The region asked for of a received mesh is larger than the mesh by this share of its extent.
 _MARGIN = 1e-3
 
@@ -40,9 +41,13 @@ class WetVertices:
     @classmethod
     def provide(cls, coupling: Coupling, surface: Surface, mesh: Mesh) -> WetVertices:
         """Tell preCICE where the patch's nodes are in the reference mesh."""
-        _check_dimension(coupling, surface.mesh, mesh)
+        _check_dimension(coupling, surface.mesh, surface.data, mesh)
         nodes = mesh.patches[surface.patch].nodes
-        return cls(surface, nodes, coupling.set_mesh_vertices(surface.mesh, mesh.points[nodes]))
+        ids = coupling.set_mesh_vertices(surface.mesh, mesh.points[nodes])
+        if coupling.requires_mesh_connectivity_for(surface.mesh):
+            connect = coupling.set_mesh_edges if mesh.dimension == 2 else coupling.set_mesh_triangles
+            connect(surface.mesh, ids[patch_facets(mesh, nodes)])
+        return cls(surface, nodes, ids)
 
     def read(self, coupling: Coupling, relative_time: float) -> NDArray[np.float64]:
         """(p, d) displacements at that time after the present one, mesh length unit."""
@@ -69,10 +74,29 @@ class VolumeVertices:
     @classmethod
     def prepare(cls, coupling: Coupling, volume: Volume, mesh: Mesh) -> VolumeVertices:
         """Before ``initialize``: provide a vertex a node, or say which part of the received mesh is wanted (all)."""
-        _check_dimension(coupling, volume.mesh, mesh)
-        if not volume.received:
-            nodes = np.arange(len(mesh.points), dtype=np.int64)
-            return cls(volume, nodes, coupling.set_mesh_vertices(volume.mesh, mesh.points))
+        for data in filter(None, (volume.data, volume.velocity)):
+            _check_dimension(coupling, volume.mesh, data, mesh)
+        vertices = cls._requested(coupling, volume, mesh) if volume.received else cls._provided(coupling, volume, mesh)
+        empty = cls(volume, vertices.nodes[:0], vertices.ids[:0])
+        empty.write(coupling, mesh.points, mesh.points)  # nothing; preCICE says now whether the data may be written
+        return vertices
+
+    @classmethod
+    def _provided(cls, coupling: Coupling, volume: Volume, mesh: Mesh) -> VolumeVertices:
+        """A vertex a node, with the cells where a mapping uses them."""
+        ids = coupling.set_mesh_vertices(volume.mesh, mesh.points)
+        if coupling.requires_mesh_connectivity_for(volume.mesh):
+            simplices = ids[cell_simplices(mesh)]
+            if mesh.dimension == 3:
+                coupling.set_mesh_tetrahedra(volume.mesh, simplices)
+            else:  # one by one: set_mesh_triangles of pyprecice 3.0 to 3.4 takes none in two dimensions
+                for triangle in simplices:
+                    coupling.set_mesh_triangle(volume.mesh, *triangle)
+        return cls(volume, np.arange(len(mesh.points), dtype=np.int64), ids)
+
+    @classmethod
+    def _requested(cls, coupling: Coupling, volume: Volume, mesh: Mesh) -> VolumeVertices:
+        """No vertex yet, of a mesh that is received all around the mesh file's."""
         lowest, highest = mesh.points.min(axis=0), mesh.points.max(axis=0)
         margin = _MARGIN * float(np.max(highest - lowest))
         coupling.set_mesh_access_region(volume.mesh, np.stack([lowest - margin, highest + margin], axis=1).ravel())
@@ -93,9 +117,11 @@ class VolumeVertices:
             raise InvalidInput(f"the preCICE mesh {self.volume.mesh!r} has no vertex near the mesh file's nodes")
         return VolumeVertices(self.volume, nodes_at(places, mesh.points, f"mesh {self.volume.mesh!r}"), ids)
 
-    def write(self, coupling: Coupling, displacement: NDArray[np.float64]) -> None:
-        """Write the displacements (n, d) of the mesh file's nodes where there is a vertex for them."""
+    def write(self, coupling: Coupling, displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+        """Write what the mesh file's nodes have (n, d) where there is a vertex for them; the velocity if wanted."""
         coupling.write_data(self.volume.mesh, self.volume.data, self.ids, displacement[self.nodes])
+        if self.volume.velocity:
+            coupling.write_data(self.volume.mesh, self.volume.velocity, self.ids, velocity[self.nodes])
 
 
 def nodes_at(places: NDArray[np.float64], points: NDArray[np.float64], what: str) -> NDArray[np.int64]:
@@ -105,7 +131,7 @@ def nodes_at(places: NDArray[np.float64], points: NDArray[np.float64], what: str
     ----------
     places : (m, d) array
     points : (n, d) array
-        Nodes, no two of them nearer than 4e-9 of their extent.
+        Nodes, n > 1.
     what : str
         For messages: whose places they are.
 
@@ -116,45 +142,45 @@ def nodes_at(places: NDArray[np.float64], points: NDArray[np.float64], what: str
     Raises
     ------
     InvalidInput
-        No node lies within 1e-9 of the extent of a place, or two nodes cannot be told apart.
-
-    Notes
-    -----
-    Nodes are sorted into boxes of four tolerances; a place has its node in its box or in one that it nearly touches.
+        A place is farther from its nearest node than a thousandth of the distance to the next one, or two nodes are
+        there.
     """
-    origin, extent = points.min(axis=0), float(np.max(np.ptp(points, axis=0))) or 1.0
-    tolerance = _MATCH * extent
-
-    def boxes(shifted: NDArray[np.float64]) -> NDArray[np.void]:
-        """One comparable key (rows,) a row."""
-        whole = np.floor((shifted - origin) / (4.0 * tolerance)).astype(np.int64)
-        return np.ascontiguousarray(whole).view([("", np.int64)] * whole.shape[1]).ravel()
-
-    keys, first = np.unique(boxes(points), return_index=True)
-    if len(keys) < len(points):
-        raise InvalidInput("two nodes of the mesh file lie at one place: the solver's vertices cannot be told apart")
-    found = np.full(len(places), -1, dtype=np.int64)
-    for signs in product((-tolerance, tolerance), repeat=points.shape[1]):
-        wanted = boxes(places + np.array(signs))
-        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-        node = first[at]
-        near = (keys[at] == wanted) & (np.abs(points[node] - places) <= tolerance).all(axis=1)
-        found[near] = node[near]
-    if (found < 0).any():
-        row = int(np.argmin(found))
+    node: NDArray[np.int64]
+    distance, node = _search_tree(points).query(places, k=2, workers=-1)
+    lost = ~(distance[:, 0] < _MATCH * distance[:, 1])
+    if lost.any():
+        row = int(np.argmax(lost))
+        vertex = f"vertex {row} of {what} at {places[row].tolist()}"
+        if (points[node[row, 0]] == points[node[row, 1]]).all():
+            raise InvalidInput(f"{vertex}: the nodes {node[row].tolist()} of the mesh file are both there")
         raise InvalidInput(
-            f"vertex {row} of {what} at {places[row].tolist()} lies on no node of the mesh file",
+            f"{vertex} lies on no node of the mesh file; the nearest is {distance[row, 0]:.3g} away",
             hint="the solver's mesh and the mesh file must be the same undeformed mesh, in the same unit",
             details={"row": row},
         )
-    return found
+    return node[:, 0]
 
 
-def _check_dimension(coupling: Coupling, name: str, mesh: Mesh) -> None:
-    """preCICE's mesh has the mesh file's dimension."""
+def _search_tree(points: NDArray[np.float64]) -> Any:
+    """A k-d tree of the nodes; scipy is asked for where it is needed."""
+    try:
+        from scipy.spatial import KDTree  # noqa: PLC0415
+    except ImportError as error:
+        raise Unavailable(
+            f"write.received needs scipy: {error}", hint="pip install 'mesh-motion-server[server]'"
+        ) from None
+    return KDTree(points)
+
+
+def _check_dimension(coupling: Coupling, name: str, data: str, mesh: Mesh) -> None:
+    """preCICE's mesh has the mesh file's dimension, and so has the data on it."""
     dimensions = coupling.get_mesh_dimensions(name)
     if dimensions != mesh.dimension:
         raise InvalidInput(
             f"the preCICE mesh {name!r} has {dimensions} dimensions, the mesh file {mesh.dimension}",
             hint=f'<mesh name="{name}" dimensions="{mesh.dimension}"> in precice-config.xml',
+        )
+    if coupling.get_data_dimensions(name, data) != mesh.dimension:
+        raise InvalidInput(
+            f"the data {data!r} is no vector", hint=f'<data:vector name="{data}" /> in precice-config.xml'
         )

@@ -43,18 +43,18 @@ def fluid(config: str, out: Path) -> None:
     flag = mesh.patches["flag"].nodes
     load = LoadStub(mesh.points[flag], dt=DT, added_mass=20.0, amplitude=30.0, frequency=1.0)
     coupling = precice.Participant("Fluid", config, 0, 1)
-    volume = coupling.set_mesh_vertices("Fluid-Volume", mesh.points)
-    wet = coupling.set_mesh_vertices("Fluid-Flag", mesh.points[flag])
+    volume = coupling.set_mesh_vertices("Fluid-Volume-Mesh", mesh.points)
+    wet = coupling.set_mesh_vertices("Fluid-Flag-Mesh", mesh.points[flag])
     tip, tips, last = int(np.argmax(mesh.points[flag, 0])), [], 0
     moved = np.zeros_like(mesh.points)
     for window, step in windows(coupling):
         if window > last + 1:  # the window before is complete: what was read in its last iteration is its end
             load.commit(moved[flag])
             tips, last = [*tips, moved[flag][tip, 1]], window - 1
-        moved = coupling.read_data("Fluid-Volume", "NodeDisplacement", volume, step)
-        displacement = coupling.read_data("Fluid-Flag", "SolidDisplacement", wet, step)
-        coupling.write_data("Fluid-Flag", "Force", wet, load.force(window * DT, moved[flag]))
-        coupling.write_data("Fluid-Flag", "Displacement", wet, displacement)
+        moved = coupling.read_data("Fluid-Volume-Mesh", "NodeDisplacement", volume, step)
+        displacement = coupling.read_data("Fluid-Flag-Mesh", "SolidDisplacement", wet, step)
+        coupling.write_data("Fluid-Flag-Mesh", "Force", wet, load.force(window * DT, moved[flag]))
+        coupling.write_data("Fluid-Flag-Mesh", "Displacement", wet, displacement)
     tips.append(moved[flag][tip, 1])
     np.savetxt(out / "tip.csv", np.stack([DT * np.arange(1, len(tips) + 1), tips], axis=1), "%.9g", header="time tip")
 
@@ -65,14 +65,14 @@ def solid(config: str, _out: Path) -> None:
     points = mesh.points[mesh.patches["flag"].nodes]
     beam = Structure(Beam(), points, DT)
     coupling = precice.Participant("Solid", config, 0, 1)
-    wet = coupling.set_mesh_vertices("Solid-Flag", points)
+    wet = coupling.set_mesh_vertices("Solid-Flag-Mesh", points)
     last = 0
     for window, step in windows(coupling):
         if window > last + 1:
             beam.commit()
             last = window - 1
-        force = coupling.read_data("Solid-Flag", "Force", wet, step)
-        coupling.write_data("Solid-Flag", "SolidDisplacement", wet, beam.advance(force))
+        force = coupling.read_data("Solid-Flag-Mesh", "Force", wet, step)
+        coupling.write_data("Solid-Flag-Mesh", "SolidDisplacement", wet, beam.advance(force))
 
 
 def main() -> int:

@@ -7,6 +7,7 @@ journal and the request is sent again; a COMMIT whose trial is lost is preceded 
 
 from __future__ import annotations
 
+import logging
 import time
 import uuid
 from dataclasses import replace
@@ -33,6 +34,8 @@ from mesh_motion_client.errors import MeshMotionError, SessionError, StepsLost, 
 from mesh_motion_client.reply_memory import ReplyMemory
 
 __all__ = ["Courier"]
+
+_LOG = logging.getLogger(__name__)
 
 _Reply = TypeVar("_Reply", bound=Message)
 
@@ -221,7 +224,7 @@ class Courier:
 
     def _recover(self, deadline: float) -> None:
         """Connect again: to the same worker, or to another one that resumes from the journal."""
-        probed = self._ask(Probe, Probed, seconds_left(deadline))
+        probed = self._probe(deadline)
         while probed.worker == "starting" and seconds_left(deadline):
             time.sleep(_PAUSE_SECONDS)
             probed = self._ask(Probe, Probed, seconds_left(deadline))
@@ -238,6 +241,14 @@ class Courier:
                 hint="resume the session from one partition and join it from the others; one that was never built is "
                 "to be opened again",
             )
+
+    def _probe(self, deadline: float) -> Probed:
+        """Ask how the worker is until somebody answers; a server that stays silent is said to be so at once."""
+        try:
+            return self._ask(Probe, Probed, min(_PROBE_SECONDS, seconds_left(deadline)))
+        except (Timeout, Unavailable):
+            _LOG.warning("no server answers at %s; asking for %.0f s", self._control.endpoint, seconds_left(deadline))
+        return self._ask(Probe, Probed, seconds_left(deadline))
 
     def _resume(self, seconds: float) -> Resumed:
         """RESUME; one that was not answered may have executed, so it is asked for again, by the same id."""

@@ -62,8 +62,8 @@ struct Reach {
 /// As assembly.py: the layout's own grid finds centres unless its cells, and all centres, are so many radii wide.
 constexpr double wider = 1.5, slack = 1.0 + 1e-6;
 
-/// Entries of the rows that are in memory at a time; more rows may have them than fit into memory.
-constexpr std::int32_t entries_at_once = 1 << 22;
+/// Rows whose entries are in memory at a time; those of all rows may not fit into it.
+constexpr Index rows_at_once = 1 << 13;
 
 }  // namespace
 }  // namespace mesh_motion
@@ -125,34 +125,17 @@ struct mesh_motion_interpolant {
             for (Index j = 0; j < centres(); ++j) numbers.values[j] = layout.order.values[small->order.values[j]];
         const Owned<Index, 1> none;
         const Owned<std::int32_t, 2> no_runs{{}, {0, 2}};
-        const auto search = [&](auto&& loop, Index first, Index last, auto... more) {
-            const auto coordinates = (small ? small->coordinates : layout.coordinates).view();
-            return loop(padded.view().rows(first, last), coordinates,
-                        (small ? small->origin : layout.origin).view(),
-                        small ? small->inverse_side : layout.inverse_side, (small ? none : layout.shape).view(),
-                        (small ? none : layout.starts).view(), (small ? small->keys : none).view(),
-                        (small ? small->spans : no_runs).view(), (small ? small->runs : no_runs).view(), more...);
-        };
-        const auto count = [&](auto points, auto coordinates, auto... grid) {
-            return count_near(points, coordinates, radius, grid...);
-        };
         const auto n = static_cast<Index>(rows.size());
-        const std::vector<Index> counts = search(count, 0, n).values;
-        std::vector<std::int32_t> pointers, columns;
-        std::vector<double> entries;
-        for (Index first = 0, last = 0; first < n; first = last) {
-            pointers.assign(1, 0);
-            while (last < n && (last == first || pointers.back() + counts[last] <= entries_at_once)) {
-                const Index next = pointers.back() + counts[last++];
-                pointers.push_back(static_cast<std::int32_t>(next));
-            }
-            columns.resize(pointers.back());
-            entries.resize(pointers.back());
-            search([&](auto points, auto coordinates, auto... grid) {
-                fill_rows(code(), points, coordinates, numbers.view(), radius, grid..., view_of(pointers),
-                          view_of(columns), view_of(entries));
-            }, first, last);
-            add_product(view_of(rows).rows(first, last), view_of(pointers), view_of(columns), view_of(entries),
+        for (Index first = 0; first < n; first += rows_at_once) {
+            const Index last = std::min(n, first + rows_at_once);
+            const auto points = padded.view().rows(first, last);
+            const auto [pointers, columns, entries] = near_rows(
+                code(), points, (small ? small->coordinates : layout.coordinates).view(), numbers.view(), radius,
+                (small ? small->origin : layout.origin).view(), small ? small->inverse_side : layout.inverse_side,
+                (small ? none : layout.shape).view(), (small ? none : layout.starts).view(),
+                (small ? small->keys : none).view(), (small ? small->spans : no_runs).view(),
+                (small ? small->runs : no_runs).view());
+            add_product(view_of(rows).rows(first, last), pointers.view(), columns.view(), entries.view(),
                         {weights.data(), {centres(), components}}, out);
         }
     }

@@ -49,12 +49,16 @@ struct Cells {
         require(d == 2 || d == 3, "points: expected two or three columns");
         require(1 <= corners.shape(0) && corners.shape(0) <= most && k <= most && corners.shape(1) == d + 1,
                 "corners: expected shape (c, d + 1) with at most eight corners and nodes a cell");
-        require(std::all_of(corners.begin(), corners.end(), [&](Index node) { return 0 <= node && node < k; }),
-                "corners: expected numbers of the cell's nodes");
+        require_below(corners, k, "corners: expected numbers of the cell's nodes");
         require((ideals.shape(0) == 1 || ideals.shape(0) == size()) && ideals.shape(1) == d && ideals.shape(2) == d,
                 "ideals: expected shape (1 or m, d, d)");
         require(references.size() == size() && n == size(), "expected one number a cell");
         require(offset.size() == 0 || offset.size() == size(), "offset: expected none, or one a cell");
+    }
+
+    /// Of a task's cells, while they are near.
+    void check(Index first, Index last) const {
+        require_below(nodes.rows(first, last), points.shape(0), "nodes: expected numbers of points");
     }
 
     /// f(dimension) with the dimension as a constant.
@@ -180,6 +184,7 @@ void cell_distortions(Matrix<const double> points, Matrix<const std::int32_t> no
     cells.check(values.size());
     cells.with_type([&](auto dimension) {
         for_ranges(cells.size(), cells_of_task, [&](Index first, Index last) {
+            cells.check(first, last);
             for (Index c = first; c < last; c += lanes) {
                 const auto at = from(c, last);
                 const Sums sums = cells.sums<dimension>(at);
@@ -201,6 +206,7 @@ void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> node
     cells.with_type([&](auto dimension) {
         constexpr int d = dimension;
         for_ranges(cells.size(), cells_of_task, [&](Index first, Index last) {
+            cells.check(first, last);
             for (Index c = first; c < last; c += lanes) {
                 const auto at = from(c, last);
                 const Sums sums = cells.sums<d>(at);
@@ -282,6 +288,7 @@ void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, 
             }
         };
         for_ranges(cells.size(), blocks_of_task, [&](Index first, Index last) {
+            cells.check(first, last);
             std::array<Index, lanes> at{};
             Index count = 0;
             for (Index c = first; c < last; ++c) {

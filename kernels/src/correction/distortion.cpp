@@ -27,6 +27,11 @@ struct Corners {
     }
     Index size() const { return nodes.shape(0); }
 
+    /// Of a task's corners, while they are near.
+    void check(Index first, Index last) const {
+        require_below(nodes.rows(first, last), points.shape(0), "corners: expected numbers of points");
+    }
+
     /// J and P of the corners that `at` has for the lanes.
     template <int d>
     std::pair<Small<d>, Small<d>> jacobians(const std::array<Index, lanes>& at) const {
@@ -83,6 +88,7 @@ void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners
     with_dimension(points.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
         for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
+            mesh.check(first, last);
             for (Index c = first; c < last; c += lanes) {
                 const auto [j, p] = mesh.jacobians<d>(from(c, last));
                 const Pack value = distortion<d>(determinant<d>(j), square<d>(j), {m, epsilon, a});
@@ -125,6 +131,7 @@ void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t
     with_dimension(points.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
         for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
+            mesh.check(first, last);
             for (Index c = first; c < last; c += lanes) {
                 const auto at = from(c, last);
                 const Pack weight = gathered([&](int l) { return weights[at[l]]; });
@@ -160,6 +167,7 @@ void determinants(Matrix<const double> points, Matrix<const std::int32_t> corner
     with_dimension(points.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
         for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
+            mesh.check(first, last);
             for (Index c = first; c < last; c += lanes) {
                 const Pack tau = determinant<d>(mesh.jacobians<d>(from(c, last)).first);
                 for (Index l = 0; l < std::min(lanes, last - c); ++l) taus[c + l] = tau[l];
@@ -178,6 +186,7 @@ void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corne
     with_dimension(points.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
         for_ranges(mesh.size(), blocks_of_task, [&](Index first, Index last) {
+            mesh.check(first, last);
             std::array<Index, lanes> at{};
             Index count = 0;
             const auto update = [&] {  // the corners of at, the last of them again in lanes that are left

@@ -234,8 +234,9 @@ template <class F>
 auto with_system(Vector<const Index> row_starts, Vector<const std::int32_t> columns, Cube<const double> blocks,
                  const std::array<Index, 2>& shape, F&& f) {
     require(blocks.shape() == std::array{columns.size(), shape[1], shape[1]}, "blocks: expected shape (b, d, d)");
-    require(row_starts.size() == shape[0] + 1 && row_starts[shape[0]] == columns.size(),
-            "row_starts: expected a number more than rows, the last one of all columns");
+    require(row_starts.size() == shape[0] + 1, "row_starts: expected a number more than rows");
+    require_starts(row_starts, columns.size(), "row_starts: expected to ascend up to all columns");
+    require_below(columns, shape[0], "columns: expected numbers of rows");
     return with_dimension(shape[1], [&](auto d) { return f(System<d>{row_starts, columns, blocks}); });
 }
 
@@ -252,11 +253,8 @@ Owned<std::int32_t, 1> node_aggregates(Vector<const Index> row_starts, Vector<co
                                        Index size) {
     const Index n = row_starts.size() - 1;
     require(size > 0, "size: expected a positive number");
-    require(n >= 0 && row_starts[0] == 0 && row_starts[n] == columns.size() &&
-                std::is_sorted(row_starts.begin(), row_starts.end()),
-            "row_starts: expected to ascend from 0 to all columns");
-    require(std::all_of(columns.begin(), columns.end(), [&](Index i) { return 0 <= i && i < n; }),
-            "columns: expected numbers of nodes");
+    require_starts(row_starts, columns.size(), "row_starts: expected to ascend up to all columns");
+    require_below(columns, n, "columns: expected numbers of nodes");
     std::vector<std::int32_t> found(n, -1);
     std::vector<Index> seeds, members;
     std::int32_t count = 0;
@@ -296,11 +294,12 @@ int block_conjugate_gradients(Vector<const Index> row_starts, Vector<const std::
                               Cube<const double> blocks, Vector<const std::int32_t> aggregates,
                               Matrix<const double> right, double tolerance, int most, Matrix<double> x) {
     require(x.shape() == right.shape(), "x: expected the shape of right");
-    require(aggregates.size() == x.shape(0) &&
-                std::all_of(aggregates.begin(), aggregates.end(), [&](Index k) { return 0 <= k && k < x.shape(0); }),
-            "aggregates: expected a number of one for each node");
+    require(aggregates.size() == x.shape(0), "aggregates: expected one for each node");
+    require_below(aggregates, x.shape(0), "aggregates: expected numbers of some");
     std::fill(x.begin(), x.end(), 0.0);
     return with_system(row_starts, columns, blocks, x.shape(), [&](const auto& system) {
+        require(std::adjacent_find(row_starts.begin(), row_starts.end()) == row_starts.end(),
+                "row_starts: expected the diagonal's block in each row");
         const Vector<const double> flat(right.data(), {right.size()});
         return conjugate_gradients(system, {system, aggregates}, flat, tolerance, most, x.data());
     });
@@ -310,12 +309,12 @@ std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<Index, 1>> linked_patt
     Vector<const Index> row_starts, Vector<const std::int32_t> columns, Vector<const Index> targets,
     Vector<const Index> order, Index n_roots) {
     const Index n = targets.size();
-    require(row_starts.size() == n + 1 && row_starts[n] == columns.size() && order.size() == n,
-            "row_starts, order: expected (f + 1) and (f)");
-    require(std::all_of(targets.begin(), targets.end(), [&](Index t) { return 0 <= t && t < n_roots; }) &&
-                std::all_of(order.begin(), order.end(), [&](Index i) { return 0 <= i && i < n; }) &&
-                std::all_of(columns.begin(), columns.end(), [&](Index i) { return 0 <= i && i < n; }),
-            "targets, order, columns: expected numbers of representatives and of nodes");
+    require(row_starts.size() == n + 1 && order.size() == n, "row_starts, order: expected (f + 1) and (f)");
+    require_starts(row_starts, columns.size(), "row_starts: expected to ascend up to all columns");
+    require(0 <= n_roots && n_roots <= n, "n_roots: expected no more than nodes");
+    require_below(targets, n_roots, "targets: expected numbers of representatives");
+    require_below(order, n, "order: expected numbers of nodes");
+    require_below(columns, n, "columns: expected numbers of nodes");
     std::vector<Index> starts(n_roots + 1), slots(columns.size()), where(n_roots, -1);
     std::vector<std::int32_t> found;
     Index at = 0;
@@ -342,6 +341,9 @@ void add_linked_blocks(Vector<const Index> rows, Vector<const Index> columns, Ve
     require(rows.size() == n && columns.size() == n, "rows, columns: expected one a slot");
     require(blocks.shape() == std::array{n, d, d} && matrices.shape(2) == d && sums.shape(1) == d && sums.shape(2) == d,
             "blocks, matrices, sums: expected d × d matrices");
+    require_below(rows, matrices.shape(0), "rows: expected numbers of matrices");
+    require_below(columns, matrices.shape(0), "columns: expected numbers of matrices");
+    require_below(slots, sums.shape(0), "slots: expected numbers of sums");
     with_dimension(d, [&](auto dimension) {
         constexpr int d = dimension;
         for (Index e = 0; e < n; ++e)

@@ -34,12 +34,18 @@ std::pair<std::vector<Index>, std::vector<std::int32_t>> places(Matrix<const Nod
 template <class Node>
 void check_nodes(Matrix<const Node> cells, Index n_free, Index n_nodes) {
     require(0 <= n_free && n_free <= n_nodes, "n_free: expected 0 to as many as nodes");
-    require(std::all_of(cells.begin(), cells.end(), [&](Node node) { return 0 <= node && node < n_nodes; }),
-            "cells: expected numbers of nodes");
+    require_below(cells, n_nodes, "cells: expected numbers of nodes");
 }
 
-void check_lists(Vector<const Index> starts, Vector<const std::int32_t> entries) {
-    require(starts.size() > 0 && starts[starts.size() - 1] == entries.size(), "starts: expected to end at the entries");
+void check_lists(Vector<const Index> starts, Vector<const std::int32_t> entries, Index n) {
+    require_starts(starts, entries.size(), "starts: expected to ascend up to the entries");
+    require_below(entries, n, "entries: expected numbers of nodes of cells");
+}
+
+/// Where a couple's blocks are added, if anywhere.
+double* block_of(Cube<double> hessian, std::int32_t slot) {
+    require(slot < hessian.shape(0), "slots: expected numbers of blocks");
+    return slot < 0 ? nullptr : &hessian(slot, 0, 0);
 }
 
 /// row (d + 1, d²): the blocks that couple a node of a corner with each of its nodes, from its edge's (d, d²) with each
@@ -112,7 +118,9 @@ std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>> cell
     Matrix<const std::int32_t> cells, Index n_free, Index n_nodes, Vector<const Index> row_starts,
     Vector<const std::int32_t> columns) {
     check_nodes(cells, n_free, n_nodes);
-    require(row_starts.size() == n_free + 1 && row_starts[n_free] == columns.size(), "row_starts: expected (f + 1)");
+    require(row_starts.size() == n_free + 1, "row_starts: expected (f + 1)");
+    require_starts(row_starts, columns.size(), "row_starts: expected to ascend up to the columns");
+    require_below(columns, n_nodes, "columns: expected numbers of nodes");
     const Index k = cells.shape(1);
     auto [starts, entries] = places(cells, n_free);
     std::vector<std::int32_t> slots(entries.size() * k, -1), where(n_nodes, -1);
@@ -130,7 +138,7 @@ std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>> cell
 
 void gather_shares(Vector<const Index> starts, Vector<const std::int32_t> entries, Cube<const double> shares,
                    Matrix<double> sums) {
-    check_lists(starts, entries);
+    check_lists(starts, entries, shares.shape(0) * shares.shape(1));
     require(sums.shape() == std::array{starts.size() - 1, shares.shape(2)}, "sums: expected shape (f, d)");
     with_dimension(sums.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
@@ -148,13 +156,13 @@ void gather_shares(Vector<const Index> starts, Vector<const std::int32_t> entrie
 void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                       Vector<const Index> row_starts, Cube<const float> blocks, Vector<const double> weights,
                       double least_weight, Cube<double> hessian) {
-    check_lists(starts, entries);
+    check_lists(starts, entries, weights.size() * (hessian.shape(1) + 1));
     const Index size = hessian.shape(1) * hessian.shape(1);
     require(slots.shape() == std::array{entries.size(), hessian.shape(1) + 1}, "slots: expected shape (e, d + 1)");
     require(blocks.shape() == std::array{weights.size(), size, size}, "blocks: expected shape (c, d², d²)");
-    require(row_starts.size() == starts.size() && row_starts[row_starts.size() - 1] == hessian.shape(0) &&
-                hessian.shape(2) == hessian.shape(1),
-            "hessian: expected shape (b, d, d)");
+    require(row_starts.size() == starts.size() && hessian.shape(2) == hessian.shape(1),
+            "row_starts, hessian: expected shapes (f + 1) and (b, d, d)");
+    require_starts(row_starts, hessian.shape(0), "row_starts: expected to ascend up to the blocks");
     with_dimension(hessian.shape(1), [&](auto dimension) {
         constexpr int d = dimension;
         // what couplings() takes for an entry: all of a corner's block for its node 0, or the rows of an edge
@@ -174,8 +182,8 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
                     double row[(d + 1) * d * d];
                     couplings<d>(block(entries[e]), entries[e] % (d + 1) > 0, row);
                     for (int b = 0; b <= d; ++b) {
-                        if (slots(e, b) < 0) continue;
-                        double* out = hessian.data() + Index{slots(e, b)} * d * d;
+                        double* out = block_of(hessian, slots(e, b));
+                        if (!out) continue;
                         for (int q = 0; q < d * d; ++q) out[q] += row[b * d * d + q];
                     }
                 }
@@ -186,8 +194,8 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
 
 void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                Cube<const float> blocks, Cube<double> hessian) {
-    check_lists(starts, entries);
     const Index k = slots.shape(1);
+    check_lists(starts, entries, blocks.shape(0) * k);
     require(slots.shape(0) == entries.size(), "slots: expected shape (e, k)");
     require(hessian.shape(2) == hessian.shape(1), "hessian: expected shape (b, d, d)");
     require(blocks.shape(1) == k * k && blocks.shape(2) == hessian.shape(1) * hessian.shape(1),
@@ -202,8 +210,8 @@ void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, M
                 const Vector<const float> from = row(entries[e]);
                 if (e + ahead < entries.size()) prefetch(row(entries[e + ahead]));
                 for (Index b = 0; b < k; ++b) {
-                    if (slots(e, b) < 0) continue;
-                    double* out = hessian.data() + Index{slots(e, b)} * d * d;
+                    double* out = block_of(hessian, slots(e, b));
+                    if (!out) continue;
                     for (int q = 0; q < d * d; ++q) out[q] += from[b * d * d + q];
                 }
             }

@@ -4,6 +4,7 @@
 #include <memory>
 #include <numeric>
 #include <optional>
+#include <utility>
 
 #include "interpolation/cell_lists.h"
 #include "interpolation/summation.h"
@@ -208,38 +209,54 @@ Owned<Index, 1> count_near(Matrix<const double> points, Matrix<const double> cen
     return owned(std::move(counts));
 }
 
-void fill_rows(int code, Matrix<const double> points, Matrix<const double> centres, Vector<const Index> numbers,
-               double radius, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
-               Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
-               Matrix<const std::int32_t> stored, Vector<const std::int32_t> pointers, Vector<std::int32_t> columns,
-               Vector<double> entries) {
+SparseMatrix near_rows(int code, Matrix<const double> points, Matrix<const double> centres, Vector<const Index> numbers,
+                       double radius, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
+                       Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
+                       Matrix<const std::int32_t> stored) {
     require(points.shape(1) == 3, "points: expected shape (n, 3)");
     const Search search(centres, origin, inverse_side, shape, starts, keys, spans, stored);
     require(numbers.size() == centres.shape(1), "numbers: expected one for each centre");
-    require(pointers.size() == points.shape(0) + 1, "pointers: expected one more than points");
-    require(columns.size() == entries.size(), "columns, entries: expected the same length");
     const double inverse_radius = 1.0 / radius;
+    const Index n = points.shape(0);
+    struct Part {
+        std::vector<std::int32_t> columns;
+        std::vector<double> entries;
+    };
+    std::vector<Part> parts((n + rows_of_block - 1) / rows_of_block);
+    std::vector<Index> ends(n + 1);
     with_basis(code, [&](auto basis) {
-        for_ranges(points.shape(0), rows_of_block, [&](Index begin, Index end) {
+        for_ranges(n, rows_of_block, [&](Index begin, Index end) {
+            auto& [columns, entries] = parts[begin / rows_of_block];
             NearCell cell(search);
             std::vector<Index> near;
             std::vector<double> squares;
             for (Index i = begin; i < end; ++i) {
                 const Point x = point_of(points, i);
-                const Index count = pointers[i + 1] - pointers[i];
+                const Index count = cell.take(x) ? cell.closer(x, radius * radius) : 0;
+                ends[i + 1] = count;
                 if (count == 0) continue;  // nothing near: most points of cells that only touch a centre's
-                require(0 <= pointers[i] && pointers[i + 1] <= columns.size() && cell.take(x) > 0 &&
-                            cell.closer(x, radius * radius) == count,
-                        "pointers: expected the sums of the counts of centres near points");
                 if (static_cast<Index>(near.size()) <= count) near.resize(2 * count), squares.resize(2 * count);
                 cell.list(radius * radius, near, squares);
-                std::int32_t* __restrict column = columns.data() + pointers[i];
-                double* __restrict entry = entries.data() + pointers[i];
-                for (Index e = 0; e < count; ++e) column[e] = static_cast<std::int32_t>(numbers[near[e]]);
+                const std::size_t at = entries.size();
+                columns.resize(at + count);
+                entries.resize(at + count);
+                for (Index e = 0; e < count; ++e) columns[at + e] = static_cast<std::int32_t>(numbers[near[e]]);
+                double* __restrict entry = entries.data() + at;
                 for (Index e = 0; e < count; ++e) entry[e] = basis.phi(std::sqrt(squares[e]) * inverse_radius);
             }
         });
     });
+    std::partial_sum(ends.begin(), ends.end(), ends.begin());
+    require(ends[n] <= std::numeric_limits<std::int32_t>::max(), "expected fewer entries than 2³¹");
+    std::vector<std::int32_t> columns(ends[n]);
+    std::vector<double> entries(ends[n]);
+    for_blocks(static_cast<Index>(parts.size()), [&](Index b) {
+        const Part part = std::exchange(parts[b], {});
+        std::copy(part.columns.begin(), part.columns.end(), columns.begin() + ends[b * rows_of_block]);
+        std::copy(part.entries.begin(), part.entries.end(), entries.begin() + ends[b * rows_of_block]);
+    });
+    return {owned(std::vector<std::int32_t>(ends.begin(), ends.end())), owned(std::move(columns)),
+            owned(std::move(entries))};
 }
 
 }  // namespace mesh_motion

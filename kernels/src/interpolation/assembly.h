@@ -1,6 +1,8 @@
 // Entries of the interpolation matrix: dense blocks, and sparse rows found through the cells of centres.
 #pragma once
 
+#include <tuple>
+
 #include "view.h"
 
 namespace mesh_motion {
@@ -30,13 +32,15 @@ Owned<Index, 1> count_near(Matrix<const double> points, Matrix<const double> cen
                            Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
                            Matrix<const std::int32_t> stored);
 
-/// Columns and entries (e,) of each row of φ between the points and the centres near them, in these centres' order.
+/// Pointers (n + 1,) of rows, columns and entries (e,).
+using SparseMatrix = std::tuple<Owned<std::int32_t, 1>, Owned<std::int32_t, 1>, Owned<double, 1>>;
+
+/// φ between the points and the centres closer than R, of each point in these centres' order.
 ///
-/// (nc,) numbers are what the columns call the centres; (n + 1,) pointers are those of the rows, by count_near.
-void fill_rows(int code, Matrix<const double> points, Matrix<const double> centres, Vector<const Index> numbers,
-               double radius, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
-               Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
-               Matrix<const std::int32_t> stored, Vector<const std::int32_t> pointers, Vector<std::int32_t> columns,
-               Vector<double> entries);
+/// (nc,) numbers are what the columns call the centres; the other arguments as of count_near.
+SparseMatrix near_rows(int code, Matrix<const double> points, Matrix<const double> centres, Vector<const Index> numbers,
+                       double radius, Vector<const double> origin, double inverse_side, Vector<const Index> shape,
+                       Vector<const Index> starts, Vector<const Index> keys, Matrix<const std::int32_t> spans,
+                       Matrix<const std::int32_t> stored);
 
 }  // namespace mesh_motion

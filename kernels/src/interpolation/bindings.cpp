@@ -27,7 +27,7 @@ void bind_interpolation(nanobind::module_& m) {
     bind(m, "fill_block", fill_block);
     bind(m, "rows_near", rows_near);
     bind(m, "count_near", count_near);
-    bind(m, "fill_rows", fill_rows);
+    bind(m, "near_rows", near_rows);
     bind(m, "add_product", add_product);
     bind(m, "solve_sparse", solve_sparse);
     bind(m, "column_products", column_products);

@@ -127,6 +127,8 @@ void bounded_quality(Matrix<const double> points, Matrix<const Index> nodes, Vec
                      Vector<const Index> group, Matrix<const double> middles, Cube<const double> coefficients,
                      Vector<const double> remainder, Matrix<double> modelled, Matrix<double> least) {
     const Index m = nodes.shape(0), groups = remainder.size(), dimension = points.shape(1);
+    require_below(nodes, points.shape(0), "nodes: expected numbers of points");
+    require_below(group, groups, "group: expected numbers of groups");
     require(reference.size() == m && group.size() == m, "reference, group: expected one entry for each cell");
     require(modelled.shape() == std::array{Index{2}, m} && least.shape() == modelled.shape(),
             "modelled, least: expected the shape (2, m)");

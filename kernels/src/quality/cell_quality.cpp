@@ -131,6 +131,13 @@ using Four [[gnu::vector_size(4 * sizeof(double))]] = double;
             Four{at[0][2], at[1][2], at[2][2], at[3][2]}};
 }
 
+/// The nodes of a chunk's cells, which are checked while they are near.
+inline const Index* checked_rows(Matrix<const double> points, Matrix<const Index> nodes, Index first, Index count) {
+    const auto rows = nodes.rows(first, first + count);
+    require_below(rows, points.shape(0), "nodes: expected numbers of points");
+    return rows.data();
+}
+
 /// Writes the Jacobians of the corners k of cells from positions; cell(s) are the nodes of the cell s.
 template <class Type, class Cell>
 auto from_points(Matrix<const double> points, Index count, Cell cell) {
@@ -177,7 +184,7 @@ template <class Type>
 void judge_rows(Matrix<const double> points, Matrix<const Index> nodes, const double* reference, double* size,
                 double* skew, bool* inverted) {
     for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
-        const Index* rows = nodes.data() + first * Type::nodes;
+        const Index* rows = checked_rows(points, nodes, first, count);
         judge_chunk<Type>(from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; }), count,
                           reference + first, size + first, skew + first, inverted + first);
     });
@@ -271,7 +278,7 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Ind
             return;
         }
         Jacobians<3> jacobians;
-        const Index* rows = block.nodes.data() + (from - block.first) * Tetra::nodes;
+        const Index* rows = checked_rows(points_, block.nodes, from - block.first, count);
         from_points<Tetra>(points_, count, [rows](Index s) { return rows + s * Tetra::nodes; })(0, jacobians);
         const double* reference = reference_.data() + from;
         const double square = limit * limit * margin, bound = limit * limit * limit * (limit * limit * limit) * margin;
@@ -325,7 +332,7 @@ void cell_sizes(Matrix<const double> points, Matrix<const Index> nodes, Vector<d
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(sizes.size(), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
-                const Index* rows = nodes.data() + first * Type::nodes;
+                const Index* rows = checked_rows(points, nodes, first, count);
                 const auto gather =
                     from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
                 Jacobians<Type::dimension> jacobians;
@@ -355,11 +362,15 @@ void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vect
                     Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
     require_results(chosen.size(), Vector<const double>(reference.data(), {chosen.size()}), size, skew, inverted);
     require(reference.size() == nodes.shape(0), "reference: expected one entry for each cell");
+    require_below(chosen, nodes.shape(0), "chosen: expected numbers of cells");
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(chosen.size(), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
                 double told[chunk];
-                for (Index s = 0; s < count; ++s) told[s] = reference[chosen[first + s]];
+                for (Index s = 0; s < count; ++s) {
+                    told[s] = reference[chosen[first + s]];
+                    checked_rows(points, nodes, chosen[first + s], 1);
+                }
                 const Index *rows = nodes.data(), *numbers = chosen.data() + first;
                 const auto cell = [=](Index s) { return rows + numbers[s] * Type::nodes; };
                 judge_chunk<Type>(from_points<Type>(points, count, cell), count, told, &size[first], &skew[first],
@@ -380,7 +391,7 @@ void transformed_quality(Matrix<const double> points, Matrix<const Index> nodes,
         constexpr int d = Type::dimension;
         for_ranges(nodes.shape(0), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
-                const Index* rows = nodes.data() + first * Type::nodes;
+                const Index* rows = checked_rows(points, nodes, first, count);
                 const auto before =
                     from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
                 const auto after = [&](int k, Jacobians<d>& jacobians) {

@@ -1,6 +1,7 @@
 #include "two_scale/grid_sums.h"
 
-#include "interpolation/gathered.h"
+#include "interpolation/basis.h"
+#include "lanes.h"
 #include "two_scale/chebyshev.h"
 #include "parallel.h"
 
@@ -70,14 +71,72 @@ std::vector<int> orders_of(Matrix<const double> centres, const Block& block, dou
     return orders;
 }
 
-/// f(row, place) for each place of a grid of coordinates along three axes.
-template <class F>
-void for_places(const std::array<std::vector<double>, 3>& along, F&& f) {
-    Index row = 0;
-    for (double x : along[0])
-        for (double y : along[1])
-            for (double z : along[2]) f(row++, Point{x, y, z});
-}
+/// Coordinates along three axes, of the places of a block.
+using Along = std::array<std::vector<double>, 3>;
+
+/// Centres side by side for sums at all places of a block; coordinates in support radii.
+class Members {
+  public:
+    /// Those of centres (3, nc) with the weights (k, nc) whose order is the wanted one.
+    Members(Matrix<const double> centres, Matrix<const double> weights, double inverse_radius,
+            const std::vector<int>& orders, int wanted)
+        : inverse_radius_(inverse_radius) {
+        for (Index j = 0; j < centres.shape(1); ++j) {
+            if (orders[j] != wanted) continue;
+            for (int axis = 0; axis < 3; ++axis) at_[axis].push_back(centres(axis, j) * inverse_radius);
+            for (Index c = 0; c < weights.shape(0); ++c) weights_.push_back(weights(c, j));
+        }
+    }
+
+    Index size() const { return static_cast<Index>(at_[0].size()); }
+
+    /// values (places, k) = Σ_j w_j φ(|x − x_j|/R), K components at a time. Places fill the vectors, eight that differ in
+    /// y and z; the squared distances along these axes serve for every x, and each sum has the order of the centres.
+    template <class Basis, Index K>
+    void sum(const Along& along, Index k, double* values) const {
+        const Index n = size(), ny = along[1].size(), nz = along[2].size();
+        std::vector<double> across(n * lanes), ahead(along[0].size() * n);
+        for (std::size_t i = 0; i < along[0].size(); ++i)
+            for (Index j = 0; j < n; ++j) ahead[i * n + j] = square(along[0][i] * inverse_radius_ - at_[0][j]);
+        for (Index first = 0; first < ny * nz; first += lanes) {
+            double y[lanes], z[lanes];
+            for (Index l = 0; l < lanes; ++l) {
+                const Index place = std::min(first + l, ny * nz - 1);
+                y[l] = along[1][place / nz] * inverse_radius_;
+                z[l] = along[2][place % nz] * inverse_radius_;
+            }
+            for (Index j = 0; j < n; ++j)
+                for (Index l = 0; l < lanes; ++l)
+                    across[j * lanes + l] = square(y[l] - at_[1][j]) + square(z[l] - at_[2][j]);
+            for (std::size_t i = 0; i < along[0].size(); ++i)
+                for (Index c = 0; c < k; c += K)
+                    sum_lanes<Basis, K>(&ahead[i * n], across.data(), c, k, values + (i * ny * nz + first) * k,
+                                        std::min(lanes, ny * nz - first));
+        }
+    }
+
+  private:
+    static double square(double x) { return x * x; }
+
+    /// The components c … c + K − 1 at up to eight places.
+    template <class Basis, Index K>
+    void sum_lanes(const double* __restrict ahead, const double* __restrict across, Index c, Index k,
+                   double* __restrict values, Index places) const {
+        double sums[K][lanes] = {};
+        const double* weight = weights_.data() + c;
+        for (Index j = 0; j < size(); ++j, weight += k)
+            for (Index l = 0; l < lanes; ++l) {
+                const double value = Basis::phi(std::sqrt(ahead[j] + across[j * lanes + l]));
+                for (Index m = 0; m < K; ++m) sums[m][l] += weight[m] * value;
+            }
+        for (Index l = 0; l < places; ++l)
+            for (Index m = 0; m < K; ++m) values[l * k + c + m] = sums[m][l];
+    }
+
+    double inverse_radius_;
+    std::array<std::vector<double>, 3> at_;
+    std::vector<double> weights_;
+};
 
 template <class Basis>
 void sum_block(Matrix<const double> centres, Matrix<const double> weights, double inverse_radius, double reach,
@@ -86,22 +145,17 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
     const std::vector<int> orders = orders_of(centres, block, reach, distances);
     std::vector<double> room(resampling_room<3>(side, k));
     // the sums over the centres of an order
-    const auto sums = [&](int order, const std::array<std::vector<double>, 3>& along) {
+    const auto sums = [&](int order, const Along& along) {
         std::vector<double> values(along[0].size() * along[1].size() * along[2].size() * k);
-        const Index count = std::count(orders.begin(), orders.end(), order);
-        if (count == 0) return values;
-        const Gathered members(centres, weights, count, [&](auto&& add) {
-            for (Index j = 0; j < centres.shape(1); ++j)
-                if (orders[j] == order) add(j);
-        });
-        for_places(along, [&](Index row, const Point& x) {
-            members.sum<Basis>(x, inverse_radius, Vector<double>(values.data() + row * k, {k}));
-        });
+        const Members members(centres, weights, inverse_radius, orders, order);
+        if (members.size() == 0) return values;
+        if (k == 3) members.sum<Basis, 3>(along, k, values.data());
+        else members.sum<Basis, 1>(along, k, values.data());
         return values;
     };
     std::vector<double> few;
     for (int order = least_order; order <= last_order; ++order) {
-        std::array<std::vector<double>, 3> along;
+        Along along;
         for (int axis = 0; axis < 3; ++axis)
             for (int i = 0; i < order; ++i)
                 along[axis].push_back(block[axis].middle + block[axis].half * chebyshev_place(order, i));
@@ -115,7 +169,7 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
         }
         few = std::move(raised);
     }
-    std::array<std::vector<double>, 3> along;
+    Along along;
     std::array<Resampling, 3> matrix;
     for (int axis = 0; axis < 3; ++axis) {
         block[axis].resample(last_order, matrix[axis]);

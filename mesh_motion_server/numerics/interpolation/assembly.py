@@ -79,13 +79,8 @@ def rows_near(
 
 def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
     """Mean number of centres closer than R to a centre: nonzero entries a row of the matrix of a compact basis."""
-    points = np.ascontiguousarray(layout.coordinates.T)
-    return float(np.mean(_row_counts(_search(layout, support_radius), support_radius, points)))
-
-
-def _row_counts(search: _Search, support_radius: float, points: Array) -> Integers:
-    counts: Integers = kernels.count_near(points, search.coordinates, support_radius, *search.grid)
-    return counts
+    points, search = np.ascontiguousarray(layout.coordinates.T), _search(layout, support_radius)
+    return float(np.mean(kernels.count_near(points, search.coordinates, support_radius, *search.grid)))
 
 
 def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> csr_array:
@@ -102,10 +97,7 @@ def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, point
 
 def _sparse(search: _Search, basis: Basis, support_radius: float, points: Array, numbers: Integers) -> csr_array:
     """φ between points (n, 3) and the sorted centres, which are called by their ``numbers`` (nc,)."""
-    pointers = np.zeros(len(points) + 1, dtype=np.int32)
-    np.cumsum(_row_counts(search, support_radius, points), out=pointers[1:])
-    columns, entries = np.empty(pointers[-1], dtype=np.int32), np.empty(pointers[-1])
-    kernels.fill_rows(
-        basis.code, points, search.coordinates, numbers, support_radius, *search.grid, pointers, columns, entries
+    pointers, columns, entries = kernels.near_rows(
+        basis.code, points, search.coordinates, numbers, support_radius, *search.grid
     )
     return csr_array((entries, columns, pointers), shape=(len(points), len(numbers)))

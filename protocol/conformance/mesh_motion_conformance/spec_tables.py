@@ -17,6 +17,8 @@ __all__ = ["TABLES", "read_spec", "rendered"]
 #: Beside this module, so that an installed suite needs no document.
 TABLES = Path(__file__).with_name("tables.json")
 
+#: Requests of a session behind JOIN.
+_ADDRESSED = ("UPLOAD", "BUILD", "MOVE", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE")
 _BLOCK = re.compile(r"<!-- table: (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
 _RANGE = re.compile(r"(-?[\d.]+|−[\d.]+) … (\S+)")
 
@@ -26,7 +28,7 @@ def read_spec(text: str) -> dict[str, Any]:
     blocks = {match[1]: match[2] for match in _BLOCK.finditer(text)}
     return {
         "requests": {row["request"]: _request(row) for row in _rows(blocks["requests"])},
-        "messages": {name: list(fields) for name, fields in _messages(blocks["messages"])},
+        "messages": dict(_messages(blocks["messages"])),
         "states": {row.pop("state"): _cells(row) for row in _rows(blocks["states"])},
         "limits": {_code(row["name"]): _limit(row) for row in _rows(blocks["limits"])},
         "settings": {_code(row["key"]): _setting(row) for row in _rows(blocks["settings"])},
@@ -69,11 +71,16 @@ def _setting(row: dict[str, str]) -> dict[str, Any]:
 
 
 def _messages(block: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Each message with its fields."""
+    """Each message with its fields; requests after JOIN have its address too, which is listed once."""
+    address: list[dict[str, Any]] = []
     for part in block.split("#### ")[1:]:
         name, _, body = part.partition("\n")
+        name = name.strip()
         rows = _rows(body) if "| field |" in body else []
-        yield name.strip(), [_field(row) for row in rows]
+        fields = [_field(row) for row in rows]
+        if name == "JOIN":
+            address = [field for field in fields if field["name"] != "token"]
+        yield name, [*address, *fields] if name in _ADDRESSED else fields
 
 
 def _field(row: dict[str, str]) -> dict[str, Any]:

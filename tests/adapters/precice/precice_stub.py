@@ -9,13 +9,17 @@ The script is the configuration file, in JSON::
 
 Window w is computed ``iterations[w]`` times. The displacement that is read at a point is ``motion @ point`` times a
 function of time, off by a half, a quarter, … in all iterations of a window but its last; within a window it is linear
-in time, as preCICE's waveforms of first order are. ``begin``: windows that passed before a restart. What preCICE checks
-with an error is an error here too, in its words.
+in time, as preCICE's waveforms of first order are. ``begin``: windows that passed before a restart.
+``wait_in_finalize``: a participant that finalizes early, its destructor included, waits for the others for ever.
+``interrupt``: Ctrl-C comes in that step. What preCICE checks with an error is an error here too, in its words.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import signal
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +54,9 @@ class Script:
         self.meshes = values["meshes"]
         self.begin = values.get("begin", 0)
         self.since_window = values.get("since_window", False)
+        self.connectivity = values.get("connectivity", False)
+        self.wait_in_finalize = values.get("wait_in_finalize", False)
+        self.interrupt = values.get("interrupt", 0)
 
     def displacement(self, points, window, iteration, fraction):
         """(n, d) displacement of the points at a fraction of a window, in one of its iterations (from 1)."""
@@ -75,6 +82,7 @@ class Participant:
         self.state = "constructed"
         self.points = {}
         self.initial = {}
+        self.connected = {}
         self.regions = set()
         self.written = {}
         self.history = []  # (window, iteration, fraction of the window, {(mesh, data): values}, read checkpoint)
@@ -91,7 +99,25 @@ class Participant:
 
     def get_data_dimensions(self, mesh_name, data_name):
         self._check_data(mesh_name, data_name)
-        return self.script.dimensions
+        return 1 if data_name == self.script.meshes[mesh_name].get("scalar") else self.script.dimensions
+
+    def requires_mesh_connectivity_for(self, mesh_name):
+        check(mesh_name in self.script.meshes, f'The given mesh name "{mesh_name}" is unknown to preCICE.')
+        return self.script.connectivity
+
+    def set_mesh_edges(self, mesh_name, vertices):
+        self._connect(mesh_name, vertices, 2)
+
+    def set_mesh_triangle(self, mesh_name, first_vertex_id, second_vertex_id, third_vertex_id):
+        triangle = np.array([[first_vertex_id, second_vertex_id, third_vertex_id]])
+        self._connect(mesh_name, triangle, 3)
+
+    def set_mesh_triangles(self, mesh_name, vertices):
+        assert self.script.dimensions == 3, "the bindings compare with the dimension of the mesh"
+        self._connect(mesh_name, vertices, 3)
+
+    def set_mesh_tetrahedra(self, mesh_name, vertices):
+        self._connect(mesh_name, vertices, 4)
 
     def get_mesh_vertex_size(self, mesh_name):
         return len(self.points[mesh_name])
@@ -168,7 +194,11 @@ class Participant:
         ongoing = self.state == "constructed" or self.is_coupling_ongoing()
         check(ongoing, "Calling writeData(...) is forbidden if coupling is not ongoing")
         self._check_data(mesh_name, data_name)
+        writable = data_name not in self.script.meshes[mesh_name].get("read_only", [])
+        check(writable, f'This participant does not use data "{data_name}", but attempted to write it.')
         values = np.asarray(values)
+        if not len(values):
+            return
         assert values.shape == (len(vertex_ids), self.get_data_dimensions(mesh_name, data_name))
         check(np.isfinite(values).all(), "One of the given data values is either plus or minus infinity or NaN.")
         buffer = self.written.setdefault((mesh_name, data_name), np.zeros_like(self.points[mesh_name]))
@@ -181,6 +211,8 @@ class Participant:
         check(computed_timestep_length > 0.0, "advance() cannot be called with a time step size of 0.")
         left = self.get_max_time_step_size()
         check(computed_timestep_length <= left + _TIGHT, "The time step size given to preCICE exceeds the maximum.")
+        if self.script.interrupt == len(self.history) + 1:
+            os.kill(os.getpid(), signal.SIGINT)
         check(not self.unfulfilled, f"The required actions {', '.join(sorted(self.unfulfilled))} are not fulfilled.")
         self.passed += computed_timestep_length
         written, self.written = self.written, {}  # what is not written again is zero
@@ -198,10 +230,16 @@ class Participant:
 
     def finalize(self):
         check(self.state != "finalized", "finalize() may only be called once.")
+        if self.script.wait_in_finalize and self.state == "initialized" and self.is_coupling_ongoing():
+            threading.Event().wait()
         self.state = "finalized"
         if self.log is not None:
             with self.log.open("wb") as file:
                 np.savez(file, *(next(iter(entry[3].values())) for entry in self.history))
+
+    def __del__(self):
+        if getattr(self, "state", "finalized") == "initialized":
+            self.finalize()
 
     # --- inside ------------------------------------------------------------------------------------------------------
 
@@ -218,6 +256,13 @@ class Participant:
     def _check_data(self, mesh_name, data_name):
         known = mesh_name in self.script.meshes and data_name in self.script.meshes[mesh_name]["data"]
         check(known, f'Data "{data_name}" is unknown on mesh "{mesh_name}".')
+
+    def _connect(self, mesh_name, vertices, nodes):
+        check(self.state == "constructed", f'This participant attempted to modify the Mesh "{mesh_name}" while locked.')
+        assert vertices.shape[1] == nodes
+        for column in vertices.T:
+            self._chosen(mesh_name, column)
+        self.connected.setdefault(mesh_name, []).extend(vertices)
 
     def _chosen(self, mesh_name, vertex_ids):
         ids = np.asarray(vertex_ids)

@@ -8,7 +8,7 @@ import precice
 from precice_stub import Script
 
 CONFIG = """<?xml version="1.0" encoding="UTF-8" ?>
-<precice-configuration>
+<precice-configuration wait-in-finalize="{wait}">
   <data:vector name="Displacement" />
   <data:vector name="NodeDisplacement" />
   <mesh name="Partner-Wet" dimensions="2"><use-data name="Displacement" /></mesh>
@@ -22,7 +22,7 @@ CONFIG = """<?xml version="1.0" encoding="UTF-8" ?>
     <receive-mesh name="Volume" from="MeshMotion" />
     <write-data name="Displacement" mesh="Partner-Wet" />
     <read-data name="NodeDisplacement" mesh="Partner-Volume" />
-    <mapping:nearest-neighbor direction="read" from="Volume" to="Partner-Volume" constraint="consistent" />
+    <mapping:{mapping} direction="read" from="Volume" to="Partner-Volume" constraint="consistent" />
   </participant>
   <participant name="MeshMotion">
     <provide-mesh name="Lower" />
@@ -53,6 +53,8 @@ def config(script):
     count = script["iterations"][0]
     limits = f'<min-iterations value="{count}" /><max-iterations value="{count}" />'
     return CONFIG.format(
+        wait=str(script.get("wait_in_finalize", False)).lower(),
+        mapping=script.get("mapping", "nearest-neighbor"),
         kind="explicit" if script.get("explicit") else "implicit",
         window=script.get("window", 0.1),
         windows=len(script["iterations"]),

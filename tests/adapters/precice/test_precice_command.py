@@ -61,3 +61,51 @@ def test_what_is_wrong_is_one_line(case, program, tmp_path):
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert "support_radios" in done.stderr
+
+
+def test_a_refusal_ends_while_the_others_wait(case, program):
+    """preCICE's destructor would finalize, and wait for participants that wait for this one."""
+    case()
+    done = program(window=3.0, motion=[[5.0, 0.0], [0.0, 5.0]], iterations=(1, 1), wait_in_finalize=True)
+    assert done.returncode == 1
+    assert done.stdout.count("window") == 1
+    assert done.stderr.count("\n") == 1
+
+
+def test_ctrl_c_is_one_line(case, program):
+    case()
+    done = program(interrupt=2, wait_in_finalize=True)
+    assert (done.returncode, done.stderr.count("\n")) == (130, 1)
+    assert "interrupted" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"participant": "Motion"}, "preCICE: no participant MeshMotion"),
+        ({"dimensions": 3}, "has 3 dimensions"),
+        ({"initial_data": True, "received": [[9.0, 9.0]]}, "initial data cannot be written to the received mesh"),
+    ],
+)
+def test_an_error_of_the_set_up_keeps_the_earlier_session(wrong, words, case, program, tmp_path, server):
+    case(volume="received = true" if "received" in wrong else "")
+    (tmp_path / "mesh-motion.session").write_text("of an earlier run")
+    before = len(server.sessions())
+    done = program(**{key: np.array(value) if key == "received" else value for key, value in wrong.items()})
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert words in done.stderr
+    assert (tmp_path / "mesh-motion.session").read_text() == "of an earlier run"
+    assert len(server.sessions()) == before
+
+
+def test_several_ranks_are_refused(case, program, monkeypatch):
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    case()
+    assert "is one process, got 2 ranks" in program().stderr
+
+
+def test_the_log_tells_more_or_less(case, program):
+    case()
+    assert program("--log-level", "warning").stdout == ""
+    assert "iteration 1 of t 0.1 is repeated" in program("--log-level", "debug").stdout

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -32,10 +33,10 @@ def started(folder, *command):
         return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
 
 
-def finished(folder, *participants, seconds=240):
+def finished(folder, *participants, seconds=120):
     """Wait for all; end those that are left when one fails."""
     try:
-        for process in participants:
+        for process in reversed(participants):  # ours first: one that ends early leaves the others waiting
             assert process.wait(seconds) == 0, "\n".join(path.read_text()[-2000:] for path in folder.glob("log.*"))
     finally:
         for process in participants:
@@ -43,24 +44,43 @@ def finished(folder, *participants, seconds=240):
             process.wait()
 
 
+@pytest.fixture
+def coupled(case, square, server, tmp_path):
+    """Starts the other participant of a script, and ours."""
+
+    def start(values, coupling=""):
+        from real_partner import config  # noqa: PLC0415  (imports preCICE)
+
+        wet = np.union1d(square.patches["lower"].nodes, square.patches["upper"].nodes)
+        (tmp_path / "precice-config.xml").write_text(config(values))
+        partner = values | {"points": square.points.tolist(), "wet": wet.tolist()}
+        (tmp_path / "partner.json").write_text(json.dumps(partner))
+        file = case(coupling)
+        file.write_text(file.read_text().replace("script.json", "precice-config.xml"))
+        partner = started(tmp_path, HERE / "real_partner.py", tmp_path)
+        return partner, started(tmp_path, "-m", "mesh_motion_precice", file, "--server", server.endpoint), wet
+
+    return start
+
+
 @needs_precice
 @pytest.mark.parametrize(
-    ("iterations", "explicit", "coupling"),
-    [([1, 1, 1], True, ""), ([3, 3], False, ""), ([2, 2], False, "time_step = 0.04")],
-    ids=["explicit", "implicit", "steps"],
+    ("iterations", "more", "coupling"),
+    [
+        ([1, 1, 1], {"explicit": True}, ""),
+        ([3, 3], {}, ""),
+        ([2, 2], {}, "time_step = 0.04"),
+        ([2, 2], {"mapping": "nearest-projection", "wait_in_finalize": True}, ""),
+        ([2, 2], {"mapping": "linear-cell-interpolation"}, ""),
+    ],
+    ids=["explicit", "implicit", "steps", "projection", "cells"],
 )
-def test_a_script_gives_what_the_client_gives(iterations, explicit, coupling, case, script, square, server, tmp_path):
-    from real_partner import config  # noqa: PLC0415  (imports preCICE)
-
-    values = script(iterations, explicit=explicit)
-    wet = np.union1d(square.patches["lower"].nodes, square.patches["upper"].nodes)
-    (tmp_path / "precice-config.xml").write_text(config(values))
-    (tmp_path / "partner.json").write_text(json.dumps(values | {"points": square.points.tolist(), "wet": wet.tolist()}))
-    file = case(coupling)
-    file.write_text(file.read_text().replace("script.json", "precice-config.xml"))
-    partner = started(tmp_path, HERE / "real_partner.py", tmp_path)
-    ours = started(tmp_path, "-m", "mesh_motion_precice", file, "--server", server.endpoint)
+def test_a_script_gives_what_the_client_gives(iterations, more, coupling, coupled, script, square, server, tmp_path):
+    values = script(iterations, **more)
+    partner, ours, wet = coupled(values, coupling)
     finished(tmp_path, partner, ours)
+    logs = "".join(path.read_text() for path in tmp_path.glob("log.*"))
+    assert "connectivity" not in logs  # preCICE warns where a mapping does not find the cells it needs
     with np.load(tmp_path / "read.npz") as read, server.open(square, {"support_radius": 0.8}) as session:
         for window, found in enumerate(read["arr_0"]):
             rows = Script(values).displacement(square.points[wet], window, iterations[window], 1.0)
@@ -71,13 +91,28 @@ def test_a_script_gives_what_the_client_gives(iterations, explicit, coupling, ca
 
 
 @needs_precice
+def test_a_refusal_ends_all_although_they_wait_in_finalize(coupled, script, tmp_path):
+    values = script([1, 1], window=3.0, motion=[[5.0, 0.0], [0.0, 5.0]], wait_in_finalize=True)
+    partner, ours, _ = coupled(values)
+    try:
+        assert ours.wait(60) == 1
+        assert partner.wait(60) != 0
+    finally:
+        for process in (partner, ours):
+            process.kill()
+            process.wait()
+    said = "".join(path.read_text() for path in tmp_path.glob("log.*"))
+    assert "mesh-motion-precice: " in said
+
+
+@needs_precice
 @pytest.mark.slow
 def test_the_tutorial_gives_the_monolithic_motion(server, tmp_path):
     """Fluid, Solid and MeshMotion in preCICE's multi coupling: the beam with the added mass in its own mass matrix."""
     config = TUTORIAL / "precice-config.xml"
     solvers = [started(tmp_path, TUTORIAL / "solvers.py", name, "--config", config) for name in ("Fluid", "Solid")]
     options = ["--server", server.endpoint, "--config", config]
-    ours = started(tmp_path, "-m", "mesh_motion_precice", TUTORIAL / "mesh-motion.toml", *options)
+    ours = started(tmp_path, "-m", "mesh_motion_precice", TUTORIAL / "precice-adapter-config.json", *options)
     finished(tmp_path, *solvers, ours)
     monolithic = load(ROOT / "tests" / "integration" / "test_mock_fsi.py")
     with np.load(ROOT / "examples" / "turek_hron_flag" / "mesh.npz") as mesh:
@@ -94,9 +129,9 @@ def load(path):
     return module
 
 
-def test_the_tutorial_s_two_files_fit():
+def test_the_tutorial_s_files_fit():
     """Without preCICE: meshes and data that MeshMotion names are those that its configuration gives it."""
-    ours = read_configuration(TUTORIAL / "mesh-motion.toml")
+    ours = read_configuration(TUTORIAL / "precice-adapter-config.json")
     text = ours.precice_config.read_text()
     root = ET.fromstring(text.replace("data:vector", "data-vector").replace("m2n:", "m2n-").replace("mapping:", "")
                          .replace("coupling-scheme:", "").replace("acceleration:", ""))  # fmt: skip
@@ -108,3 +143,5 @@ def test_the_tutorial_s_two_files_fit():
     received = {entry.get("name") for entry in participant.iter("receive-mesh") if entry.get("api-access") == "true"}
     assert (ours.volume.mesh in received) == ours.volume.received
     assert ours.mesh_file.is_file()
+    for name in [ours.volume.mesh, *(surface.mesh for surface in ours.surfaces)]:  # as the schema wants a mesh's name
+        assert re.fullmatch(r"[A-Z][a-zA-Z0-9]*(-[A-Z][a-zA-Z0-9]*)*-Mesh(-[A-Z][a-zA-Z0-9]*)*", name)
