@@ -12,10 +12,19 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.method import CHOICES, Method
+from mesh_motion_server.numerics.method import KEYS, Key, Method
 
 __all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability"]
 
@@ -47,44 +56,31 @@ class _Strict(BaseModel):
             raise _first_offender(error, cls) from error
 
 
-class MethodSettings(_Strict):
-    """The case file's ``[method]``; :class:`mesh_motion_server.numerics.method.Method` says what each key does."""
+def _checked(key: Key) -> AfterValidator:
+    """The range of a key."""
 
-    basis: str = "wendland-c2"
-    support_radius: _Length | None = None
-    support_radius_choice: str = "mesh"
-    polynomial: str = "auto"
-    displacement: str = "relative"
-    correction: str = "optimised"
-    correction_target: str = "auto"
-    correction_in_time: str = "independent"
-    sub_steps: str = "auto"
-    enrichment_radius: _Length | None = None
-    quality_metric: str = "relative-size-skew"
-    quality_threshold: Annotated[float, Field(ge=-1, le=1)] = 0.2
-    max_enrichment_points: Annotated[int, Field(ge=0, le=100_000)] = 20
-    enrichment_function: str = "auto"
-    enrichment_placement: str = "auto"
-    explicit_decomposition: str = "eigen"
-    reduction: str = "none"
-    reduction_tolerance: Annotated[float, Field(ge=0, le=1)] = 1e-3
-    max_control_points: Annotated[int, Field(ge=0, le=1_000_000)] = 0
-    volume_reduction: str = "none"
-    volume_reduction_length: _Length | None = None
-    boundary_layer_thickness: _Length | None = None
-    refuse_below_threshold: bool = False
-    allow_invalid: bool = False
-    predictor: str = "trial-nodes"
-    quality_report: str = "first-and-commit"
-    solver: str = "auto"
-
-    @field_validator(*CHOICES)
-    @classmethod
-    def _known_choice(cls, value: str, info: Any) -> str:
-        known = CHOICES[info.field_name]
-        if value not in known:
-            raise ValueError(f"one of {', '.join(known)}")
+    def within(value: Any) -> Any:
+        if not key.admits(value):
+            raise ValueError(key.expected)
         return value
+
+    return AfterValidator(within)
+
+
+_FIELDS: dict[str, Any] = {
+    name: (Annotated[key.kind | None if key.default is None else key.kind, _checked(key)], key.default)
+    for name, key in KEYS.items()
+}
+_KEYS: Any = create_model("_KEYS", __base__=_Strict, **_FIELDS)
+
+
+class MethodSettings(_KEYS):  # type: ignore[misc]  # its fields are those of a table
+    """The case file's ``[method]``: the keys of :data:`mesh_motion_server.numerics.method.KEYS`."""
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        self.to_method()
+        return self
 
     def to_method(self) -> Method:
         """The numerics' form of the same choices."""

@@ -45,8 +45,8 @@ _SHAPES: tuple[list[Any], ...] = (
 )  # fmt: skip
 _ROLES = ("", "moving", "fixed", "slip", "symmetry", "periodic")
 _DOUBLES = (float("nan"), float("inf"), 1e300, -1e300, 5e-324, 1e13, 1e11, 0.0, -0.0, 3.0, -1.0, 0.25)
-_SETTINGS = ("basis", "support_radius", "quality_threshold", "max_enrichment_points", "solver", "nonsense", "",
-             "correction", "reduction", "sub_steps", "displacement")  # fmt: skip
+_SETTINGS = ("basis", "support_radius", "quality_threshold", "max_enrichment_points", "sub_steps", "nonsense", "",
+             "correction", "reduction", "displacement")  # fmt: skip
 _FIELDS = ("session", "epoch", "partition", "token", "step", "frame", "item", "name", "role", "what", "outcome",
            "label", "dimension", "partitions", "settings", "versions", "agent", "after", "extra", "")  # fmt: skip
 

@@ -21,11 +21,9 @@ from mesh_motion_protocol.limits import LIMITS
 from mesh_motion_protocol.messages import COLLECTIVE, CONTROL, MESSAGES, REPLIES, Join, Message, SessionMessage
 from mesh_motion_protocol.schema import ArraySpec, FieldSpec, schema_of
 
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.method import CHOICES
+from mesh_motion_server.numerics.method import KEYS, Key
 from mesh_motion_server.security.authorisation import MATRIX, Role
 from mesh_motion_server.session.state import TABLE, Operation, State
-from mesh_motion_server.settings import MethodSettings
 
 SPEC = Path(__file__).parent / "SPEC.md"
 ADDRESS = ("session", "epoch", "partition")
@@ -165,79 +163,21 @@ def _authorisation() -> str:
     return _table(tuple(head), *rows)
 
 
-_SETTINGS = {
-    "basis": ("str", "the radial basis function, by name"),
-    "support_radius": ("float > 0 or nil", "R, mesh length unit; nil: chosen"),
-    "support_radius_choice": ("str", "what a radius that is nil is chosen from: the mesh, once, or each motion"),
-    "polynomial": ("str", "the linear polynomial beside the basis functions; `auto`: where the basis demands it"),
-    "displacement": (
-        "str",
-        "what is interpolated: since the committed state, since the reference, or that in sub-steps",
-    ),
-    "correction": ("str", "how a motion below the threshold is corrected"),
-    "correction_target": ("str", "where a correction stops"),
-    "correction_in_time": (
-        "str",
-        "each motion is corrected on its own, or smoothly: no node jumps between steps; needs `optimised` and a "
-        "displacement from the reference",
-    ),
-    "sub_steps": (
-        "str",
-        "lead the mesh to its targets in several corrected legs: where the motion would be refused, never, or always",
-    ),
-    "enrichment_radius": ("float > 0 or nil", "R_l, mesh length unit; nil: chosen from the mesh"),
-    "quality_metric": ("str", "what the threshold is compared with"),
-    "quality_threshold": ("float −1 … 1", "a motion predicted below it is corrected"),
-    "max_enrichment_points": ("int 0 … 100000", "bound of the enrichment"),
-    "enrichment_function": ("str", "the function at an enrichment point; `auto`: the correction's own"),
-    "enrichment_placement": (
-        "str",
-        "where enrichment points go; `auto`: the correction's own way, and the only one of some corrections",
-    ),
-    "explicit_decomposition": ("str", "what `explicit` (above 1D `imposed-gradient` too) corrects a cell by"),
-    "reduction": (
-        "str",
-        "how few boundary nodes are chosen to interpolate from; all are met exactly whatever is chosen",
-    ),
-    "reduction_tolerance": (
-        "float 0 … 1",
-        "largest error of a boundary node before it is made exact, as a share of the largest displacement",
-    ),
-    "max_control_points": ("int 0 … 1000000", "most boundary nodes that a reduction may choose; 0: no bound"),
-    "volume_reduction": ("str", "at which places the interpolation is evaluated"),
-    "volume_reduction_length": (
-        "float > 0 or nil",
-        "the box's margin, the wall function's distance or the grid's spacing, mesh length unit; nil: chosen",
-    ),
-    "boundary_layer_thickness": (
-        "float > 0 or nil",
-        "nodes this near to a moving wall move with it, mesh length unit; nil: none",
-    ),
-    "refuse_below_threshold": (
-        "bool",
-        "refuse a valid motion below the threshold; else it is answered with a warning",
-    ),
-    "allow_invalid": ("bool", "answer a motion that inverts cells instead of refusing it"),
-    "predictor": ("str", "how the quality of the plain interpolation is predicted"),
-    "quality_report": (
-        "str",
-        "which summaries have distributions: of every MOVED, or of a step's first one and of COMMITTED",
-    ),
-    "solver": ("str", "how the interpolation system is solved"),
-}
-
-
 def _settings() -> str:
     rows = []
-    for name, field in MethodSettings.model_fields.items():
-        kind, meaning = _SETTINGS[name]
-        if name in CHOICES:
-            kind += ": " + ", ".join(f'`"{choice}"`' for choice in CHOICES[name])
-        elif name == "basis":
-            kind += ": " + ", ".join(f'`"{choice}"`' for choice in BASES)
-        default = "nil" if field.default is None else json.dumps(field.default)
-        rows.append((f"`{name}`", kind, f"`{default}`", meaning))
+    for name, key in KEYS.items():
+        default = "nil" if key.default is None else json.dumps(key.default)
+        rows.append((f"`{name}`", _setting_type(key), f"`{default}`", key.meaning))
     return _table(("key", "type", "default", "meaning"), *rows)
+
+
+def _setting_type(key: Key) -> str:
+    """Type and choices or range, as the conformance suite reads them."""
+    if key.choices:
+        return "str: " + ", ".join(f'`"{choice}"`' for choice in key.choices)
+    text = key.kind.__name__ if key.low is None else f"{key.kind.__name__} {key.low:.15g} … {key.high:.15g}"
+    text += "" if key.above is None else f" > {key.above:g}"
+    return text.replace("-", "−") + (" or nil" if key.default is None else "")
 
 
 if __name__ == "__main__":

@@ -151,7 +151,11 @@ def test_statuses_follow_the_error_codes() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("support_radius = 0.5", "support_radius = -0.5", "method.support_radius: expected greater than 0, got -0.5"),
+        (
+            "support_radius = 0.5",
+            "support_radius = -0.5",
+            "method.support_radius: expected a number greater than 0, got -0.5",
+        ),
         ('basis = "wendland-c2"', 'basis = "wendland-c9"', "wendland-c9"),
         ('block = "moving"', 'blok = "moving"', "its patches are 'outer', 'block' (did you mean 'block'?)"),
         ('outer = "fixed"', "", "patch 'outer' of mesh.npz has no role"),

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from benchmarks.peers.task import Task
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.figures import Figures, Seconds, timed
 from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_server.numerics.interpolation.two_scale import plans
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
@@ -93,10 +95,11 @@ def model_of(task: Task, method: Method) -> MotionModel:
 def _warm_up(task: Task) -> None:
     """Import all that a motion needs, as a server does before its first session."""
     small = small_task(task)
-    for solver in ("auto", "two-scale"):
-        model = model_of(small, Method(solver=solver, quality_metric="size-skew", quality_threshold=0.0))
-        for each in (model, model.without_distributions()):
-            each.move(small.points, small.targets(0))
+    for most in (plans.AUTOMATIC_FROM, 0):
+        with patch.object(plans, "AUTOMATIC_FROM", most):
+            model = model_of(small, Method(quality_metric="size-skew", quality_threshold=0.0))
+            for each in (model, model.without_distributions()):
+                each.move(small.points, small.targets(0))
 
 
 def measured(case: Case, folder: Path, repeat: int) -> Figures:

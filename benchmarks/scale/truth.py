@@ -11,6 +11,7 @@ import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from benchmarks.one_scale import in_one_scale
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.library import model_of, near_wall
 from mesh_motion_server.numerics.method import Method
@@ -30,7 +31,7 @@ class Truth:
 def truth(case: Case, folder: Path) -> Truth:
     """Of a case's mesh."""
     task = case.task(folder, 1)
-    model = model_of(task, Method(**{"quality_metric": "size-skew", **case.method, "solver": "iterative"}))
+    model = in_one_scale(model_of(task, Method(**{"quality_metric": "size-skew", **case.method})))
     reached = model.move(task.points, task.targets(0)).points
     values = cell_quality(reached, model.cells, model.reference_sizes).metric("size-skew")
     return Truth(float(values.min()), float(values[near_wall(task, model.cells)].min()))

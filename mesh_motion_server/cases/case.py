@@ -212,6 +212,8 @@ def read_case(path: Path | str) -> Case:
         raise InvalidInput(f"{path}: not a TOML file: {str(error).splitlines()[0]}") from None
     except ValidationError as error:
         raise _first_offender(error, path) from None
+    except InvalidInput as error:  # keys of [method] that cannot be combined
+        raise InvalidInput(f"{path}: method.{error.message}", hint=error.hint, details=error.details) from None
     return Case(path, content)
 
 

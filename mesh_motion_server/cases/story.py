@@ -93,7 +93,7 @@ def reason_of_move(event: Event, settings: dict[str, Any]) -> str:
 def _settings(session_folder: Path) -> dict[str, Any]:
     """The session's settings: as stored, for BUILT may be of the events that went; else as BUILT told them."""
     try:
-        return StoredSpec.from_bytes((session_folder / SPEC).read_bytes()).settings.model_dump()
+        return dict(StoredSpec.from_bytes((session_folder / SPEC).read_bytes()).settings.model_dump())
     except (OSError, JournalError):
         built = (event for event in read_events(session_folder) if event["event"] == "built")
         settings: dict[str, Any] = next(built, {}).get("settings", {})

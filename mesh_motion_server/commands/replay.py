@@ -90,7 +90,6 @@ def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
 
 def _is_real(key: str) -> bool:
     """Whether the setting is a number that need not be whole: 1 is then as good as 1.0."""
-    from mesh_motion_server.settings import MethodSettings
+    from mesh_motion_server.numerics.method import KEYS
 
-    field = MethodSettings.model_fields.get(key)
-    return field is not None and "float" in str(field.annotation)
+    return key in KEYS and KEYS[key].kind is float

@@ -1,171 +1,288 @@
-"""The choices of a session's motion, checked: the numerics' side of the case file's ``[method]``."""
+"""The keys of the case file's ``[method]`` and of OPEN's settings, each declared once.
+
+A field of :class:`Method` is a key. Its :class:`Key` has the range or choices, the meaning, when to change it, and the
+values of other keys that it needs. The strict checks at the edges (:mod:`mesh_motion_server.settings`), the tables of
+SPEC.md, docs/method.md and docs/reference/case_file.md are made from it. A new key is a field here, the code that reads
+it, and the test of that code.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
 
 from mesh_motion_server.errors import InvalidInput
 
-__all__ = ["CHOICES", "Method"]
+__all__ = ["KEYS", "Key", "Method"]
 
-#: The named choices and what may be chosen; ``basis`` is checked against the table of basis functions. The names stand
-#: here and not only at what they choose: settings are read by processes that need neither scipy nor the compiler.
-CHOICES: dict[str, tuple[str, ...]] = {
-    "support_radius_choice": ("mesh", "motion"),
-    "polynomial": ("auto", "none", "linear"),
-    "displacement": ("relative", "absolute", "reanchored"),
-    "correction": ("none", "imposed-gradient", "explicit", "enrichment", "optimised"),
-    "correction_target": ("auto", "threshold", "maximum"),
-    "enrichment_function": ("auto", "H1", "H2", "H3"),
-    "enrichment_placement": ("auto", "spread", "minima", "boundary", "middle"),
-    "explicit_decomposition": ("eigen", "polar", "svd", "qr"),
-    "correction_in_time": ("independent", "smooth"),
-    "sub_steps": ("auto", "never", "always"),
-    "quality_metric": (
-        "relative-size-skew",
-        "size-skew",
-        "size-skew-root",
-        "size-skew-product",
-        "size",
-        "skew",
-    ),
-    "predictor": ("trial-nodes", "edge-midpoint-gradient", "centre-gradient", "sampled"),
-    "quality_report": ("every-move", "first-and-commit"),
-    "solver": ("auto", "dense", "sparse", "iterative", "two-scale"),
-    "reduction": (
-        "none",
-        "greedy",
-        "one-point",
-        "greedy-combined",
-        "error-peaks",
-        "incremental-lu",
-        "recurrence-cholesky",
-        "grouped-circular",
-        "multilevel-subspace",
-        "multi-step",
-        "multiscale",
-        "grid-clustering",
-    ),
-    "volume_reduction": ("none", "enclosing-box", "wall-function", "background-grid"),
-}
+T = TypeVar("T")
+Needs = Mapping[str, Mapping[str, tuple[str, ...]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """What is known of a key beside its name.
+
+    Attributes
+    ----------
+    default : str, int, float, bool or None
+        None: chosen by the server.
+    group : str
+        Heading of docs/method.md under which it stands.
+    meaning : str
+        What it says, in one sentence.
+    when : str
+        When to change it, Markdown; links are relative to ``docs/``.
+    choices : tuple of str
+        Of a text: what may be chosen. Named here, as processes without scipy and the compiled loops check them.
+    above, low, high : float or None
+        Of a number: larger than this; from here; up to here.
+    needs : mapping
+        Choice → other key → what the other one may be beside it.
+    """
+
+    default: str | float | bool | None
+    group: str
+    meaning: str
+    when: str
+    choices: tuple[str, ...] = ()
+    above: float | None = None
+    low: float | None = None
+    high: float | None = None
+    needs: Needs = field(default_factory=dict)
+
+    @property
+    def kind(self) -> type:
+        """str, bool, int or float; a key without a default is a float."""
+        return float if self.default is None else type(self.default)
+
+    @property
+    def expected(self) -> str:
+        """What its value has to be, in words."""
+        if self.choices:
+            return f"one of {', '.join(self.choices)}"
+        name = {bool: "true or false", int: "an integer", float: "a number"}[self.kind]
+        bounds = {"greater than": self.above, "from": self.low, "to": self.high}
+        return " ".join([name, *(f"{word} {bound:.15g}" for word, bound in bounds.items() if bound is not None)])
+
+    def admits(self, value: object) -> bool:
+        """Whether a value is of the type and in the range."""
+        if value is None or self.choices:
+            return value in self.choices or (value is None and self.default is None)
+        if self.kind is bool or isinstance(value, bool):
+            return isinstance(value, bool) and self.kind is bool
+        if not isinstance(value, int if self.kind is int else int | float) or not math.isfinite(value):
+            return False
+        above, low, high = self.above, self.low, self.high
+        return (above is None or value > above) and (low is None or value >= low) and (high is None or value <= high)
+
+
+def _key(default: T, group: str, meaning: str, when: str, **more: Any) -> T:
+    """A field of :class:`Method` with its :class:`Key`."""
+    key = Key(default=default, group=group, meaning=meaning, when=when, **more)  # type: ignore[arg-type]  # checked by T
+    return field(default=default, metadata={"key": key})
+
+
+_INTERPOLATION, _DISPLACEMENT, _CORRECTION, _REDUCTION = "Interpolation", "Displacement", "Correction", "Fewer points"
+
+_COMPACT = (
+    "wendland-c0", "wendland-c2", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",
+)  # fmt: skip
+_DEFINITE = ("imqb", "iqb", "gauss")
+_CORRECTIONS = ("imposed-gradient", "explicit", "enrichment", "optimised")
+_REDUCTIONS = (
+    "greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky",
+    "grouped-circular", "multilevel-subspace", "multi-step", "multiscale", "grid-clustering",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """How a mesh is moved; every field is a key of the case file's ``[method]``.
+    """How a mesh is moved. Lengths are in the mesh's unit."""
 
-    Attributes
-    ----------
-    basis : str
-        Name of the radial basis function (thesis Tables 2.1, 2.2).
-    support_radius : float or None
-        R, mesh length unit; None: chosen.
-    support_radius_choice : {"mesh", "motion"}
-        What a radius that is not given is chosen from: the mesh, when the session is built; or each motion, which is
-        predicted with four radii and takes the best.
-    polynomial : {"auto", "none", "linear"}
-        The p of thesis (2.1); "auto": where the basis demands it.
-    displacement : {"relative", "absolute", "reanchored"}
-        Interpolate the displacement since the committed state, the total one from the reference mesh, or the total
-        one from the reference mesh through sub-steps along a rotation-aware path.
-    correction : {"none", "imposed-gradient", "explicit", "enrichment", "optimised"}
-    correction_target : {"auto", "threshold", "maximum"}
-        Where a correction stops once the prediction is below the threshold.
-    correction_in_time : {"independent", "smooth"}
-        Each motion is corrected on its own, as far as the threshold and the target ask, or the correction is a smooth
-        function of the boundary, always active and without either. "smooth" needs the correction "optimised" and a
-        displacement from the reference mesh.
-    sub_steps : {"auto", "never", "always"}
-        Lead the mesh to its targets in legs, each corrected (:mod:`.motion.sub_steps`): where the
-        corrected motion would be refused, never, or always. A motion without correction is never cut.
-    enrichment_radius : float or None
-        R_l, mesh length unit; None: the diameter of the largest ball between the boundaries, at most R.
-    quality_metric : str
-        Against the cell at rest, or against an ideal one.
-    quality_threshold : float
-        A motion predicted below it is corrected.
-    max_enrichment_points : int
-    enrichment_function : {"auto", "H1", "H2", "H3"}
-        Thesis (4.5)–(4.7); auto: H1, with correction "enrichment" H1 and H2 together.
-    enrichment_placement : {"auto", "spread", "minima", "boundary", "middle"}
-        Bad cells apart from each other, worst-quality minima (4.11), boundary nodes, the middle of a gap (1D); auto:
-        "spread" for "enrichment"; "middle" in 1D and "minima" above for "imposed-gradient". The others place their own.
-    explicit_decomposition : {"eigen", "polar", "svd", "qr"}
-        What "explicit", and above 1D "imposed-gradient", correct a cell by.
-    reduction : str
-        Which boundary nodes the interpolation starts from: "none": all; otherwise one of
-        :data:`~mesh_motion_server.numerics.reduction.REDUCTIONS`, corrected near the surface (thesis §2.2).
-    reduction_tolerance : float
-        Largest error that a reduction may leave at a boundary node before it is corrected, as a share of the largest
-        displacement.
-    max_control_points : int
-        Most nodes a reduction may choose; 0: no bound.
-    volume_reduction : {"none", "enclosing-box", "wall-function", "background-grid"}
-        At which places the interpolation is evaluated (thesis §2.2.1).
-    volume_reduction_length : float or None
-        The box's margin around the body, the wall function's D or the grid's spacing, mesh length unit; None: chosen
-        from the mesh and the motion.
-    boundary_layer_thickness : float or None
-        Nodes this near to a moving wall move with it, mesh length unit; None: all nodes are interpolated.
-    refuse_below_threshold : bool
-        Refuse a valid motion that stays below the threshold; otherwise it is kept with a warning.
-    allow_invalid : bool
-        Keep a motion that inverts cells instead of refusing it; for studies of the plain method.
-    predictor : str
-        How the quality of the standard motion is predicted; "sampled" is exact below the threshold and at the
-        minimum, and by expansion elsewhere.
-    quality_report : {"every-move", "first-and-commit"}
-        Which motions are told with the distributions of the quality: all, or of the coupling iterations of a step the
-        first, and what is committed; a later iteration then tells minimum, inverted and worst cells, as exact as ever.
-    solver : str
-        How the interpolation system is factorized.
-    """
-
-    basis: str = "wendland-c2"
-    support_radius: float | None = None
-    support_radius_choice: str = "mesh"
-    polynomial: str = "auto"
-    displacement: str = "relative"
-    correction: str = "optimised"
-    correction_target: str = "auto"
-    correction_in_time: str = "independent"
-    sub_steps: str = "auto"
-    enrichment_radius: float | None = None
-    quality_metric: str = "relative-size-skew"
-    quality_threshold: float = 0.2
-    max_enrichment_points: int = 20
-    enrichment_function: str = "auto"
-    enrichment_placement: str = "auto"
-    explicit_decomposition: str = "eigen"
-    reduction: str = "none"
-    reduction_tolerance: float = 1e-3
-    max_control_points: int = 0
-    volume_reduction: str = "none"
-    volume_reduction_length: float | None = None
-    boundary_layer_thickness: float | None = None
-    refuse_below_threshold: bool = False
-    allow_invalid: bool = False
-    predictor: str = "trial-nodes"
-    quality_report: str = "first-and-commit"
-    solver: str = "auto"
+    basis: str = _key(
+        "wendland-c2",
+        _INTERPOLATION,
+        "The radial basis function (thesis Tables 2.1, 2.2); `tps` and `mqb` get the linear polynomial that they need.",
+        "`wendland-c2` is compact, positive definite and smooth. `tps` is the widest: it keeps most quality without a "
+        "correction and moves a far field that is not held with the boundary, at the cost of a full matrix "
+        "([measured](thesis.md#basis-functions-and-the-polynomial-term)).",
+        choices=(*_COMPACT, "tps", "mqb", *_DEFINITE),  # "qb" is singular
+    )
+    support_radius: float | None = _key(
+        None,
+        _INTERPOLATION,
+        "R. Left out: 2.5 times the longest side of the domain, or 50 times that of the moving bodies where the domain "
+        "is larger than 20 of them.",
+        "Smaller for bodies in narrow channels with correction `none` or `explicit`: near the width of the gap. "
+        "Optimised corrections do not mind R ([measured](beyond.md#defaults)).",
+        above=0.0,
+    )
+    displacement: str = _key(
+        "relative",
+        _DISPLACEMENT,
+        "What is interpolated: the displacement since the committed state, the total one from the reference mesh, or "
+        "the total one in sub-steps along a path that turns with the body.",
+        '`"relative"` takes large total motions in small steps, but drifts when the motion comes back; `"absolute"` '
+        'and `"reanchored"` depend on where the boundary is, not on how it got there '
+        '([drift study](thesis.md#relative-absolute-and-re-anchored-displacement)). With `"absolute"` one '
+        "factorization serves the whole run.",
+        choices=("relative", "absolute", "reanchored"),
+    )
+    correction_in_time: str = _key(
+        "independent",
+        _DISPLACEMENT,
+        "Each motion is corrected by itself, below the threshold only, or the correction is a smooth function of the "
+        "boundary: always active, without threshold and target.",
+        '`"smooth"` for node velocities without jumps (geometric conservation).',
+        choices=("independent", "smooth"),
+        needs={"smooth": {"correction": ("optimised",), "displacement": ("absolute", "reanchored")}},
+    )
+    boundary_layer_thickness: float | None = _key(
+        None,
+        _DISPLACEMENT,
+        "Nodes this near to a moving wall (and to fixed walls it is joined to) move with it. Left out: layers of thin "
+        "cells move so where interpolation would change their height by more than half a per cent or lean them over by "
+        "half a degree, or a correction is needed.",
+        "To hold a layer of a given height whatever its cells look like. It gives way, with a warning, where it would "
+        "spoil cells or have a motion refused ([measured](beyond.md#boundary-layers-kept)).",
+        above=0.0,
+    )
+    sub_steps: str = _key(
+        "auto",
+        _DISPLACEMENT,
+        "Lead the mesh to its targets in several corrected legs, each body along a path that turns with it: where one "
+        "step would be refused, never, or always.",
+        '`"never"` to be refused at once. `"always"` is for comparisons: it costs more and ends at the same quality '
+        "([measured](beyond.md#valid-wherever-a-valid-mesh-exists)).",
+        choices=("auto", "never", "always"),
+        needs={"always": {"correction": _CORRECTIONS}},
+    )
+    correction: str = _key(
+        "optimised",
+        _CORRECTION,
+        "How a motion below the threshold is corrected.",
+        '`"optimised"` frees trial nodes as needed and reaches most; `"enrichment"` optimises the coefficients of few '
+        'enrichment functions ([when which](beyond.md#when-enrichment-when-freed-nodes-when-sub-steps)); `"explicit"` '
+        'and `"imposed-gradient"` are the thesis\' methods; `"none"` leaves the interpolation alone.',
+        choices=("none", *_CORRECTIONS),
+    )
+    correction_target: str = _key(
+        "auto",
+        _CORRECTION,
+        "Where a correction stops: when every cell is at the threshold, or at the best it can reach.",
+        '`"threshold"`: its cost follows the bad region. `"maximum"` goes on. `"auto"` goes on where it costs about a '
+        "second (of hexahedra several), on small meshes: judged by an ideal cell to the maximum, by the cells at rest "
+        "[towards their shape there](beyond.md#judged-against-the-cell-at-rest), above the threshold too. The maximum "
+        "is within a hundredth of the best known on average, "
+        "[in 2D and in 3D](beyond.md#the-ceiling-and-its-cost).",
+        choices=("auto", "threshold", "maximum"),
+    )
+    quality_metric: str = _key(
+        "relative-size-skew",
+        _CORRECTION,
+        "What is judged.",
+        '`"relative-size-skew"` compares each cell with itself at rest: √size · min(1, skew / skew at rest) '
+        "([why](beyond.md#judged-against-the-cell-at-rest)). The others compare the skew with an ideal cell: "
+        '`"size-skew"` is √size · skew; `"size-skew-root"` is √(size · skew), `"size-skew-product"` size · skew; '
+        '`"size"` and `"skew"` are its parts.',
+        choices=("relative-size-skew", "size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
+    )
+    quality_threshold: float = _key(
+        0.2,
+        _CORRECTION,
+        "A motion predicted below it is corrected.",
+        "By what your solver bears ([choosing it](choosing.md)).",
+        low=-1.0,
+        high=1.0,
+    )
+    refuse_below_threshold: bool = _key(
+        False,
+        _CORRECTION,
+        "Refuse a valid motion that stays below the threshold; otherwise it is kept with a warning.",
+        "Where the driver takes a smaller step instead.",
+    )
+    allow_invalid: bool = _key(
+        False,
+        _CORRECTION,
+        "Keep a motion that inverts cells instead of refusing it.",
+        'For studies of the plain method, with correction `"none"`.',
+    )
+    max_enrichment_points: int = _key(
+        20,
+        _CORRECTION,
+        "Bound of the enrichment; it does not bound freed nodes.",
+        "More where several places are bad at once, with corrections other than `optimised`.",
+        low=0,
+        high=100_000,
+    )
+    enrichment_radius: float | None = _key(
+        None,
+        _CORRECTION,
+        "R_l of the enrichment. Left out: the diameter of the largest ball between the boundaries, at most R.",
+        "To reproduce a published setting ([measured](beyond.md#defaults)).",
+        above=0.0,
+    )
+    quality_report: str = _key(
+        "first-and-commit",
+        _CORRECTION,
+        "Which replies have the distributions of the quality (mean and percentiles): all, or of a step's coupling "
+        "iterations the first, and the commit.",
+        '`"every-move"` to see them of every iteration. By default a later iteration has the minimum, the inverted and '
+        "the worst cells, exactly, in half the time; what is refused, warned of or corrected is the same.",
+        choices=("every-move", "first-and-commit"),
+    )
+    reduction: str = _key(
+        "none",
+        _REDUCTION,
+        "Which boundary nodes the interpolation starts from: all, or a choice; a near-surface correction makes all of "
+        "them exact (thesis §2.2).",
+        'Tens of thousands of boundary nodes: `"greedy"` (a full solution a point), `"one-point"`, '
+        '`"greedy-combined"`, `"error-peaks"`, `"incremental-lu"`, `"recurrence-cholesky"`, `"grouped-circular"`; in '
+        'levels `"multilevel-subspace"`, `"multi-step"`, `"multiscale"`, `"grid-clustering"` '
+        "([all compared](thesis.md#point-reduction-groups-levels-and-grids)).",
+        choices=("none", *_REDUCTIONS),
+        needs={name: {"basis": (*_COMPACT, *_DEFINITE)} for name in _REDUCTIONS},
+    )
+    reduction_tolerance: float = _key(
+        1e-3,
+        _REDUCTION,
+        "Largest error that a reduction leaves at a boundary node before that correction, as a share of the largest "
+        "displacement.",
+        "Larger for fewer control points.",
+        low=0.0,
+        high=1.0,
+    )
+    max_control_points: int = _key(
+        0,
+        _REDUCTION,
+        "Most boundary nodes that a reduction may choose; 0: no bound.",
+        "To bound the time of a step.",
+        low=0,
+        high=1_000_000,
+    )
 
     def __post_init__(self) -> None:
-        for name, known in CHOICES.items():
-            if getattr(self, name) not in known:
-                raise InvalidInput(f"{name}: {getattr(self, name)!r} is not known; known are {', '.join(known)}")
-        for name in ("support_radius", "enrichment_radius", "volume_reduction_length", "boundary_layer_thickness"):
+        for name, key in KEYS.items():
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} must be a positive length in the mesh's unit, got {value!r}")
-        if not (math.isfinite(self.quality_threshold) and self.quality_threshold <= 1):
-            raise InvalidInput(f"quality_threshold must be a number up to 1, got {self.quality_threshold!r}")
-        for name in ("max_enrichment_points", "max_control_points"):
-            if getattr(self, name) < 0:
-                raise InvalidInput(f"{name} must be 0 or more, got {getattr(self, name)!r}")
-        if not (math.isfinite(self.reduction_tolerance) and self.reduction_tolerance >= 0):
-            raise InvalidInput(f"reduction_tolerance must be a number from 0 on, got {self.reduction_tolerance!r}")
+            if not key.admits(value):
+                raise _refused(name, f"{name}: expected {key.expected}, got {value!r}", "set another value")
+            for other, allowed in key.needs.get(str(value), {}).items():
+                if getattr(self, other) not in allowed:
+                    expected, got = " or ".join(map(repr, allowed)), getattr(self, other)
+                    message = f"{name} = {value!r}: expected {other} {expected}, got {got!r}"
+                    raise _refused(name, message, f"set another {other}, or leave {name} out")
 
     def as_dict(self) -> dict[str, object]:
         """The choices as plain values, in the order of the fields."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: getattr(self, name) for name in KEYS}
+
+
+def _refused(setting: str, message: str, hint: str) -> InvalidInput:
+    return InvalidInput(message, code="INVALID_ARGUMENT.SETTINGS", hint=hint, details={"setting": setting})
+
+
+KEYS: dict[str, Key] = {each.name: each.metadata["key"] for each in fields(Method)}
+"""Every key by its name."""

@@ -26,7 +26,7 @@ from mesh_motion_server.service.execution import Execution
 from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.service.telling import Teller
-from mesh_motion_server.session.model import ModelBuilder, check_basis, model_builder
+from mesh_motion_server.session.model import ModelBuilder, model_builder
 from mesh_motion_server.session.replay import Progress, silent
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import SessionSpec
@@ -87,7 +87,6 @@ class SessionHost:
         """
         limits = limits or ServerSettings()
         check_durability(spec.durability, limits.durability)
-        check_basis(spec.settings.basis)
         build_model = build_model or model_builder(limits)
         session = Session(store.create(spec), limits, build_model)
         return cls(session, store, limits=limits, clock=clock)

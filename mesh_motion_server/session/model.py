@@ -26,7 +26,6 @@ __all__ = [
     "Model",
     "ModelBuilder",
     "build_motion_model",
-    "check_basis",
     "checked_model",
     "checked_warnings",
     "model_builder",
@@ -114,22 +113,6 @@ def model_builder(settings: ServerSettings) -> ModelBuilder:
         )
 
     return build
-
-
-def check_basis(name: str) -> None:
-    """Raise INVALID_ARGUMENT.SETTINGS unless the numerics know the basis and can use it."""
-    # imported here for the same reason
-    from mesh_motion_server.numerics.interpolation.kernels import basis_named  # noqa: PLC0415
-
-    try:
-        basis_named(name)
-    except InvalidInput as error:
-        raise InvalidInput(
-            f"setting 'basis': {error.message}",
-            code="INVALID_ARGUMENT.SETTINGS",
-            hint=error.hint,
-            details={"setting": "basis", "value": repr(name)},
-        ) from error
 
 
 def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Model:

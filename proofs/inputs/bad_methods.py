@@ -27,7 +27,7 @@ def _on_a_line(draft: Draft, rng: Rng) -> Names:
     del rng
     draft.drop("patch", "walls")
     draft.set_settings(basis="tps")
-    return {"setting": "polynomial"}
+    return {"setting": "basis"}
 
 
 BAD_METHODS = (
@@ -40,29 +40,10 @@ BAD_METHODS = (
     _unfit("support_radius", support_radius=5e-324),
     _unfit("enrichment_radius", enrichment_radius=1e-300),
     _unfit("enrichment_radius", enrichment_radius=1e300),
-    _unfit("volume_reduction_length", volume_reduction="background-grid", volume_reduction_length=1e-300),
     _unfit("boundary_layer_thickness", boundary_layer_thickness=1.7e308),
-    _unfit("support_radius", support_radius=1.0, support_radius_choice="motion"),
-    _unfit("support_radius_choice", basis="tps", support_radius_choice="motion"),
-    _unfit("reduction", basis="tps", reduction="greedy"),
-    _unfit("reduction", polynomial="linear", reduction="multilevel-subspace"),
-    _unfit("polynomial", basis="tps", polynomial="none"),
-    BadInput("a plane spline on a line of nodes", "build", _on_a_line, "INVALID_ARGUMENT.SETTINGS", ("polynomial",)),
-    _unfit("solver", basis="tps", solver="sparse"),
-    _unfit("solver", basis="tps", solver="two-scale"),
-    _unfit("predictor", predictor="centre-gradient", volume_reduction="background-grid"),
-    _unfit("predictor", predictor="centre-gradient", boundary_layer_thickness=0.1),
-    _unfit("basis", predictor="edge-midpoint-gradient", basis="wendland-c0"),
+    BadInput("a plane spline on a line of nodes", "build", _on_a_line, "INVALID_ARGUMENT.SETTINGS", ("basis",)),
     _unfit("basis", "line", correction="imposed-gradient", basis="wendland-c0"),
     _unfit("boundary_layer_thickness", "line", boundary_layer_thickness=0.1),
-    _unfit("correction_in_time", correction_in_time="smooth"),
-    _unfit("correction_in_time", correction_in_time="smooth", displacement="absolute", correction="none"),
-    _unfit("correction_in_time", correction_in_time="smooth", displacement="absolute", support_radius_choice="motion"),
-    _unfit("sub_steps", sub_steps="always", correction="none"),
-    _unfit("enrichment_placement", correction="optimised", enrichment_placement="spread"),
     _unfit("basis", "periodic", basis="tps"),
-    _unfit("polynomial", "periodic", polynomial="linear"),
     _unfit("reduction", "periodic", reduction="greedy"),
-    _unfit("volume_reduction", "periodic", volume_reduction="enclosing-box"),
-    _unfit("solver", "periodic", solver="iterative"),
 )

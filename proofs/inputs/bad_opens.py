@@ -54,6 +54,18 @@ def _unknown_setting(draft: Draft, rng: Rng) -> Names:
     return {"setting": "radius"}
 
 
+def _together(first: str, **settings: Any) -> BadInput:
+    """Settings that do not go together; the error names the ``first``."""
+
+    def spoil(draft: Draft, rng: Rng) -> Names:
+        del rng
+        draft.set_settings(**settings)
+        return {"setting": first}
+
+    chosen = ", ".join(f"{key} = {value}" for key, value in settings.items())
+    return BadInput(f"OPEN with {chosen}", "open", spoil, _SETTINGS, (first,))
+
+
 BAD_OPENS = (
     *(_field("dimension", value, _VALUE, str(value)) for value in (0, 4, -1)),
     *(_field("dimension", value, _HEADER) for value in (2.0, math.nan, True, "2", None, 2**63)),
@@ -75,10 +87,18 @@ BAD_OPENS = (
     _setting("max_control_points", -1),
     *(_setting("reduction_tolerance", value) for value in (-1e-9, 1.1)),
     *(_setting("boundary_layer_thickness", value) for value in (0.0, -math.inf)),
-    _setting("volume_reduction_length", -0.0),
+    _setting("enrichment_radius", -0.0),
     *(_setting("basis", value) for value in ("wendland-c3", "", 2, "qb")),
-    *(_setting("solver", value) for value in ("cholesky", None)),
+    *(_setting("reduction", value) for value in ("cholesky", None)),
+    *(_setting("sub_steps", value) for value in ("on", True)),
+    *(_setting("correction_in_time", value) for value in ("always", 1.0)),
+    *(_setting("quality_report", value) for value in ("never", False)),
+    *(_setting("correction_target", value) for value in ("best", 2)),
     *(_setting("allow_invalid", value) for value in (1, "yes")),
     _setting("correction", ["optimised"]),
     _setting("displacement", "RELATIVE"),
+    _together("reduction", reduction="greedy", basis="tps"),
+    _together("correction_in_time", correction_in_time="smooth", displacement="relative"),
+    _together("correction_in_time", correction_in_time="smooth", displacement="absolute", correction="none"),
+    _together("sub_steps", sub_steps="always", correction="none"),
 )

@@ -21,7 +21,7 @@ from mesh_motion_server.numerics.method import Method  # noqa: E402
 
 METHODS = {
     "relative": Method(correction="none"),
-    "two scales": Method(correction="none", solver="two-scale", quality_metric="skew"),
+    "two scales": Method(correction="none", quality_metric="skew"),
 }
 
 

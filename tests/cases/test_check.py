@@ -122,12 +122,12 @@ def test_what_solvers_accept_is_accepted_with_a_line_for_each(make_case, of_the_
 
 
 def test_nodes_at_the_same_place_are_refused_where_only_distinct_ones_will_do(make_case) -> None:
-    path = make_case(("0.6", '0.6\nsolver = "dense"'))
+    path = make_case(("0.6", '0.6\nreduction = "greedy"'))
     mesh = read_mesh(path.parent / "mesh.npz")
     patches = {**mesh.patches, "block": np.append(mesh.patches["block"], len(mesh.points))}
     points = np.vstack([mesh.points, mesh.points[mesh.patches["block"][:1]]])
     write_npz(mesh.path, replace(mesh, points=points, patches=patches))
-    with pytest.raises(InvalidInput, match=r"are at the same place, \[.*\]: solver = 'dense' needs distinct ones"):
+    with pytest.raises(InvalidInput, match=r"are at the same place, \[.*\]: reduction = 'greedy' needs distinct ones"):
         check(path)
 
 

@@ -362,8 +362,8 @@ def test_what_the_server_refuses_leaves_no_final_mesh_and_no_session(make_case, 
     strict = ('"none"', '"none"\nquality_threshold = 0.999\nrefuse_below_threshold = true')
     with pytest.raises(QualityRefused):
         play(make_case(strict), out, endpoint=server.endpoint)
-    with pytest.raises(Refusal, match="wendland-c9"):
-        play(make_case(("0.6", '0.6\nbasis = "wendland-c9"')), out, endpoint=server.endpoint)
+    with pytest.raises(Refusal, match="'gauss' needs a shape parameter"):
+        play(make_case(("support_radius = 0.6", 'basis = "gauss"')), out, endpoint=server.endpoint)
     assert not out.exists() or results(out) == []
     assert nothing_is_left(server)
 

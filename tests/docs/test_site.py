@@ -14,7 +14,8 @@ from docs.site.links import faults
 from docs.site.reference import PARTS, filled, without_parts
 from mesh_motion_server.commands import cli
 from mesh_motion_server.commands.cli import ExitStatus
-from mesh_motion_server.settings import MethodSettings, ServerSettings
+from mesh_motion_server.numerics.method import KEYS
+from mesh_motion_server.settings import ServerSettings
 
 ROOT = Path(__file__).parents[2]
 
@@ -29,7 +30,7 @@ def test_the_navigation_has_every_page_once() -> None:
 
 def test_every_setting_and_name_is_in_the_reference() -> None:
     assert [key for key in ServerSettings.model_fields if f"| `{key}` |" not in PARTS["server-settings"]()] == []
-    assert [key for key in MethodSettings.model_fields if f"| `{key}` |" not in PARTS["method-settings"]()] == []
+    assert [key for key in KEYS if f"| `{key}` |" not in PARTS["method-settings"]()] == []
     client = PARTS["python-client"]()
     assert [name for name in mesh_motion_client.__all__ if not re.search(rf"^###? {name}$", client, re.M)] == []
     assert "frame: Frame = 'reference'" in client

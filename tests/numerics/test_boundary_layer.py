@@ -134,14 +134,8 @@ def test_a_correction_smooth_in_time_leaves_the_layer_too() -> None:
     "choices",
     [
         {"reduction": "greedy", "reduction_tolerance": 1e-2},
-        {"volume_reduction": "enclosing-box"},
-        {"volume_reduction": "wall-function"},
-        {"volume_reduction": "background-grid"},
-        {"polynomial": "linear", "correction": "none"},
-        {"solver": "sparse"},
-        {"solver": "two-scale", "support_radius": 1.5},
-        {"predictor": "sampled"},
-        {"support_radius": None, "support_radius_choice": "motion"},
+        {"basis": "tps", "correction": "none"},
+        {"support_radius": 1.5},
         {"sub_steps": "always", "displacement": "absolute"},
     ],
 )
@@ -281,18 +275,6 @@ def test_outermost_nodes_stand_for_the_wall_behind_them() -> None:
     assert np.array_equal(shield.outermost, layer_of(model))
     assert np.array_equal(shield.behind, model.roles.moving)
     assert np.array_equal(shield.instead(model.roles.all), np.union1d(model.roles.fixed, layer_of(model)))
-
-
-@pytest.mark.parametrize(
-    ("choices", "says"),
-    [
-        ({"predictor": "centre-gradient"}, "needs the motion's gradient"),
-        ({"boundary_layer_thickness": -1.0}, "boundary_layer_thickness must be a positive length"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(choices: dict[str, object], says: str) -> None:
-    with pytest.raises(InvalidInput, match=says):
-        model_of(**choices)
 
 
 def test_a_mesh_of_one_dimension_has_no_layer() -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.method import CHOICES
+from mesh_motion_server.numerics.method import KEYS
 from mesh_motion_server.numerics.quality.metrics import (
     METRIC_CODES,
     QUALITY_METRICS,
@@ -216,7 +216,7 @@ def test_unknown_names_and_wrong_shapes_are_refused_in_words():
 
 
 def test_a_method_offers_every_metric():
-    assert set(CHOICES["quality_metric"]) == set(QUALITY_METRICS) == set(METRIC_CODES)
+    assert set(KEYS["quality_metric"].choices) == set(QUALITY_METRICS) == set(METRIC_CODES)
 
 
 @ALL_TYPES

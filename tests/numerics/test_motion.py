@@ -127,19 +127,12 @@ def test_sending_back_the_fraction_of_a_refusal_is_accepted_in_either_frame(seed
         assert model.move(committed, base + fraction * displacement) is not None
 
 
-def test_a_radius_past_rounding_is_interpolated_in_levels_and_refused_where_one_matrix_is_asked_for() -> None:
+def test_a_radius_past_rounding_is_interpolated_in_levels() -> None:
     wide, usual = model_of(support_radius=1e9), model_of()
     targets = targets_of(wide, 5.0)
     moved = wide.move(wide.points, targets)
     np.testing.assert_array_equal(moved.points[wide.roles.moving], targets)
     assert moved.standard.metric.min > 0.8 * usual.move(usual.points, targets).standard.metric.min
-    model = model_of(support_radius=1e9, solver="dense")
-    with pytest.raises(NumericalError, match="matrix is singular to working precision") as refused:
-        model.move(model.points, targets)
-    assert refused.value.message == "the interpolation matrix is singular to working precision"  # no word of sub-steps
-    assert refused.value.code == "FAILED_PRECONDITION"
-    assert "smaller support radius" in refused.value.hint
-    assert refused.value.details == {"setting": "support_radius"}
 
 
 def test_a_body_that_is_mirrored_is_refused_although_nothing_crosses() -> None:
@@ -174,13 +167,6 @@ def test_below_the_threshold_but_valid_is_a_warning_or_where_asked_a_refusal() -
         model_of(**choices, refuse_below_threshold=True).move(model.points, targets)
 
 
-@pytest.mark.parametrize("predictor", ["trial-nodes", "edge-midpoint-gradient", "centre-gradient"])
-def test_predictors_agree_on_a_moderate_motion(predictor: str) -> None:
-    model = model_of(correction="none", predictor=predictor)
-    motion = model.move(model.points, targets_of(model, 5.0, (0.03, 0.0)))
-    assert motion.standard.metric.min == pytest.approx(motion.corrected.metric.min, abs=0.05)
-
-
 @pytest.mark.parametrize("kind", ["triangle", "quad"])
 @pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
 def test_every_displacement_and_cell_kind(kind: str, displacement: str) -> None:
@@ -213,38 +199,16 @@ def test_radii_are_chosen_from_the_mesh_when_none_is_given() -> None:
     assert model.method.enrichment_radius == pytest.approx(0.45, abs=0.1)  # the ball in a corner
 
 
-@pytest.mark.parametrize(
-    "choices",
-    [
-        {"correction": "imposed-gradient"},
-        {"correction": "imposed-gradient", "explicit_decomposition": "polar", "enrichment_function": "H3"},
-        *({"correction": "explicit", "explicit_decomposition": name} for name in ("eigen", "polar", "svd")),
-        {"correction": "explicit", "enrichment_function": "H2"},
-        *({"correction": "enrichment", "enrichment_placement": name} for name in ("spread", "minima", "boundary")),
-        {"correction": "enrichment", "enrichment_function": "H1"},
-    ],
-    ids=lambda choices: " ".join(choices.values()),
-)
-def test_every_choice_of_the_enrichment_corrects_a_motion(choices: dict[str, str]) -> None:
+@pytest.mark.parametrize("correction", ["imposed-gradient", "explicit", "enrichment"])
+def test_every_enrichment_corrects_a_motion(correction: str) -> None:
     targets = targets_of(model_of(), shift=(-0.25, 0.0))
     standard = model_of(correction="none", allow_invalid=True).move(model_of().points, targets)
     assert standard.corrected.metric.min < 0.02
-    model = model_of(quality_threshold=0.15, correction_target="threshold", **choices)
+    model = model_of(quality_threshold=0.15, correction_target="threshold", correction=correction)
     motion = model.move(model.points, targets)
     assert motion.corrected.inverted == 0
     assert motion.corrected.metric.min > standard.corrected.metric.min
     assert 1 <= len(motion.correction.enrichment_points) <= 20
-
-
-def test_placements_that_a_correction_has_not_are_refused() -> None:
-    for correction, placement in (
-        ("imposed-gradient", "middle"),
-        ("imposed-gradient", "boundary"),
-        ("explicit", "minima"),
-        ("optimised", "spread"),
-    ):
-        with pytest.raises(InvalidInput, match=rf"'{placement}' is not for correction = '{correction}' in 2D"):
-            model_of(correction=correction, enrichment_placement=placement)
 
 
 def test_a_periodic_patch_without_a_partner_is_refused_by_name() -> None:

@@ -10,7 +10,6 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.method import CHOICES
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.quality.prediction import PREDICTORS, CallableField, InterpolantField, predict
 
@@ -207,10 +206,6 @@ def test_a_mesh_larger_than_one_batch(monkeypatch):
         monkeypatch.undo()
         np.testing.assert_array_equal(whole.size, parts.size)
         np.testing.assert_array_equal(whole.skew, parts.skew)
-
-
-def test_a_method_offers_every_predictor():
-    assert set(CHOICES["predictor"]) == {*PREDICTORS, "sampled"}
 
 
 def test_an_unknown_predictor_is_refused():

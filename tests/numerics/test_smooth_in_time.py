@@ -207,19 +207,6 @@ def test_a_mesh_without_a_free_node_is_left_alone() -> None:
     assert np.array_equal(found.points, problem.standard)
 
 
-@pytest.mark.parametrize(
-    ("choices", "says"),
-    [
-        ({"displacement": "relative"}, "expected displacement 'absolute' or 'reanchored', got 'relative'"),
-        ({"displacement": "absolute", "correction": "none"}, "expected correction 'optimised', got 'none'"),
-    ],
-)
-def test_what_cannot_be_smooth_is_refused(choices: dict[str, str], says: str) -> None:
-    with pytest.raises(InvalidInput, match=says) as refusal:
-        block_model(**choices)
-    assert refusal.value.hint
-
-
 def test_an_unknown_way_in_time_is_refused() -> None:
     with pytest.raises(InvalidInput, match="unknown in_time 'lag'; known are independent, smooth"):
         CorrectionSettings(in_time="lag")

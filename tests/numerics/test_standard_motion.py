@@ -13,7 +13,6 @@ from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.prediction import predict
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 
@@ -107,32 +106,6 @@ def test_the_field_is_the_motion_of_the_nodes() -> None:
     trial = move(motion, mesh[0], carried(mesh[0][motion.roles.moving], 70.0, (0.05, 0.0)))
     assert len(trial.field.stages) > 1
     np.testing.assert_allclose(mesh[0] + trial.field.displacement(mesh[0]), trial.points, atol=1e-11)
-
-
-def test_gradients_multiply_through_the_stages() -> None:
-    mesh = square_frame()
-    motion = motion_of(mesh, displacement="reanchored")
-    trial = move(motion, mesh[0], carried(mesh[0][motion.roles.moving], 70.0, (0.05, 0.0)))
-    at, h = np.array([[0.31, 0.22], [0.7, 0.55]]), 1e-6
-    gradient = trial.field.gradient(at)
-    for axis in range(2):
-        shift = np.eye(2)[axis] * h
-        difference = (trial.field.displacement(at + shift) - trial.field.displacement(at - shift)) / (2 * h)
-        np.testing.assert_allclose(gradient[:, :, axis], difference, atol=1e-8)
-
-
-def test_prediction_over_many_steps_converges_to_the_moved_mesh() -> None:
-    """Thesis 3.9–3.12: edge midpoints through several stages, second order in the mesh's spacing."""
-    errors = []
-    for n in (15, 30):
-        mesh = square_frame(n)
-        motion = motion_of(mesh, displacement="reanchored")
-        trial = move(motion, mesh[0], carried(mesh[0][motion.roles.moving], 40.0, (0.0, 0.0)))
-        sizes = reference_sizes(mesh[0], mesh[1])
-        predicted = predict("edge-midpoint-gradient", mesh[0], mesh[1], sizes, trial.field)
-        actual = cell_quality(trial.points, mesh[1], sizes)
-        errors.append(np.sqrt(np.mean((predicted.metric("size-skew") - actual.metric("size-skew")) ** 2)))
-    assert errors[0] / errors[1] > 3.0
 
 
 def test_the_answer_does_not_depend_on_the_cache() -> None:

@@ -240,15 +240,6 @@ def test_an_asked_for_threshold_is_refused_after_sub_steps_too() -> None:
         model.move(model.points, targets)
 
 
-def test_sub_steps_without_a_correction_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="sub_steps = 'always' corrects every sub-step"):
-        box_model(correction="none", sub_steps="always")
-    model = box_model(correction="none")
-    with pytest.raises(NumericalError) as refusal:
-        model.move(model.points, turned(model, 180.0))
-    assert "sub-steps" not in refusal.value.message
-
-
 def test_the_first_way_that_leads_to_its_end_is_taken() -> None:
     lines = [Line(1.0, blocked=b) for b in (0.5, 0.3, 2.0, 2.0)]
 

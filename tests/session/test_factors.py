@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from unittest import mock
 
 import numpy as np
 
+from mesh_motion_server.numerics.interpolation.two_scale import plans
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
@@ -106,8 +108,9 @@ def _disc(**choices: str) -> tuple[MotionModel, np.ndarray, np.ndarray]:
     moving = np.flatnonzero(np.all(np.abs(points - 0.5) < 0.17, axis=1))
     outer = np.flatnonzero(np.any((points == 0.0) | (points == 1.0), axis=1))
     patches = {"hole": Patch("moving", moving), "outer": Patch("fixed", outer)}
-    method = Method(support_radius=2.0, solver="two-scale", correction="none", **choices)
-    model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, method)
+    method = Method(support_radius=2.0, correction="none", **choices)
+    with mock.patch.object(plans, "AUTOMATIC_FROM", 0):
+        model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, method)
     turn = 0.02 * (points[moving] - 0.5) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     return model, turn + np.array([0.01, 0.0]), turn
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.one_scale import in_one_scale
 from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.task import Task
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -25,9 +26,9 @@ Floats = NDArray[np.float64]
 
 
 class MotionModelMover:
-    """A model and its committed positions; the options are fields of :class:`Method`."""
+    """A model and its committed positions; the options are fields of :class:`Method`, or the solver of one scale."""
 
-    def __init__(self, task: Task, **options: Any) -> None:
+    def __init__(self, task: Task, *, solver: str = "", **options: Any) -> None:
         patches = {"moving": Patch("moving", task.moving), "fixed": Patch("fixed", task.fixed)}
         self.task = task
         self.model = MotionModel.build(
@@ -36,6 +37,8 @@ class MotionModelMover:
             patches,
             Method(**{"quality_metric": "size-skew", **options}),
         )
+        if solver:
+            self.model = in_one_scale(self.model, solver)
         self.committed = task.points
 
     def move(self, step: int) -> Floats:

@@ -18,7 +18,7 @@ from docs.site.reference.fortran_module import fortran_module
 from docs.site.reference.messages import messages
 from docs.site.reference.metrics import metrics
 from docs.site.reference.python_client import python_client
-from docs.site.reference.settings import case_file, method_settings, server_settings
+from docs.site.reference.settings import case_file, method_keys, method_settings, server_settings
 
 __all__ = ["PARTS", "filled", "without_parts"]
 
@@ -31,6 +31,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "exit-statuses": exit_statuses,
     "fortran-module": fortran_module,
     "messages": messages,
+    "method-keys": method_keys,
     "method-settings": method_settings,
     "metrics": metrics,
     "python-client": python_client,

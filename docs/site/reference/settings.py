@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -12,11 +10,10 @@ from pydantic_core import PydanticUndefined
 
 from docs.site.reference.tables import code, comments_behind, table
 from mesh_motion_server.cases import case
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.method import CHOICES, Method
-from mesh_motion_server.settings import MethodSettings, ServerSettings
+from mesh_motion_server.numerics.method import KEYS, Key
+from mesh_motion_server.settings import ServerSettings
 
-__all__ = ["case_file", "method_settings", "server_settings"]
+__all__ = ["case_file", "method_keys", "method_settings", "server_settings"]
 
 _BOUNDS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
 _WORDS = {str: "text", int: "integer", float: "number", bool: "true or false", list: "list", dict: "table"}
@@ -33,14 +30,27 @@ def server_settings() -> str:
 
 
 def method_settings() -> str:
-    """Each key of ``[method]`` with its choices, default and meaning."""
-    meaning = _attributes(inspect.getdoc(Method) or "")
-    rows = []
-    for key in MethodSettings.model_fields:
-        choices = CHOICES.get(key) or (tuple(BASES) if key == "basis" else ())
-        kind = ", ".join(code(f'"{choice}"') for choice in choices) or _type(MethodSettings, key)
-        rows.append((code(key), kind, _default(MethodSettings, key), meaning.get(key, "")))
+    """Each key of ``[method]`` with its choices or range, default and meaning."""
+    rows = [(code(name), _values(key), _toml(key.default), key.meaning) for name, key in KEYS.items()]
     return table(("key", "values", "default", "meaning"), rows)
+
+
+def method_keys() -> str:
+    """Each key of ``[method]`` with when to change it, by groups."""
+    parts = []
+    for group in dict.fromkeys(key.group for key in KEYS.values()):
+        lines = [
+            f"- **`{name}`** – {_values(key)}; default {_toml(key.default)}. {key.meaning} *When:* {key.when}"
+            for name, key in KEYS.items()
+            if key.group == group
+        ]
+        parts.append(f"## {group}\n\n" + "\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def _values(key: Key) -> str:
+    """What a key may be: its choices, or its type and range."""
+    return ", ".join(code(f'"{choice}"') for choice in key.choices) or key.expected
 
 
 def case_file() -> str:
@@ -91,10 +101,13 @@ def _bounds(markers: tuple[Any, ...]) -> str:
 
 
 def _default(model: type[BaseModel], key: str) -> str:
-    """As one writes it in TOML."""
+    """Of a field, as one writes it in TOML."""
     value = model.model_fields[key].default
-    if value is PydanticUndefined:
-        return "required"
+    return "required" if value is PydanticUndefined else _toml(value)
+
+
+def _toml(value: Any) -> str:
+    """A value as one writes it in TOML; a dash for none."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -104,23 +117,3 @@ def _default(model: type[BaseModel], key: str) -> str:
     if isinstance(value, list | tuple):
         return code("[" + ", ".join(f'"{item}"' for item in value) + "]")
     return code(f'"{value}"')
-
-
-def _attributes(docstring: str) -> dict[str, str]:
-    """Attribute → text, of a numpydoc section with a line of type each."""
-    section = docstring.partition("Attributes\n----------\n")[2]
-    found: dict[str, str] = {}
-    name = ""
-    for line in section.splitlines():
-        if head := re.match(r"^(\w+) : ", line):
-            name = head[1]
-            found[name] = ""
-        elif name:
-            found[name] = f"{found[name]} {line.strip()}".strip()
-    return {key: _plain(text) for key, text in found.items()}
-
-
-def _plain(text: str) -> str:
-    """reStructuredText of a docstring as Markdown: roles lose their names."""
-    text = re.sub(r":\w+:`~?\.?(?:[\w.]*\.)?(\w+)`", r"`\1`", text)
-    return text.replace("``", "`")

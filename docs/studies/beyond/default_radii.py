@@ -15,9 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from docs.studies.moved_bodies import ROOT, Turn, stored
+from docs.studies.moved_bodies import ROOT, StoredMesh, Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius, widest_ball
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 Floats = NDArray[np.float64]
 Motion = Callable[[Floats], Floats]
@@ -32,6 +36,10 @@ SUPPORT = {
 ENRICHMENT = (0.25, 0.5, 1.0, 2.0, 4.0)
 """R_l over its default."""
 CHOICES = ("mesh", "motion")
+CANDIDATES = (0.625, 1.0, 1.75)
+"""Diameters of the largest ball between the boundaries; R is above them but in far fields."""
+CLEARLY = 0.02
+"""Of the larger minimum quality: what another radius has to gain over the mesh's own."""
 WITHIN = 0.95
 
 
@@ -110,7 +118,7 @@ class Sweep:
     values : tuple of float
         Minimum size-skew with each.
     chosen : tuple of float
-        With what the server chooses, by each of its ways.
+        With R chosen from the mesh, as the server does, and from the motion.
     """
 
     mesh: str
@@ -139,13 +147,41 @@ def quality(mesh: str, motion: Motion, correction: str, **choices: Any) -> float
         return float("nan") if refusal.best is None else refusal.best
 
 
+def candidates(mesh: StoredMesh) -> tuple[float, ...]:
+    """The mesh's own radius, and smaller ones near the width of the largest gap, descending."""
+    roles = BoundaryRoles.from_patches(mesh.patches)
+    own, widest = suggest_support_radius(mesh.points, roles), widest_ball(mesh.points, roles)
+    rounded = {float(f"{share * widest:.2g}") for share in CANDIDATES}
+    return (own, *sorted((radius for radius in rounded if 0.0 < radius < own), reverse=True))
+
+
+def from_motion(mesh: str, motion: Motion) -> float:
+    """The radius with which the motion is predicted best; the mesh's own unless another one is clearly better."""
+    found: dict[float, float] = {}
+    for radius in candidates(stored(mesh)):
+        model = stored(mesh).model(support_radius=radius)
+        targets = motion(model.points[model.roles.moving])
+        trial = model.standard_motion.trial(model.points, targets, MakeEachTime(), Stopwatch())
+        found[radius] = model.summary(trial.points).metric.min
+    own, best = next(iter(found)), max(found, key=lambda radius: found[radius])
+    before, after = found[own], found[best]
+    return best if after - before > CLEARLY * max(abs(before), abs(after)) else own
+
+
 def over_support(name: str, what: str, mesh: str, motion: Motion, correction: str) -> Sweep:
     """Over R, and with R from the mesh and from the motion; R_l at its default."""
     length = float(np.ptp(stored(mesh).points, axis=0).max())
     radii = SUPPORT[correction]
     values = tuple(quality(mesh, motion, correction, support_radius=r * length) for r in radii)
-    chosen = tuple(quality(mesh, motion, correction, support_radius_choice=choice) for choice in CHOICES)
+    chosen = (quality(mesh, motion, correction), quality(mesh, motion, correction, **_radii(mesh, motion)))
     return Sweep(name, what, correction, radii, values, chosen)
+
+
+def _radii(mesh: str, motion: Motion) -> dict[str, float]:
+    """R from the motion, and R_l at its default as far as R goes."""
+    radius = from_motion(mesh, motion)
+    default = float(stored(mesh).model().method.enrichment_radius or 0.0)
+    return {"support_radius": radius, "enrichment_radius": min(default, radius)}
 
 
 def over_enrichment(name: str, what: str, mesh: str, motion: Motion, correction: str) -> Sweep:
@@ -260,6 +296,6 @@ STUDY = Study(
     functions=(
         "mesh_motion_server.numerics.interpolation.support_radius.suggest_support_radius",
         "mesh_motion_server.numerics.interpolation.support_radius.suggest_enrichment_radius",
-        "mesh_motion_server.numerics.motion.radius_choice.best_predicted",
+        "docs.studies.beyond.default_radii.from_motion",
     ),
 )

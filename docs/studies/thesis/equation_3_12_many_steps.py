@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
+from docs.studies.thesis._many_steps import AccumulatedGradients, predict_many_steps
 from docs.studies.thesis._prediction import (
     Curves,
     Floats,
@@ -18,7 +19,6 @@ from docs.studies.thesis._prediction import (
     rigid,
     thesis_triangles,
 )
-from mesh_motion_server.numerics.motion.many_steps import AccumulatedGradients, predict_many_steps
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
 from mesh_motion_server.numerics.quality.prediction import InterpolantField, centre_positions
 
@@ -159,7 +159,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.motion.many_steps.AccumulatedGradients",
-        "mesh_motion_server.numerics.motion.many_steps.predict_many_steps",
+        "docs.studies.thesis._many_steps.AccumulatedGradients",
+        "docs.studies.thesis._many_steps.predict_many_steps",
     ),
 )

@@ -12,9 +12,9 @@ import numpy as np
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._prediction import Floats, Mesh, boxes, rigid, thesis_triangles
+from docs.studies.thesis._sampling import BOUNDS, ExpandableField, predict_sampled
+from docs.studies.thesis._sampling.groups import group_cells
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.motion.sampling import BOUNDS, ExpandableField, predict_sampled
-from mesh_motion_server.numerics.motion.sampling.groups import group_cells
 from mesh_motion_server.numerics.quality.prediction import InterpolantField, predict
 
 SIZES = (8, 32, 128, 256)
@@ -162,9 +162,9 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.motion.sampling.predict_sampled",
-        "mesh_motion_server.numerics.motion.sampling.expansion.expand",
-        "mesh_motion_server.numerics.motion.sampling.remainder.remainders",
-        "mesh_motion_server.numerics.motion.sampling.cell_bounds.bounded_quality",
+        "docs.studies.thesis._sampling.predict_sampled",
+        "docs.studies.thesis._sampling.expansion.expand",
+        "docs.studies.thesis._sampling.remainder.remainders",
+        "docs.studies.thesis._sampling.cell_bounds.bounded_quality",
     ),
 )

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.refinement import refined
 from docs.studies.study import Outcome, Picture, Study, Table
+from docs.studies.thesis._volume_reduction import VOLUME_REDUCTIONS, Field, VolumeProblem
+from docs.studies.thesis._volume_reduction.background_grid import INTERPOLATIONS, CartesianGrid
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.reduction.volume_reduction import VOLUME_REDUCTIONS, Field, VolumeProblem
-from mesh_motion_server.numerics.reduction.volume_reduction.background_grid import INTERPOLATIONS, CartesianGrid
 
 Floats = NDArray[np.float64]
 
@@ -246,9 +246,9 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.reduction.volume_reduction.VOLUME_REDUCTIONS",
-        "mesh_motion_server.numerics.reduction.volume_reduction.enclosing_box.reduce",
-        "mesh_motion_server.numerics.reduction.volume_reduction.wall_function.reduce",
-        "mesh_motion_server.numerics.reduction.volume_reduction.background_grid.reduce",
+        "docs.studies.thesis._volume_reduction.VOLUME_REDUCTIONS",
+        "docs.studies.thesis._volume_reduction.enclosing_box.reduce",
+        "docs.studies.thesis._volume_reduction.wall_function.reduce",
+        "docs.studies.thesis._volume_reduction.background_grid.reduce",
     ),
 )

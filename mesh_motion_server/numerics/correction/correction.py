@@ -32,12 +32,10 @@ from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.correction_problem import (
     IN_TIME,
-    PLACEMENTS,
     SMALL_MESH,
     TARGETS,
     CorrectionProblem,
     CorrectionSettings,
-    check_placement,
     goal,
     target_quality,
 )
@@ -45,13 +43,7 @@ from mesh_motion_server.numerics.correction.enrichment.coefficients import optim
 from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
 from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import ImposedSettings, imposed_jacobians
-from mesh_motion_server.numerics.correction.enrichment.placement import (
-    Placement,
-    boundary_placement,
-    gap_middle,
-    local_minima,
-    minima_placement,
-)
+from mesh_motion_server.numerics.correction.enrichment.placement import gap_middle
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.correction.near_rest import NEAR_REST, leans, nearer_rest, raises, reshaped, spoils
@@ -62,12 +54,10 @@ from mesh_motion_server.numerics.quality.metrics import CellQuality
 __all__ = [
     "CORRECTIONS",
     "IN_TIME",
-    "PLACEMENTS",
     "TARGETS",
     "Correction",
     "CorrectionProblem",
     "CorrectionSettings",
-    "check_placement",
     "correct",
 ]
 
@@ -275,21 +265,11 @@ def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: 
     """Enrichment points, all coefficients optimised."""
     if settings.max_enrichment_points == 0:
         return _Found(problem.standard)
-    p = problem
-    space = EnrichmentSpace(_placement(problem, settings, quality), p.factorization, p.evaluator, settings.functions)
+    p, count, radius = problem, settings.max_enrichment_points, settings.enrichment_radius
+    placement = optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
+    space = EnrichmentSpace(placement, p.factorization, p.evaluator)
     found = optimised_enrichment(mesh, p.start, p.standard, space, target=target_quality(problem, settings))
     return _Found(found.points, found.enrichment_points, 0, found.iterations)
-
-
-def _placement(problem: CorrectionProblem, settings: CorrectionSettings, quality: Floats) -> Placement:
-    """The enrichment points of an optimised enrichment."""
-    p = problem
-    count, radius, least = settings.max_enrichment_points, settings.enrichment_radius, goal(settings)
-    if settings.enrichment_placement == "minima":
-        return minima_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=least)
-    if settings.enrichment_placement == "boundary":
-        return boundary_placement(p.start, p.cells, quality, count=count, radius=radius, threshold=least, held=p.held)
-    return optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
 
 
 def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats) -> _Found:
@@ -302,8 +282,6 @@ def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: Tr
             threshold=settings.quality_threshold,
             max_points=settings.max_enrichment_points,
             metric=mesh.metric,
-            function=settings.function,
-            decomposition=settings.explicit_decomposition,
         ),
     )
     return _Found(found.points, found.enrichment_points, 0, len(found.history) - 1)
@@ -315,7 +293,7 @@ def _imposed_gradient(
     """The thesis' imposed gradient: of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
     p = problem
     if p.cells.dimension == 1:
-        return _imposed_slopes(problem, settings, quality)
+        return _imposed_slope(problem, settings, quality)
     found = imposed_jacobians(
         problem,
         mesh,
@@ -323,28 +301,18 @@ def _imposed_gradient(
             enrichment_radius=settings.enrichment_radius,
             threshold=goal(settings),
             max_points=settings.max_enrichment_points,
-            function=settings.function,
-            decomposition=settings.explicit_decomposition,
         ),
     )
     return _Found(found.points, found.enrichment_points, 0, len(found.minima) - 1)
 
 
-def _imposed_slopes(problem: CorrectionProblem, settings: CorrectionSettings, quality: Floats) -> _Found:
-    """Thesis chapter 4: points in the middle of the gap that holds the worst cell, or at the worst-quality minima."""
+def _imposed_slope(problem: CorrectionProblem, settings: CorrectionSettings, quality: Floats) -> _Found:
+    """Thesis chapter 4: a point in the middle of the gap that holds the worst cell."""
     p = problem
     boundary = np.flatnonzero(p.held)
-    if settings.enrichment_placement == "minima":
-        worst = local_minima(p.cells, quality, goal(settings))[: settings.max_enrichment_points]
-        points = p.cells.centres(p.start, worst)
-    else:
-        points = gap_middle(p.start, p.cells, quality, p.held)
-    radii = ImposedGradient(
-        p.factorization.support_radius,
-        settings.enrichment_radius,
-        basis=p.factorization.basis.name,
-        function=settings.function,
-    )
+    points = gap_middle(p.start, p.cells, quality, p.held)
+    support, basis = p.factorization.support_radius, p.factorization.basis.name
+    radii = ImposedGradient(support, settings.enrichment_radius, basis=basis)
     displacement = p.standard[boundary] - p.start[boundary]
     moved = p.start + enriched_displacement(p.start, p.start[boundary], displacement, points, radii)
     moved[boundary] = p.standard[boundary]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.correction.enrichment.space import FUNCTIONS
 from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
@@ -18,13 +17,12 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import AtRest
 
 __all__ = [
+    "CORRECTIONS",
     "IN_TIME",
-    "PLACEMENTS",
     "SMALL_MESH",
     "TARGETS",
     "CorrectionProblem",
     "CorrectionSettings",
-    "check_placement",
     "goal",
     "target_quality",
 ]
@@ -34,15 +32,7 @@ Floats = NDArray[np.float64]
 
 TARGETS = ("auto", "threshold", "maximum")
 
-PLACEMENTS = {
-    "none": ("auto",),
-    "imposed-gradient": ("auto", "middle", "minima"),
-    "explicit": ("auto",),
-    "enrichment": ("auto", "spread", "minima", "boundary"),
-    "optimised": ("auto",),
-}
-"""Where each correction can put its enrichment points; see :mod:`.enrichment.placement`. "middle" of a gap is 1D's."""
-
+CORRECTIONS = ("none", "imposed-gradient", "explicit", "enrichment", "optimised")
 IN_TIME = ("independent", "smooth")
 
 SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
@@ -113,7 +103,7 @@ class CorrectionSettings:
     Attributes
     ----------
     correction : str
-        One of :data:`PLACEMENTS`.
+        One of :data:`CORRECTIONS`.
     quality_metric : str
     quality_threshold : float
         A motion that is at least this good is left alone.
@@ -123,19 +113,13 @@ class CorrectionSettings:
         R_l.
     max_enrichment_points : int
         Bounds the enrichment, not the freed nodes.
-    enrichment_function : {"auto", "H1", "H2", "H3"}
-        "auto": H1, and of the optimised enrichment H1 and H2 together.
-    enrichment_placement : str
-        One of the correction's :data:`PLACEMENTS`.
-    explicit_decomposition : {"eigen", "polar", "svd", "qr"}
-        What a correction of single cells goes by.
     in_time : {"independent", "smooth"}
         "smooth" knows no threshold and no target: it is always active.
 
     Raises
     ------
     InvalidInput
-        On an unknown correction, target or in_time, or a placement or in_time that the correction has not.
+        On an unknown correction, target or in_time, or an in_time that the correction has not.
     """
 
     correction: str = "optimised"
@@ -144,38 +128,14 @@ class CorrectionSettings:
     target: str = "auto"
     enrichment_radius: float = 0.0
     max_enrichment_points: int = 20
-    enrichment_function: str = "auto"
-    enrichment_placement: str = "auto"
-    explicit_decomposition: str = "eigen"
     in_time: str = "independent"
 
     def __post_init__(self) -> None:
-        for name, known in (("correction", tuple(PLACEMENTS)), ("target", TARGETS), ("in_time", IN_TIME)):
+        for name, known in (("correction", CORRECTIONS), ("target", TARGETS), ("in_time", IN_TIME)):
             if getattr(self, name) not in known:
                 raise InvalidInput(f"unknown {name} {getattr(self, name)!r}; known are {', '.join(known)}")
-        check_placement(self.correction, self.enrichment_placement)
         if self.in_time == "smooth" and self.correction != "optimised":
             raise InvalidInput(f"in_time 'smooth' expects correction 'optimised', got {self.correction!r}")
-
-    @property
-    def functions(self) -> tuple[str, ...]:
-        """The enrichment functions at every point of an optimised enrichment."""
-        return FUNCTIONS if self.enrichment_function == "auto" else (self.enrichment_function,)
-
-    @property
-    def function(self) -> str:
-        """The enrichment function of the thesis' corrections."""
-        return "H1" if self.enrichment_function == "auto" else self.enrichment_function
-
-
-def check_placement(correction: str, placement: str, dimension: int = 1) -> None:
-    """Raise InvalidInput where a correction cannot put its enrichment points so."""
-    known = [name for name in PLACEMENTS[correction] if dimension == 1 or name != "middle"]
-    if placement not in known:
-        raise InvalidInput(
-            f"enrichment_placement = {placement!r} is not for correction = {correction!r} in {dimension}D; "
-            f"there it is one of {', '.join(known)}"
-        )
 
 
 def target_quality(problem: CorrectionProblem, settings: CorrectionSettings) -> float:

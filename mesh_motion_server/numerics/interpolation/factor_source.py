@@ -109,19 +109,12 @@ def factorization_of(
 ) -> tuple[Factorization, bool]:
     """The factorization for these control points (c, d), and whether it was reused.
 
-    The key is a digest of all that determines it, so that a cache can never answer with another one. Without a plan for
-    two scales the solver "two-scale" is "auto".
+    The key is a digest of all that determines it, so that a cache can never answer with another one.
     """
-    radius = method.support_radius
-    solver = "auto" if method.solver == "two-scale" else method.solver
-    digest = hashlib.sha256(repr((method.basis, radius, method.polynomial, solver, control_points.shape)).encode())
+    basis, radius = method.basis, method.support_radius
+    digest = hashlib.sha256(repr((basis, radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(control_points).data)
-    return factors.get_or_make(
-        digest.digest(),
-        lambda: factorize(
-            control_points, basis=method.basis, support_radius=radius, solver=solver, polynomial=method.polynomial
-        ),
-    )
+    return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))
 
 
 def two_scale_factorization_of(

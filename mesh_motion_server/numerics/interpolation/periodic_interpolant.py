@@ -139,7 +139,7 @@ def periodic_factorization_of(
     method : Method
     factors : FactorSource
     """
-    digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius, method.solver)).encode())
+    digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius)).encode())
     for array in (control_points, box, *(a for g in generators for a in (g.rotation, g.shift))):
         digest.update(np.ascontiguousarray(array).data)
     return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, generators, box, method))
@@ -150,12 +150,10 @@ def _factorize(control_points: Array, generators: tuple[Transform, ...], box: Ar
     radius = checked_radius(method.support_radius, basis)
     points = checked_control_points(control_points)
     images = _near_images(points, generators, box, radius)
-    if method.solver != "auto":
-        return _level(points, images, basis, radius, method.solver)
     tree = cKDTree(images.places)
     pairs = images.owners[tree.query_pairs(SEPARATION * radius, output_type="ndarray")]
     if not np.any(pairs[:, 0] != pairs[:, 1]):
-        return _level(points, images, basis, radius, "auto")
+        return _level(points, images, basis, radius)
     closest = _closest(images)
     members = np.empty(0, dtype=np.int64)
     levels: list[tuple[Integers, PeriodicFactorization]] = []
@@ -166,7 +164,7 @@ def _factorize(control_points: Array, generators: tuple[Transform, ...], box: Ar
         if len(found) > len(members):
             members = found
             own = points[members]
-            level = _level(own, _near_images(own, generators, box, reach), BASIS if levels else basis, reach, "auto")
+            level = _level(own, _near_images(own, generators, box, reach), BASIS if levels else basis, reach)
             levels.append((members, level))
         if len(members) == len(points):
             break
@@ -191,11 +189,11 @@ def _separated(images: _Images, count: int, separation: float, first: Integers) 
     return np.flatnonzero(taken[rank])
 
 
-def _level(points: Array, images: _Images, basis: Basis, radius: float, solver: str) -> PeriodicFactorization:
+def _level(points: Array, images: _Images, basis: Basis, radius: float) -> PeriodicFactorization:
     """The interpolation from all of some control points (nc, d)."""
     layout = CentreLayout.build(images.places, basis, radius)
     order = points.size if images.rotations is not None else len(points)
-    make = _sparse if solver == "sparse" or (solver == "auto" and order > _DENSE_ORDER) else _dense
+    make = _sparse if order > _DENSE_ORDER else _dense
     return PeriodicFactorization(
         points, basis, radius, images, layout, make(points, images, layout, basis=basis, radius=radius)
     )

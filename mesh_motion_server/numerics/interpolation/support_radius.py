@@ -20,8 +20,7 @@ enrichment act. With R_l = R = 2.5 L, one enrichment point bends the whole field
 Both depend on the mesh and not on the motion: the factorization serves every coupling iteration and every step.
 
 What is best for one motion of a mesh is not for another: bodies that are pressed together and a body in a narrow
-channel want a radius near the width of the gap, which ruins large motions of the same bodies. So there are candidates
-too, for a choice by the motion (:mod:`.radius_choice`): 0.625, 1 and 1.75 diameters of that ball, besides R.
+channel want a radius near the width of the gap, which ruins large motions of the same bodies (docs/beyond.md).
 """
 
 from __future__ import annotations
@@ -33,10 +32,9 @@ from scipy.spatial import cKDTree
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 
-__all__ = ["candidate_support_radii", "suggest_enrichment_radius", "suggest_support_radius"]
+__all__ = ["suggest_enrichment_radius", "suggest_support_radius", "widest_ball"]
 
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
-_CANDIDATES = (0.625, 1.0, 1.75)  # diameters of the largest ball; R is above them but in far fields
 _SAMPLE = 20_000  # nodes that the largest ball is looked for at
 _EACH = 16  # of these each so many is looked at first
 _ROUNDING = 1e-9
@@ -76,33 +74,11 @@ def suggest_enrichment_radius(points: NDArray[np.float64], roles: BoundaryRoles,
     float, mesh length unit
         Rounded to two digits.
     """
-    widest = _widest_ball(points, roles)
+    widest = widest_ball(points, roles)
     return min(support_radius, float(f"{widest:.2g}")) if widest > 0.0 else support_radius
 
 
-def candidate_support_radii(
-    points: NDArray[np.float64], roles: BoundaryRoles, support_radius: float
-) -> tuple[float, ...]:
-    """Radii that may be better than ``support_radius`` for a motion of this mesh, descending; all smaller than it.
-
-    Parameters
-    ----------
-    points : (n, d) array, mesh length unit
-    roles : BoundaryRoles
-    support_radius : float, mesh length unit
-        What :func:`suggest_support_radius` says.
-
-    Returns
-    -------
-    tuple of float, mesh length unit
-        Rounded to two digits.
-    """
-    widest = _widest_ball(points, roles)
-    rounded = {float(f"{share * widest:.2g}") for share in _CANDIDATES}
-    return tuple(sorted((r for r in rounded if 0.0 < r < support_radius), reverse=True))
-
-
-def _widest_ball(points: NDArray[np.float64], roles: BoundaryRoles) -> float:
+def widest_ball(points: NDArray[np.float64], roles: BoundaryRoles) -> float:
     """Diameter of the largest ball about a node (of a sample) that no control point lies in; 0: all are controls.
 
     From one node to another the distance to the nearest control point grows by no more than their distance: a node

@@ -34,9 +34,6 @@ def correction_settings(method: Method, enrichment_radius: float) -> CorrectionS
         target=method.correction_target,
         enrichment_radius=enrichment_radius,
         max_enrichment_points=method.max_enrichment_points,
-        enrichment_function=method.enrichment_function,
-        enrichment_placement=method.enrichment_placement,
-        explicit_decomposition=method.explicit_decomposition,
         in_time=method.correction_in_time,
     )
 

@@ -33,13 +33,8 @@ from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAtte
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
-from mesh_motion_server.numerics.motion.radius_choice import PredictedMotion, best_predicted
-from mesh_motion_server.numerics.motion.sampling import ExpandableField, predict_sampled
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
-from mesh_motion_server.numerics.quality.mesh_summary import summarize
-from mesh_motion_server.numerics.quality.metrics import CellQuality
-from mesh_motion_server.numerics.quality.prediction import predict
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
@@ -65,6 +60,19 @@ class _Step:
     targets: Floats
     factors: FactorSource
     valid: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Predicted:
+    """An interpolated motion and its quality.
+
+    factors : what was found in the cache for it
+    """
+
+    motion: StandardMotion
+    trial: StandardTrial
+    quality: Judgement
+    factors: Recorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,14 +177,12 @@ class MotionModel(PreparedMesh):
 
     # --- its parts ---------------------------------------------------------------------------------------------------
 
-    def _interpolate(self, step: _Step, layer: BoundaryLayer | None, watch: Stopwatch) -> PredictedMotion:
-        """Interpolate, judge: with each support radius, of which the best is taken."""
-        factors, found = Recorded(step.factors), []
-        for motion in self.motions_with(layer):
-            trial = motion.trial(step.committed, step.targets, factors, watch)
-            with watch.phase("predict"):
-                found.append(PredictedMotion(motion, trial, self._predict(motion, trial), factors))
-        predicted = best_predicted(found)
+    def _interpolate(self, step: _Step, layer: BoundaryLayer | None, watch: Stopwatch) -> _Predicted:
+        """Interpolate, judge."""
+        factors, motion = Recorded(step.factors), self.motion_with(layer)
+        trial = motion.trial(step.committed, step.targets, factors, watch)
+        with watch.phase("predict"):
+            predicted = _Predicted(motion, trial, self.summary(trial.points), factors)
         if predicted.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
             # no correction would find a mesh, or it would find cells that are all positive, and overlap
             worst = [cell.number for cell in predicted.quality.worst]
@@ -184,33 +190,7 @@ class MotionModel(PreparedMesh):
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
         return predicted
 
-    def _predict(self, motion: StandardMotion, trial: StandardTrial) -> Judgement:
-        """Quality of the standard motion by the method's predictor."""
-        name, metric = self.method.predictor, self.method.quality_metric
-        if name == "trial-nodes":
-            return self.summary(trial.points)
-        if name == "sampled":
-            quality = self._predict_sampled(motion, trial)
-        else:
-            quality = predict(name, trial.start, self.cells, self.reference_sizes, trial.field)
-        return summarize(quality, trial.points, self.cells, metric=metric)
-
-    def _predict_sampled(self, motion: StandardMotion, trial: StandardTrial) -> CellQuality:
-        """Exact below the threshold and at the minimum, expanded elsewhere; in full where something snaps nodes."""
-        reduced = self.method.reduction != "none" or self.method.volume_reduction != "none"
-        single = None if reduced or motion.layer is not None else trial.field.single
-        return predict_sampled(
-            trial.start,
-            self.cells,
-            self.reference_sizes,
-            None if single is None else ExpandableField(*single),
-            lambda nodes: trial.points[nodes] - trial.start[nodes],
-            metric=self.method.quality_metric,
-            threshold=self.method.quality_threshold,
-            settle="minimum",
-        ).quality
-
-    def _layer_for(self, plain: PredictedMotion) -> BoundaryLayer | None:
+    def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:
         """The boundary layer that the motion without one may spoil."""
         if self.layered is None:
             return None
@@ -224,7 +204,7 @@ class MotionModel(PreparedMesh):
         mesh = TrialMesh(self.points, self.cells, self.reference_sizes, self.held, self.method.quality_metric)
         return fitting_layer(layer, moved, mesh, step.valid)
 
-    def _correct(self, step: _Step, predicted: PredictedMotion, watch: Stopwatch) -> Correction:
+    def _correct(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Correction:
         """The correction of an interpolated mesh, from a valid one where one is known."""
         layer, standard, quality = predicted.motion.layer, predicted.trial, predicted.quality
         near = self._near(step, predicted, watch) if step.valid is None else None
@@ -241,23 +221,21 @@ class MotionModel(PreparedMesh):
             smooth=self.smooth_with(layer),
             near=near,
             valid=step.valid,
-            known=quality.metric.min if self.predicts_exactly and not quality.inverted else None,
+            known=None if quality.inverted else quality.metric.min,
             near_walls=lambda: self.near_walls,
         )
         radius = float(predicted.motion.method.enrichment_radius or 0.0)
         with watch.phase("correct"):
             return correct(problem, correction_settings(self.method, radius))
 
-    def _judge(self, predicted: PredictedMotion, correction: Correction, watch: Stopwatch) -> Judgement:
+    def _judge(self, predicted: _Predicted, correction: Correction, watch: Stopwatch) -> Judgement:
         """Quality of the corrected mesh; that of the interpolated one where nothing was corrected."""
-        if self.predicts_exactly and correction.points is predicted.trial.points:
+        if correction.points is predicted.trial.points:
             return predicted.quality
         with watch.phase("predict"):
             return self.summary(correction.points, correction.quality)
 
-    def _accept(
-        self, predicted: PredictedMotion, correction: Correction, quality: Judgement, watch: Stopwatch
-    ) -> Motion:
+    def _accept(self, predicted: _Predicted, correction: Correction, quality: Judgement, watch: Stopwatch) -> Motion:
         """The motion, if its mesh is acceptable."""
         standard, method = predicted.trial, self.method
         reached = quality.metric.min >= method.quality_threshold
@@ -278,7 +256,7 @@ class MotionModel(PreparedMesh):
             ],
         )
 
-    def _near(self, step: _Step, predicted: PredictedMotion, watch: Stopwatch) -> Floats | None:
+    def _near(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Floats | None:
         """The standard motion with the committed mesh's correction (n, d), where that is cheap and one is smooth."""
         smooth, committed = self.smooth_with(predicted.motion.layer), step.committed
         if smooth is None or self.method.displacement != "absolute" or np.array_equal(committed, self.points):
@@ -307,7 +285,7 @@ class MotionModel(PreparedMesh):
             correction_in_time="independent",
             refuse_below_threshold=False,
         )
-        legs = replace(alike, other_radii=(), smooth=None)
+        legs = replace(alike, smooth=None)
 
         def move(points: Floats, waypoint: Floats) -> Leg:
             self.boundary.refuse(points, waypoint)

@@ -15,6 +15,7 @@ from mesh_motion_server.numerics.correction.free_region import grow
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, LocalEvaluator
+from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
@@ -23,14 +24,13 @@ from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, hel
 from mesh_motion_server.numerics.motion.crossing import PossibleCrossing
 from mesh_motion_server.numerics.motion.layered_walls import LayeredWalls
 from mesh_motion_server.numerics.motion.method_check import check_method
-from mesh_motion_server.numerics.motion.radius_choice import with_other_radii, with_radii
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
 from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
 from mesh_motion_server.numerics.quality.quality_summary import Judge, Judgement
 
-__all__ = ["PreparedMesh"]
+__all__ = ["PreparedMesh", "with_radii"]
 
 Floats = NDArray[np.float64]
 
@@ -52,8 +52,6 @@ class PreparedMesh:
     held : (n,) bool array
         Nodes on the boundary or on a patch, which no correction may move; nor may it move those of a boundary layer.
     standard_motion : StandardMotion
-    other_radii : tuple of StandardMotion
-        The same with other support radii, where the radius is chosen from each motion.
     constraint : BoundaryConstraint or None
         Which of the held nodes the optimised correction may move nevertheless, and how.
     warnings : tuple of str
@@ -80,7 +78,6 @@ class PreparedMesh:
     warnings: tuple[str, ...]
     evaluator: Evaluator
     smooth: SmoothInTime | None = None
-    other_radii: tuple[StandardMotion, ...] = ()
     judge: Judge | None = None
     layered: LayeredWalls | None = None
     distributions: bool = True
@@ -110,7 +107,7 @@ class PreparedMesh:
         roles = BoundaryRoles.from_patches(patches)
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
-        given, method = method, with_radii(method, points, roles)
+        method = with_radii(method, points, roles)
         evaluator = evaluator or LocalEvaluator()
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
@@ -121,11 +118,9 @@ class PreparedMesh:
         smooth, never_free = None, held_with(held, motion.layer)
         if method.correction_in_time == "smooth" and not never_free.all():
             smooth = SmoothInTime.build(TrialMesh(points, cells, at_rest, never_free, method.quality_metric))
-        layered, others = None, tuple[StandardMotion, ...]()
+        layered = None
         if method.boundary_layer_thickness is None and motion.periodic is None:
             layered = LayeredWalls.build(points, cells, patches, motion.sliding)
-        if method.support_radius_choice == "motion":
-            others = with_other_radii(motion, given.enrichment_radius)
         return cls(
             points,
             cells,
@@ -138,7 +133,6 @@ class PreparedMesh:
             tuple(warnings),
             evaluator,
             smooth,
-            others,
             judge,
             layered,
         )
@@ -149,21 +143,14 @@ class PreparedMesh:
     def without_distributions(self) -> Self:
         """The same, which judges a mesh by its worst cells, exactly, and leaves its distributions out.
 
-        Where the method judges otherwise (another predictor, partitions elsewhere) it is this one.
+        Where partitions elsewhere are judged it is this one.
         """
-        if self.judge is not None or not self.predicts_exactly:
-            return self
-        return replace(self, distributions=False)
+        return self if self.judge is not None else replace(self, distributions=False)
 
     def with_method(self, **choices: Any) -> Self:
         """The same with other choices of its method that need no other preparation."""
         method = replace(self.method, **choices)
         return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))
-
-    @property
-    def predicts_exactly(self) -> bool:
-        """Whether a motion is predicted by what judges the mesh afterwards too."""
-        return self.method.predictor == "trial-nodes"
 
     @cached_property
     def boundary(self) -> PossibleCrossing:
@@ -190,15 +177,9 @@ class PreparedMesh:
         judged = mesh_summary if self.distributions else lowest_quality
         return judged(points, self.cells, self.reference_sizes, metric=metric)
 
-    def motions_with(self, layer: BoundaryLayer | None) -> tuple[StandardMotion, ...]:
-        """The standard motion with this boundary layer, once for each support radius."""
-        if layer is self.standard_motion.layer:
-            return (self.standard_motion, *self.other_radii)
-        first = self.standard_motion.with_layer(layer)
-        radii = (float(other.method.support_radius or 0.0) for other in self.other_radii)
-        plans = (first.plans.with_support_radius(radius) for radius in radii)
-        others = zip(self.other_radii, plans, strict=True)
-        return (first, *(replace(other, layer=layer, plans=own) for other, own in others))
+    def motion_with(self, layer: BoundaryLayer | None) -> StandardMotion:
+        """The standard motion with this boundary layer."""
+        return self.standard_motion if layer is self.standard_motion.layer else self.standard_motion.with_layer(layer)
 
     def constraint_with(self, layer: BoundaryLayer | None) -> BoundaryConstraint | None:
         """The constraint of the boundary nodes that are not in this boundary layer."""
@@ -209,3 +190,10 @@ class PreparedMesh:
     def smooth_with(self, layer: BoundaryLayer | None) -> SmoothInTime | None:
         """The prepared correction that is smooth in time; with another layer it is prepared when it is needed."""
         return self.smooth if layer is self.standard_motion.layer else None
+
+
+def with_radii(method: Method, points: Floats, roles: BoundaryRoles) -> Method:
+    """The method with the radii that it leaves to us chosen from the mesh with nodes at ``points`` (n, d)."""
+    radius = method.support_radius or suggest_support_radius(points, roles)
+    enrichment_radius = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
+    return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)

@@ -52,12 +52,6 @@ from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.motion.motion_field import MotionField, Stage
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.reduction.reduced_motion import interpolate_reduced
-from mesh_motion_server.numerics.reduction.volume_reduction import (
-    Field,
-    VolumeField,
-    VolumeProblem,
-    volume_reduction_named,
-)
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 __all__ = ["StandardMotion", "StandardTrial"]
@@ -122,7 +116,7 @@ class StandardMotion:
     spacing : float, mesh length unit
         Of the moving nodes in the reference mesh; 0 where no reduction asks for it.
     plans : TwoScalePlans
-        For the solver "two-scale".
+        Which control nodes are interpolated in two scales.
     evaluator : Evaluator
     layer : BoundaryLayer or None
         Nodes that the moving walls carry with them.
@@ -266,9 +260,7 @@ class StandardMotion:
             carried = origin if rigid is None else rigid.apply(origin)
             solved = self._levels(points, goal - carried, controls, factors)
             largest = float(np.sqrt(np.max(np.sum((goal - carried) ** 2, axis=1), initial=0.0)))
-            stage = replace(solved.stage.with_largest(largest), rigid=rigid)
-            volume = self._reduced_volume(points, controls, goal - carried, stage, factors)
-            return replace(solved, stage=replace(stage, volume=volume))
+            return replace(solved, stage=replace(solved.stage.with_largest(largest), rigid=rigid))
 
     def _levels(self, points: Floats, displacement: Floats, controls: Indices, factors: FactorSource) -> _Solved:
         """The interpolation of the ``displacement`` (c, d) of control nodes (c,) of the mesh ``points`` (n, d)."""
@@ -301,32 +293,10 @@ class StandardMotion:
                 return factorization_of(points[controls], self.method, factors)
             return two_scale_factorization_of(points[controls], bounding_box(points), plan, factors)
         except NumericalError:
-            if self.method.solver != "auto" or not basis_named(self.method.basis).compact:
+            if not basis_named(self.method.basis).compact:
                 raise
         anew = plan_for(points, controls, self.roles, self.method)
         return two_scale_factorization_of(points[controls], bounding_box(points), anew, factors)
-
-    def _reduced_volume(
-        self, points: Floats, controls: Indices, displacement: Floats, stage: Stage, factors: FactorSource
-    ) -> VolumeField | None:
-        """The field that the method's volume reduction makes of a stage's interpolation."""
-        if self.method.volume_reduction == "none":
-            return None
-
-        def interpolate(control_points: Floats, values: Floats) -> Field:
-            other = factorization_of(control_points, self.method, factors)[0].solve(values)
-            return lambda places: self.evaluator.displacement(other, places)
-
-        problem = VolumeProblem(
-            boundary=points[controls],
-            displacement=displacement,
-            moving=np.isin(controls, self.roles.moving if self.layer is None else self.layer.carrying),
-            nodes=points,
-            standard=lambda places: stage.interpolated(places, self.evaluator),
-            interpolate=interpolate,
-            length=self.method.volume_reduction_length,
-        )
-        return volume_reduction_named(self.method.volume_reduction)(problem)
 
     def _tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images where their roots put them, except the moving nodes."""

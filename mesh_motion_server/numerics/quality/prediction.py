@@ -16,8 +16,7 @@ The thesis takes (3.20) to be of second order on triangles (Fig. 3.10). It is of
 midpoints O(h) away from the centre of a simplex, while the errors of opposite corners of a quad cancel. ``trial-nodes``
 is the default: it is exact, and a mesh of tetrahedra has five to six times fewer nodes than cells.
 
-Over many steps see :mod:`~mesh_motion_server.numerics.motion.many_steps`; by groups of cells, the fourth choice of
-``method.predictor``, :mod:`~mesh_motion_server.numerics.motion.sampling`.
+A Move predicts by ``trial-nodes``; the others serve the thesis' studies.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def interpolate_reduced(
     if left <= _ROUNDING * problem.largest:
         return ReducedInterpolation(reduced.levels, reduced.selected, 0.0, reused=False)
     widest = radius if problem.row.compact else float(np.ptp(points, axis=0).max())
-    near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, widest), polynomial="none")
+    near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, widest))
     factorization, reused = factorization_of(points, near, factors)
     levels = (*reduced.levels, factorization.solve(reduced.error))
     return ReducedInterpolation(levels, reduced.selected, left / problem.largest, reused)

@@ -26,9 +26,7 @@ def bent(plate, amount):
 def test_rigid_rotation_and_velocity(job, plate):
     """The linear polynomial makes rotations exact; MESH_VELOCITY is Kratos' second-order difference of the answers."""
     angles = (0.1, 0.25, 0.3, 0.5)
-    result = job.play(
-        [[wall(plate, plate.turned(angle))] for angle in angles], remote={"method": {"polynomial": "linear"}}
-    )
+    result = job.play([[wall(plate, plate.turned(angle))] for angle in angles], remote={"method": {"basis": "tps"}})
     for angle, moved in zip(angles, result["iterations"], strict=True):
         np.testing.assert_allclose(moved, plate.turned(angle), atol=1e-12)
     older, old, new = result["iterations"][1:]
@@ -65,7 +63,7 @@ def test_restart_equals_an_uninterrupted_run(job, plate):
 
 def test_restart_without_its_session_goes_on_from_the_mesh(job, plate):
     steps = [[wall(plate, plate.turned(angle))] for angle in (0.1, 0.2)]
-    remote = {"method": {"polynomial": "linear"}}
+    remote = {"method": {"basis": "tps"}}
     job.play(steps[:1], remote=remote, save=[0])
     result = job.play(steps[1:], remote=remote, load="0.5")
     assert "a new session begins" in job.output
@@ -87,7 +85,7 @@ def test_a_space_of_several_elements(job):
         "part_wall": np.arange(10),
     }
     turned = points @ turn.T - points
-    result = job.play([[{"wall": turned[:10]}]], fix={"wall": [0, 1, 2]}, remote={"method": {"polynomial": "linear"}})
+    result = job.play([[{"wall": turned[:10]}]], fix={"wall": [0, 1, 2]}, remote={"method": {"basis": "tps"}})
     np.testing.assert_allclose(result["iterations"][0], turned, atol=1e-12)
 
 

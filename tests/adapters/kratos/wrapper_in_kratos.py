@@ -29,7 +29,7 @@ def parameters(endpoint: str):
         "echo_level": 1,
         "time_stepping": {"time_step": 0.1},
         "model_import_settings": {"input_type": "mdpa", "input_filename": "plate"},
-        "remote": {"endpoint": endpoint, "method": {"polynomial": "linear"}},
+        "remote": {"endpoint": endpoint, "method": {"basis": "tps"}},
     }
     analysis = {
         "problem_data": {"echo_level": 0, "parallel_type": "OpenMP", "start_time": 0.0, "end_time": 1.0},

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.numerics.correction.enrichment.placement import (
-    boundary_placement,
     gap_middle,
     local_minima,
-    minima_placement,
     spread_placement,
     worst_cell,
 )
@@ -67,16 +65,12 @@ def test_cells_at_one_place_are_one_place(strip):
 
 
 def test_minima_are_no_better_than_their_neighbours(strip):
-    points, cells = strip
+    cells = strip[1]
     quality = np.ones(100)
     quality[10:15] = [0.3, 0.1, -0.2, 0.1, 0.3]
     quality[80:84] = [0.15, 0.0, 0.0, 0.2]  # of equal neighbours the first
     quality[[40, 60]] = [0.19, 0.25]
     assert local_minima(cells, quality, 0.2).tolist() == [12, 81, 40]
-    found = minima_placement(points, cells, quality, count=2, radius=0.5, threshold=0.2)
-    assert found.cells.tolist() == [12, 81]
-    np.testing.assert_array_equal(found.points, [[12.5, 0.5], [81.5, 0.5]])
-    np.testing.assert_array_equal(found.radii, [0.5, 0.5])
     assert len(local_minima(cells, quality, -0.5)) == 0
 
 
@@ -85,21 +79,6 @@ def test_minima_are_found_across_blocks_of_cells():
     cells = CellTable.from_arrays({"quad": np.array([[0, 1, 4, 3]]), "triangle": np.array([[1, 2, 4], [2, 5, 4]])})
     assert local_minima(cells, np.array([0.1, 0.05, 0.0]), 0.2).tolist() == [2]
     assert len(points) == 6
-
-
-def test_boundary_nodes_nearest_to_the_minima(strip):
-    points, cells = strip
-    quality = np.ones(100)
-    quality[[12, 14, 81]] = [-0.2, 0.1, 0.0]
-    held = np.zeros(len(points), dtype=bool)
-    held[[20, 21, 180]] = True  # x = 10 and 90
-    choices = {"radius": 0.5, "threshold": 0.2, "held": held}
-    found = boundary_placement(points, cells, quality, count=5, **choices)
-    np.testing.assert_array_equal(found.points, points[[20, 180]])
-    assert found.cells.tolist() == [12, 81]
-    assert len(boundary_placement(points, cells, quality, count=1, **choices).cells) == 1
-    nowhere = boundary_placement(points, cells, np.ones(100), count=5, **choices)
-    assert nowhere.points.shape == (0, 2)
 
 
 def test_the_middle_of_the_gap_of_the_worst_cell():

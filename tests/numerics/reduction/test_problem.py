@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.method import CHOICES
+from mesh_motion_server.numerics.method import KEYS
 from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem, reduction_named
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -53,7 +53,7 @@ def test_the_given_arrays_are_not_kept() -> None:
 
 def test_the_table_names_itself_and_is_what_the_method_offers() -> None:
     assert all(name == row.name and row.source and row.summary for name, row in REDUCTIONS.items())
-    assert CHOICES["reduction"] == ("none", *REDUCTIONS)
+    assert KEYS["reduction"].choices == ("none", *REDUCTIONS)
     assert reduction_named("greedy") is REDUCTIONS["greedy"]
     with pytest.raises(InvalidInput, match=r"unknown reduction 'gready'.*known are greedy, one-point"):
         reduction_named("gready")

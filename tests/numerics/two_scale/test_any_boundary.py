@@ -13,7 +13,7 @@ from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.radius_choice import with_radii
+from mesh_motion_server.numerics.motion.prepared_mesh import with_radii
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.stopwatch import Stopwatch

@@ -1,6 +1,5 @@
 """Interpolation in two scales: exact at every boundary node, near the interpolation in one, repeatable to the bit."""
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -9,10 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from two_scale_boundaries import boundary, graded_circle, graded_sphere, sphere, square, walls
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolation.factor_source import two_scale_factorization_of
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import coarse_points
 from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import compact_levels
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
@@ -35,10 +32,8 @@ CASES = {
 }
 
 
-def _plan(points: Floats, moving: NDArray[np.bool_], count: int = 250, polynomial: str = "auto") -> TwoScalePlan:
-    return TwoScalePlan.build(
-        points, moving, basis="wendland-c2", support_radius=2.5, polynomial=polynomial, count=count
-    )
+def _plan(points: Floats, moving: NDArray[np.bool_], count: int = 250) -> TwoScalePlan:
+    return TwoScalePlan.build(points, moving, basis="wendland-c2", support_radius=2.5, count=count)
 
 
 def _prepared(points: Floats, moving: NDArray[np.bool_], **choices: int) -> TwoScaleFactorization:
@@ -97,18 +92,6 @@ def test_more_coarse_points_come_nearer() -> None:
         for n in (60, 240, 960)
     ]
     assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
-
-
-def test_a_linear_field_is_carried_exactly_with_the_polynomial() -> None:
-    points, moving = CASES["3D"]
-    linear = points @ np.array([[0.1, -0.4, 0.2], [0.3, 0.1, 0.0], [-0.2, 0.1, 0.3]]) + 0.5
-    prepared = _plan(points, moving, polynomial="linear").factorize(points, points.min(axis=0), points.max(axis=0))
-    places = np.random.default_rng(4).random((200, 3))
-    found = prepared.solve(linear)
-    expected = places @ np.array([[0.1, -0.4, 0.2], [0.3, 0.1, 0.0], [-0.2, 0.1, 0.3]]) + 0.5
-    np.testing.assert_allclose(EVALUATOR.displacement(found, places), expected, atol=1e-11)
-    gradient = EVALUATOR.gradient(found, places)
-    np.testing.assert_allclose(gradient[0], np.array([[0.1, 0.3, -0.2], [-0.4, 0.1, 0.1], [0.2, 0.0, 0.3]]), atol=1e-9)
 
 
 def test_the_gradient_is_that_of_the_values() -> None:
@@ -190,31 +173,28 @@ def _bar(rows: int) -> tuple[Floats, CellTable, dict[str, Patch]]:
 
 
 @pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
-def test_a_session_moves_in_two_scales(displacement: str) -> None:
+def test_a_session_moves_in_two_scales(displacement: str, monkeypatch: pytest.MonkeyPatch) -> None:
     points, cells, patches = _bar(24)
     targets = points[patches["left"].nodes] + np.array([0.1, 0.0])
     moved = {}
-    for solver in ("dense", "two-scale"):
-        method = Method(support_radius=2.0, displacement=displacement, solver=solver)
-        model = MotionModel.build(points, cells, patches, method)
+    for scales, most in (("one", AUTOMATIC_FROM), ("two", 0)):
+        monkeypatch.setattr("mesh_motion_server.numerics.interpolation.two_scale.plans.AUTOMATIC_FROM", most)
+        model = MotionModel.build(points, cells, patches, Method(support_radius=2.0, displacement=displacement))
         motion = model.move(points, targets)
-        moved[solver] = motion.points
+        moved[scales] = motion.points
         np.testing.assert_array_equal(motion.points[patches["left"].nodes], targets)
         np.testing.assert_allclose(motion.points[patches["below"].nodes, 1], 0.0, atol=1e-14)
-    assert np.abs(moved["dense"] - moved["two-scale"]).max() < 2e-4
+    assert np.abs(moved["one"] - moved["two"]).max() < 2e-4
 
 
-def test_a_radius_that_does_not_join_the_coarse_points_is_refused_or_left_to_one_scale() -> None:
+def test_a_radius_that_does_not_join_the_coarse_points_is_left_to_one_scale() -> None:
     points, moving = CASES["3D"]
     roles = BoundaryRoles(np.flatnonzero(moving), np.flatnonzero(~moving), *(np.empty(0, dtype=np.int64),) * 2)
-    with pytest.raises(InvalidInput, match=r"'two-scale' needs a support radius of at least .* got 0\.05"):
-        TwoScalePlans.build(points, roles, Method(solver="two-scale", support_radius=0.05), offered=True)
     many = np.vstack([points, np.random.default_rng(6).random((AUTOMATIC_FROM, 3))])
     roles = BoundaryRoles(roles.moving, np.arange(len(roles.moving), len(many)), roles.sliding, roles.periodic)
     for method, planned in (
         (Method(support_radius=2.5), 1),
         (Method(support_radius=0.05), 0),
-        (Method(support_radius=2.5, solver="iterative"), 0),
         (Method(support_radius=2.5, reduction="greedy"), 0),
         (Method(basis="tps"), 0),
     ):
@@ -222,26 +202,3 @@ def test_a_radius_that_does_not_join_the_coarse_points_is_refused_or_left_to_one
         assert len(plans.plans) == planned
         assert (plans.of(roles.all) is None) == (planned == 0)
         assert plans.of(roles.moving) is None
-
-
-def test_plans_serve_another_support_radius() -> None:
-    points, moving = CASES["3D"]
-    roles = BoundaryRoles(np.flatnonzero(moving), np.flatnonzero(~moving), *(np.empty(0, dtype=np.int64),) * 2)
-    plans = TwoScalePlans.build(points, roles, Method(solver="two-scale", support_radius=2.5), offered=True)
-    other = plans.with_support_radius(1.2).of(roles.all)
-    assert other is not None
-    assert other.support_radius == 1.2
-    assert plans.with_support_radius(0.05).of(roles.all) is None
-    kept: dict[bytes, Factorization] = {}
-
-    class Kept:
-        def get_or_make(self, key: bytes, make: Callable[[], Factorization]) -> tuple[Factorization, bool]:
-            reused = key in kept
-            return kept.setdefault(key, make()), reused
-
-    box = np.stack([points.min(axis=0), points.max(axis=0)])
-    own = plans.of(roles.all)
-    assert own is not None
-    made = [two_scale_factorization_of(points, box, plan, Kept()) for plan in (own, other, own)]
-    assert [reused for _, reused in made] == [False, False, True]
-    assert [factorization.support_radius for factorization, _ in made] == [2.5, 1.2, 2.5]

@@ -1,12 +1,11 @@
 """Where enrichment points go: to the worst predicted cells, and apart from each other.
 
-Points at the K worst cells would crowd in one place and oppose each other, as the thesis saw (§5.4.1). There are three
+Points at the K worst cells would crowd in one place and oppose each other, as the thesis saw (§5.4.1). There are two
 ways to keep them apart:
 
-- ``spread``: the worst cell comes first, and each further point goes to the bad cell that is best by (distance to the
-  chosen ones) × (1 − quality): far away *and* bad;
-- ``minima``: the cells below the threshold that are no better than any of their neighbours, thesis (4.11);
-- ``boundary``: the boundary nodes nearest to those cells, the thesis' other hypothesis (§4.2, Figs 4.10–4.13).
+- :func:`spread_placement`: the worst cell comes first, and each further point goes to the bad cell that is best by
+  (distance to the chosen ones) × (1 − quality): far away *and* bad;
+- :func:`local_minima`: the cells below the threshold that are no better than any of their neighbours, thesis (4.11).
 """
 
 from __future__ import annotations
@@ -21,10 +20,8 @@ from mesh_motion_server.numerics.quality.quality_summary import smallest
 
 __all__ = [
     "Placement",
-    "boundary_placement",
     "gap_middle",
     "local_minima",
-    "minima_placement",
     "spread_placement",
     "worst_cell",
 ]
@@ -104,39 +101,6 @@ def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Ints:
     around = np.concatenate([lowest[block.nodes].min(axis=1) for block in cells])
     found = np.flatnonzero((rank == around) & (quality < threshold))
     return np.asarray(found[np.argsort(rank[found])])
-
-
-def minima_placement(
-    points: Floats, cells: CellTable, quality: Floats, *, count: int, radius: float, threshold: float
-) -> Placement:
-    """At most ``count`` worst-quality minima below the threshold, all with the radius R_l; see :func:`local_minima`."""
-    chosen = local_minima(cells, quality, threshold)[:count]
-    return Placement(chosen, cells.centres(points, chosen), np.full(len(chosen), radius))
-
-
-def boundary_placement(
-    points: Floats,
-    cells: CellTable,
-    quality: Floats,
-    *,
-    count: int,
-    radius: float,
-    threshold: float,
-    held: NDArray[np.bool_],
-) -> Placement:
-    """The boundary nodes nearest to the worst-quality minima, thesis §4.3.2; ``held`` (n,) marks the boundary.
-
-    Each node once, so there may be fewer than minima; ``cells`` are those that asked for it.
-    """
-    minima = local_minima(cells, quality, threshold)
-    boundary = points[held]
-    places: dict[int, int] = {}
-    for cell, centre in zip(minima.tolist(), cells.centres(points, minima), strict=True):
-        nearest = int(np.argmin(np.sum((boundary - centre) ** 2, axis=1)))
-        if len(places) < count:
-            places.setdefault(nearest, cell)
-    chosen = np.array(list(places.values()), dtype=np.int64)
-    return Placement(chosen, boundary[list(places)], np.full(len(chosen), radius))
 
 
 def gap_middle(points: Floats, cells: CellTable, quality: Floats, held: NDArray[np.bool_]) -> Floats:

@@ -92,7 +92,7 @@ class ConjugateGradients:
         if error > _ACCEPTED:
             raise NumericalError(
                 f"the iterative solution of the interpolation stopped at a relative residual of {error:.1e}",
-                hint="take a smaller support radius, or solver = 'dense'",
+                hint="take a smaller support radius",
             )
         out = np.empty_like(x)
         out[self._layout.order] = x

@@ -37,7 +37,7 @@ def check_dense(order: int) -> None:
     _check(
         f"a dense factorization of {order} control points",
         dense_bytes(order),
-        "solver = 'auto', or a reduction of the control points",
+        "take a basis with compact support, or a reduction of the control points",
     )
 
 
@@ -46,7 +46,7 @@ def check_sparse(order: int, mean_row: float) -> None:
     _check(
         f"a sparse factorization of {order} control points with {mean_row:.0f} others in reach of each",
         sparse_bytes(order, mean_row),
-        "solver = 'auto', or a smaller support radius",
+        "take a smaller support radius",
     )
 
 

@@ -70,7 +70,7 @@ class TwoScalePlan:
         Largest distance of a moving control point from the nearest coarse one.
     levels : list of CompactLevel
         Widest first; numbers are those of :attr:`distinct`.
-    basis, support_radius, polynomial
+    basis, support_radius
         Of the coarse interpolation, as in :func:`~mesh_motion_server.numerics.interpolation.interpolant.factorize`.
     gridded : bool
         Whether a spline on a grid stands for the coarse sums.
@@ -83,7 +83,6 @@ class TwoScalePlan:
     levels: list[CompactLevel]
     basis: str
     support_radius: float | None
-    polynomial: str
     gridded: bool
     place: Indices
 
@@ -121,7 +120,6 @@ class TwoScalePlan:
         *,
         basis: str,
         support_radius: float | None,
-        polynomial: str = "auto",
         count: int | None = None,
         gridded: bool = True,
     ) -> TwoScalePlan:
@@ -157,7 +155,7 @@ class TwoScalePlan:
         else:
             levels = []
         gap = float(away[moves].max(initial=0.0))
-        return cls(distinct[chosen], gap, levels, basis, support_radius, polynomial, gridded, place)
+        return cls(distinct[chosen], gap, levels, basis, support_radius, gridded, place)
 
     def factorize(self, points: Floats, low: Floats, high: Floats) -> TwoScaleFactorization:
         """Prepare the interpolation from control points (n, d) to places between ``low`` and ``high`` (d,).
@@ -168,9 +166,7 @@ class TwoScalePlan:
             If the coarse matrix is singular to working precision.
         """
         chosen = np.ascontiguousarray(points[self.coarse])
-        coarse = factorize(
-            chosen, basis=self.basis, support_radius=self.support_radius, polynomial=self.polynomial, solver="dense"
-        )
+        coarse = factorize(chosen, basis=self.basis, support_radius=self.support_radius, solver="dense")
         grid = self._grid(padded(chosen), padded(np.stack([low, high])), points.shape[1]) if self.gridded else None
         distinct = points[self.distinct]
         systems = [CompactSystem.build(level, distinct) for level in self.levels]
@@ -178,7 +174,7 @@ class TwoScalePlan:
 
     def _grid(self, chosen: Floats, corners: Floats, dimension: int) -> NestedGrid:
         """The grid of a domain between two corners (2, 3), as far as the coarse points (m, 3) reach."""
-        if basis_named(self.basis).compact and self.support_radius is not None and self.polynomial != "linear":
+        if basis_named(self.basis).compact and self.support_radius is not None:
             corners[0] = np.maximum(corners[0], chosen.min(axis=0) - self.support_radius)
             corners[1] = np.minimum(corners[1], chosen.max(axis=0) + self.support_radius)
         return NestedGrid(nested_boxes(chosen, corners[0], corners[1]), corners[0], dimension)

@@ -68,7 +68,7 @@ def _in_force(stage: Stage) -> dict[str, Any]:
         "support_radius": 1,
         "enrichment_radius": 0.5,
         "quality_threshold": 0.25,
-        "volume_reduction_length": None,
+        "boundary_layer_thickness": None,
     }
     session = stage.kept("settings", lambda: stage.open(settings=settings))
     if session.built is None:
@@ -104,5 +104,5 @@ def in_force() -> Iterator[Case]:
     )
     yield Case("4.5", "float-of-64-bits", "Floats are of 32 or 64 bits", run("quality_threshold", 0.25))
     yield Case(
-        "4.7", "nil-inside-a-map", "nil is admitted inside fields of type map", run("volume_reduction_length", None)
+        "4.7", "nil-inside-a-map", "nil is admitted inside fields of type map", run("boundary_layer_thickness", None)
     )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from docs.studies.thesis._volume_reduction import VolumeProblem
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.reduction.volume_reduction import VolumeProblem
 
 
 def problem_of(d: int = 2, *, length: float | None = None, n: int = 9, shift: float = 0.05) -> VolumeProblem:

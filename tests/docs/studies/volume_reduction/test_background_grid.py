@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from volume_problems import problem_of
 
+from docs.studies.thesis._volume_reduction.background_grid import CartesianGrid, GridField, reduce
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.reduction.volume_reduction.background_grid import CartesianGrid, GridField, reduce
 
 
 def interpolated(grid: CartesianGrid, function, points: np.ndarray) -> np.ndarray:

@@ -22,14 +22,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.studies.thesis._sampling.cell_bounds import bounded_quality
+from docs.studies.thesis._sampling.expansion import EXPANDABLE, expand, third_order_norms
+from docs.studies.thesis._sampling.groups import Groups, group_cells
+from docs.studies.thesis._sampling.remainder import remainders
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.paths import RigidMotion
-from mesh_motion_server.numerics.motion.sampling.cell_bounds import bounded_quality
-from mesh_motion_server.numerics.motion.sampling.expansion import EXPANDABLE, expand, third_order_norms
-from mesh_motion_server.numerics.motion.sampling.groups import Groups, group_cells
-from mesh_motion_server.numerics.motion.sampling.remainder import remainders
 from mesh_motion_server.numerics.quality.metrics import (
     AtRest,
     CellQuality,
@@ -170,7 +170,7 @@ def predict_sampled(
     threshold : float
         Every cell that is not known to be at or above it is evaluated in full.
     groups : Groups or int
-        From :func:`~mesh_motion_server.numerics.motion.sampling.groups.group_cells`, to make them once for several
+        From :func:`~docs.studies.thesis._sampling.groups.group_cells`, to make them once for several
         predictions from the same positions; or how many cells a group shall have.
     bound : {"certain", "estimated"}
     settle : {"threshold", "minimum"}

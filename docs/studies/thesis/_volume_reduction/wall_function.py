@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.reduction.volume_reduction.problem import (
+from docs.studies.thesis._volume_reduction.problem import (
     Field,
     VolumeDisplacement,
     VolumeField,

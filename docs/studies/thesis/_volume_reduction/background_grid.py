@@ -24,14 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.reduction.volume_reduction.problem import (
+from docs.studies.thesis._volume_reduction.problem import (
     Field,
     VolumeDisplacement,
     VolumeField,
     VolumeProblem,
 )
-from mesh_motion_server.numerics.reduction.volume_reduction.wall_function import restriction
+from docs.studies.thesis._volume_reduction.wall_function import restriction
+from mesh_motion_server.errors import InvalidInput
 
 __all__ = ["INTERPOLATIONS", "CartesianGrid", "GridField", "reduce"]
 

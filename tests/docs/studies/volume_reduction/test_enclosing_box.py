@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from volume_problems import problem_of
 
-from mesh_motion_server.numerics.reduction.volume_reduction.enclosing_box import BoxField, box_surface, reduce
+from docs.studies.thesis._volume_reduction.enclosing_box import BoxField, box_surface, reduce
 
 
 @pytest.mark.parametrize(("d", "count"), [(1, 2), (2, 16), (3, 98)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from volume_problems import problem_of
 
-from mesh_motion_server.numerics.reduction.volume_reduction.wall_function import WallFunctionField, reduce, restriction
+from docs.studies.thesis._volume_reduction.wall_function import WallFunctionField, reduce, restriction
 
 
 def test_the_function_and_its_slope_are_those_of_a_step_at_both_ends() -> None:

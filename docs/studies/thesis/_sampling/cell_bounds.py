@@ -6,7 +6,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.motion.sampling.groups import Groups
+from docs.studies.thesis._sampling.groups import Groups
 
 __all__ = ["bounded_quality"]
 

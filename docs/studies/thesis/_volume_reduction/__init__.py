@@ -5,7 +5,7 @@ moving boundary is exact with each: its nodes are put where they were told to go
 that there.
 
 ==================  =======================================================================  ======================
-key                 what it does                                                             ``length``
+name                what it does                                                             ``length``
 ==================  =======================================================================  ======================
 enclosing-box       nodes outside a box around the body rest: :mod:`.enclosing_box`          margin around the body
 wall-function       displacement fades out at a distance D: :mod:`.wall_function`            D
@@ -17,9 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.reduction.volume_reduction import background_grid, enclosing_box, wall_function
-from mesh_motion_server.numerics.reduction.volume_reduction.problem import (
+from docs.studies.thesis._volume_reduction import background_grid, enclosing_box, wall_function
+from docs.studies.thesis._volume_reduction.problem import (
     Field,
     VolumeDisplacement,
     VolumeField,
@@ -32,7 +31,6 @@ __all__ = [
     "VolumeDisplacement",
     "VolumeField",
     "VolumeProblem",
-    "volume_reduction_named",
 ]
 
 VOLUME_REDUCTIONS: dict[str, Callable[[VolumeProblem], VolumeField]] = {
@@ -40,16 +38,3 @@ VOLUME_REDUCTIONS: dict[str, Callable[[VolumeProblem], VolumeField]] = {
     "wall-function": wall_function.reduce,
     "background-grid": background_grid.reduce,
 }
-
-
-def volume_reduction_named(name: str) -> Callable[[VolumeProblem], VolumeField]:
-    """Look an algorithm up.
-
-    Raises
-    ------
-    InvalidInput
-        If there is none of that name.
-    """
-    if name not in VOLUME_REDUCTIONS:
-        raise InvalidInput(f"unknown volume reduction {name!r}", hint=f"known are {', '.join(VOLUME_REDUCTIONS)}")
-    return VOLUME_REDUCTIONS[name]

@@ -23,13 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.reduction.volume_reduction.problem import (
+from docs.studies.thesis._volume_reduction.problem import (
     Field,
     VolumeDisplacement,
     VolumeField,
     VolumeProblem,
 )
-from mesh_motion_server.numerics.reduction.volume_reduction.wall_function import restriction
+from docs.studies.thesis._volume_reduction.wall_function import restriction
 
 __all__ = ["BoxField", "box_surface", "reduce"]
 

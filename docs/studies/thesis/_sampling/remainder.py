@@ -28,9 +28,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.studies.thesis._sampling.expansion import radial_derivatives
+from docs.studies.thesis._sampling.groups import Groups, group_points
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.motion.sampling.expansion import radial_derivatives
-from mesh_motion_server.numerics.motion.sampling.groups import Groups, group_points
 
 __all__ = ["remainders"]
 

@@ -9,7 +9,7 @@
 ================  ============================================================================================
 """
 
-from mesh_motion_server.numerics.motion.sampling.prediction import (
+from docs.studies.thesis._sampling.prediction import (
     BOUNDS,
     DEFAULT_GROUP_SIZE,
     ExpandableField,

@@ -1,0 +1,36 @@
+"""Control nodes that are all interpolated in one scale, by a named solver: what two scales are held against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
+from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+
+__all__ = ["in_one_scale"]
+
+
+@dataclass(frozen=True, eq=False)
+class _OneScale(StandardMotion):
+    """The standard motion with the solver of its control nodes given."""
+
+    solver: str = "iterative"
+
+    def _all_factorized(
+        self, points: NDArray[np.float64], controls: NDArray[np.int64], factors: FactorSource
+    ) -> tuple[Factorization, bool]:
+        del factors
+        basis, radius = self.method.basis, self.method.support_radius
+        return factorize(points[controls], basis=basis, support_radius=radius, solver=self.solver), False
+
+
+def in_one_scale(model: MotionModel, solver: str = "iterative") -> MotionModel:
+    """The model with all control nodes in one scale."""
+    motion = model.standard_motion
+    parts = {field.name: getattr(motion, field.name) for field in fields(motion)}
+    return replace(model, standard_motion=_OneScale(**parts, solver=solver))
