@@ -32,7 +32,7 @@ NOTICED = 1.01
 _RUNG = 0.9  # of the ladder below NEAR_REST: what one step after the other may lose before it is raised again
 _LEAST = 1e-3
 #: Of the best metric of a mesh below the threshold, what the shape at rest may cost.
-_WORTH = 0.95
+_WORTH = 0.92
 
 
 def raises(problem: CorrectionProblem, settings: CorrectionSettings) -> bool:
