@@ -1,6 +1,6 @@
-"""Which extra of the package brings a module that is not installed.
+"""Finds the extra of the package that installs a missing module.
 
-The package's own metadata say what each extra requires, so that there is no second table of it.
+The package's metadata list what each extra requires, so there is no second table.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ import re
 __all__ = ["extra_of", "not_installed"]
 
 _PACKAGE = "mesh-motion-server"
-#: Modules that are not named as their distribution is.
+#: Modules whose name differs from their distribution's.
 _DISTRIBUTIONS = {"distributed": "dask"}
-#: Extras that contain others' packages too; the smallest that brings a module is told.
+#: Extras that contain packages of other extras; the smallest extra that installs a module is named.
 _COLLECTIONS = ("all", "dev")
 _REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+).*;.*\bextra == ['\"]([\w-]+)['\"]")
 
 
 def extra_of(module: str) -> str | None:
-    """The extra that brings a module; None if none does.
+    """Return the extra that installs a module; None if none does.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def extra_of(module: str) -> str | None:
 
 
 def not_installed(error: ModuleNotFoundError) -> str | None:
-    """One line that names the module and the command that installs it; None if no extra brings it."""
+    """Return one line with the module and the command that installs it; None if no extra installs it."""
     extra = extra_of(error.name or "")
     if extra is None:
         return None

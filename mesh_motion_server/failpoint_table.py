@@ -1,4 +1,4 @@
-"""All failpoints: name, what has just happened or is about to, and the faults that can occur there.
+"""All failpoints: name, what has just happened or will happen next, and the faults that can occur there.
 
 :mod:`~mesh_motion_server.failpoints` says how they work. Each is called in exactly one place of the code.
 """
@@ -13,11 +13,11 @@ __all__ = ["POINTS"]
 _LATE = "sleep:0.4"
 #: Around a file: the process ends, is slow, or the operation fails.
 _FILE = ("kill", "raise:EIO", "raise:ENOSPC", _LATE)
-#: Where a session computes: what allocates may find no memory, and what is wrong raises something unforeseen.
+#: Where a session computes: an allocation may fail, and a defect may raise an unexpected error.
 _COMPUTING = ("kill", "raise:MemoryError", "raise:RuntimeError", _LATE)
-#: Where a process only passes on.
+#: Where a process only passes data on.
 _PASSING = ("kill", "raise:RuntimeError", _LATE)
-#: Where nothing is left that could fail; and in the supervisor, whose own errors would end the server.
+#: Where nothing can fail; and in the supervisor, whose own errors would end the server.
 _CERTAIN = ("kill", _LATE)
 #: Where the supervisor asks the kernel for a process, or reads the store.
 _STARTING = ("kill", "raise:EAGAIN", "raise:ENOMEM", _LATE)
@@ -108,5 +108,5 @@ _TABLE = (
     ("gateway.reply", "a reply is about to be sent", _PASSING),
 )
 
-#: Name → the faults that a proof lets happen there, as a plan names them.
+#: Name → the faults that a proof may cause there, as a plan names them.
 POINTS: Mapping[str, tuple[str, ...]] = MappingProxyType({name: faults for name, _, faults in _TABLE})

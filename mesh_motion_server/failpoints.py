@@ -1,4 +1,4 @@
-"""Named points at which a proof makes the server fail: killed, with an error, or late.
+"""Named points where a proof makes the server fail: by a kill, an error or a delay.
 
 ``failpoint("journal.commit.slot-synced")`` stands where a crash, an error or a delay would hurt most; without
 :data:`VARIABLE` in the environment of the process it does nothing. The variable names a folder of the operator's own
@@ -59,7 +59,7 @@ class Fault:
     hit: int
 
     def strike(self) -> None:
-        """Do it."""
+        """Cause the fault."""
         if self.action == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
         elif self.action == "sleep":
@@ -82,7 +82,7 @@ def activate(environment: Mapping[str, str] = os.environ) -> Path | None:
     Raises
     ------
     InvalidInput
-        If it is no folder of one's own, or its plan is none.
+        If the folder is not a folder of this user, or its plan is invalid.
     """
     named = environment.get(VARIABLE)
     if not named:
@@ -97,17 +97,17 @@ def activate(environment: Mapping[str, str] = os.environ) -> Path | None:
 
 
 def deactivate() -> None:
-    """Nothing happens at any point from now on, in this process."""
+    """Disable all points in this process."""
     _ACTIVE.clear()
 
 
 def read_plan(text: str) -> dict[str, Fault]:
-    """The faults of a plan by point.
+    """Return the faults of a plan by point.
 
     Raises
     ------
     InvalidInput
-        Naming the entry that is none, or the point that does not exist.
+        With the invalid entry, or the point that does not exist.
     """
     faults = {}
     for entry in filter(None, (part.strip() for part in text.split(";"))):
@@ -124,7 +124,7 @@ def read_plan(text: str) -> dict[str, Fault]:
 
 
 def _sound(action: str, value: str) -> bool:
-    """Whether the value is one that the action takes."""
+    """Return whether the value is valid for the action."""
     if action == "kill":
         return not value
     if action == "sleep":
@@ -133,7 +133,7 @@ def _sound(action: str, value: str) -> bool:
 
 
 class _Active:
-    """A folder's plan, read again whenever it was replaced."""
+    """A folder's plan, read again whenever it is replaced."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -141,7 +141,7 @@ class _Active:
         self._faults: dict[str, Fault] = {}
 
     def refresh(self) -> None:
-        """Read the plan if it is another one than before."""
+        """Read the plan if it has changed."""
         path = self._folder / PLAN
         try:
             found = path.stat()
@@ -152,14 +152,14 @@ class _Active:
             self._faults, self._version = {}, None
 
     def passed(self, name: str) -> None:
-        """Count a passage, and let its fault happen."""
+        """Count a passage, and cause its fault."""
         self.refresh()
         number, fault = self._count(name), self._faults.get(name)
         if fault is not None and fault.hit == number:
             fault.strike()
 
     def _count(self, name: str) -> int:
-        """The number of this passage: where the byte came to stand that was added for it."""
+        """Return the number of this passage: the position of the byte that was added for it."""
         handle = os.open(self._folder / name, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             os.write(handle, b".")

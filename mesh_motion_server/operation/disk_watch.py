@@ -1,5 +1,5 @@
-"""The room on the disk, asked for in a thread: a disk that does not answer, such as a network mount whose server is
-away, holds up that thread and nobody else.
+"""The free room on the disk, read in a thread: a disk that does not answer, such as a network mount whose server is
+away, blocks only that thread.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from mesh_motion_server.operation.room import DiskRoom, disk_room
 
 __all__ = ["SILENT_SECONDS", "DiskWatch"]
 
-#: A disk that has not answered for so long, seconds, is not asked for anything else: nobody would come back. Disks that
+#: A disk that has not answered for this long, seconds, gets no further requests, because they would block. Disks that
 #: wake up, and mounts that fail over, take some seconds.
 SILENT_SECONDS = 5.0
-#: Whoever needs the room of this moment waits so long for it, seconds. A disk that is well takes microseconds, but a
-#: machine with ten times as much to do as it has cores may let the thread wait for more than a second.
+#: A request for the current room waits this long, seconds. A healthy disk takes microseconds, but on a machine with ten
+#: times as much work as cores the thread may wait for more than a second.
 _FRESH_SECONDS = SILENT_SECONDS
 
 
 class DiskWatch:
-    """The last answer of the disk with the state folder, and since when there is none.
+    """The last answer of the disk with the state folder, and the time since the open question.
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ class DiskWatch:
 
     @property
     def room(self) -> DiskRoom:
-        """As last told; none before the first answer."""
+        """The last answer; nothing before the first one."""
         return self._room
 
     def ask(self) -> None:
-        """Ask, unless the last question is still open; returns at once."""
+        """Start a question unless the last one is still open; returns at once."""
         if self._asked_at is not None:
             return
         self._answered.clear()
@@ -53,7 +53,7 @@ class DiskWatch:
         try:
             threading.Thread(target=self._wait_for_it, name="disk", daemon=True).start()
         except RuntimeError:
-            self._asked_at = None  # no memory for a thread: the answer stays the last one
+            self._asked_at = None  # no memory for a thread: the last answer stays
             self._answered.set()
 
     def _wait_for_it(self) -> None:
@@ -62,12 +62,12 @@ class DiskWatch:
         self._answered.set()
 
     def silence(self) -> float:
-        """Seconds for which a question has been open."""
+        """Seconds since the open question was asked."""
         asked_at = self._asked_at
         return 0.0 if asked_at is None else time.monotonic() - asked_at
 
     def fresh(self) -> DiskRoom:
-        """The room now.
+        """Return the current room.
 
         Raises
         ------

@@ -27,7 +27,7 @@ CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 
 
 class _Collector(Collector):
-    """Families of the table's metrics with the values of one moment."""
+    """The metrics of the table with their current values."""
 
     def __init__(self, totals: Tally, gauges: dict[tuple[str, str], float], build: dict[str, str]) -> None:
         self._totals, self._gauges, self._build = totals, gauges, build
@@ -59,7 +59,7 @@ class _Collector(Collector):
 
 
 def _histogram(line: Line, spread: list[float] | None) -> HistogramMetricFamily:
-    """Cumulative buckets, as Prometheus wants them."""
+    """Return cumulative buckets, as Prometheus requires."""
     *numbers, total = spread or [0.0] * (len(line.bounds) + 2)
     ends = [*(repr(float(bound)) for bound in line.bounds), "+Inf"]
     family = HistogramMetricFamily(PREFIX + line.name, line.text)
@@ -68,7 +68,7 @@ def _histogram(line: Line, spread: list[float] | None) -> HistogramMetricFamily:
 
 
 def exposition(totals: dict[str, Any], gauges: Iterable[tuple[str, str, float]], build: dict[str, str]) -> bytes:
-    """The page of one moment.
+    """Return the page with the current values.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def exposition(totals: dict[str, Any], gauges: Iterable[tuple[str, str, float]],
         What the supervisor's tally holds, as :meth:`.Tally.take` gives it.
     gauges : iterable of (name, label, value)
     build : dict
-        What build_info says.
+        Labels of build_info.
     """
     tally = Tally()
     tally.add(totals)

@@ -1,4 +1,4 @@
-"""Every metric by name: what it counts, in which unit, by which label. Nothing else is shown.
+"""Every metric by name: what it counts, its unit and its label. No other metric is shown.
 
 No metric says anything about one session: no ids, labels, users, paths or coordinates, and no label has values that a
 client chooses.
@@ -11,7 +11,7 @@ from typing import Literal
 
 __all__ = ["METRICS", "PREFIX", "Metric"]
 
-#: Before each name.
+#: Prefix of each name.
 PREFIX = "mesh_motion_"
 
 _SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
@@ -26,16 +26,16 @@ class Metric:
     Attributes
     ----------
     name : str
-        Behind the prefix; a counter's without ``_total``.
+        Name without the prefix; a counter's without ``_total``.
     kind : {"counter", "gauge", "histogram"}
     text : str
-        What it says, with its unit.
+        Description, with the unit.
     label : str
         Name of the label; empty without one.
     shown : tuple of str
-        The label's values that are shown as 0 before the first is counted: an increase from nothing is not seen.
+        Label values that are shown as 0 before the first count, so that the first increase is visible.
     bounds : tuple of float
-        Of a histogram: the upper ends of its buckets, ascending.
+        For a histogram: the upper limits of its buckets, ascending.
     """
 
     name: str

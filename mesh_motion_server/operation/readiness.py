@@ -1,4 +1,4 @@
-"""What a server lacks to take new sessions: one line, empty when it lacks nothing."""
+"""What prevents a server from taking new sessions: one line, empty if nothing does."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Readiness"]
 
 @dataclass(frozen=True)
 class Readiness:
-    """What readiness depends on.
+    """The conditions of readiness.
 
     Attributes
     ----------
@@ -20,14 +20,14 @@ class Readiness:
     gateway_silent : bool
         The gateway has not answered for ``stuck_seconds``.
     warm : bool
-        A template has imported all that a session needs since the server started.
+        A template has completed its imports since the server started.
     template_silent : bool
         There is no template to fork workers from, or it has not become ready for too long.
     disk : DiskRoom
     disk_silence : float
         Seconds for which the disk has not answered.
     reserve : int
-        Bytes of the disk that are left to the running sessions.
+        Bytes of the disk that are reserved for the running sessions.
     """
 
     draining: bool
@@ -39,7 +39,7 @@ class Readiness:
     reserve: int
 
     def missing(self) -> str:
-        """The first thing that is missing, in one line."""
+        """Return the first missing condition, in one line."""
         room = f"disk: {self.disk.free} bytes are free, {self.reserve} are kept for running sessions"
         lacks = (
             (self.draining, "draining: the server is stopping"),

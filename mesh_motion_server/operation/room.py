@@ -1,7 +1,7 @@
-"""How much room is left: on the disk with the state folder, and in the memory that this server may use.
+"""Free room: on the disk with the state folder, and in the memory that this server may use.
 
-In a container the machine's own figures mislead: what counts is the least of them and of the limits of the control
-groups above this process (version 2 or 1).
+In a container the machine's own figures are too large: the result is the minimum of them and of the limits of the
+control groups above this process (version 2 or 1).
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _CGROUPS = Path("/sys/fs/cgroup")
 
 @dataclass(frozen=True)
 class DiskRoom:
-    """Of a file system.
+    """The room of a file system.
 
     Attributes
     ----------
     free, size : int
-        Bytes; ``free`` as far as this user may take it.
+        Bytes; ``free`` counts what this user may use.
     writable : bool
         Whether this user may write into the folder.
     """
@@ -35,7 +35,7 @@ class DiskRoom:
 
 
 def disk_room(folder: Path) -> DiskRoom:
-    """The room in a folder, or in the nearest one above it that exists; nothing if the disk does not answer."""
+    """Return the room in a folder, or in its nearest existing parent; nothing if the disk does not answer."""
     try:
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
@@ -47,24 +47,24 @@ def disk_room(folder: Path) -> DiskRoom:
 
 
 def available_memory(proc: Path = _PROC, cgroups: Path = _CGROUPS) -> int | None:
-    """Bytes that processes of this server may still take without swapping; None where the system does not tell."""
+    """Return the bytes that this server may still use without swapping; None if the system does not report them."""
     found = [room for room in (_machine(proc), *_control_groups(proc, cgroups)) if room is not None]
     return max(0, min(found)) if found else None
 
 
 def resident_bytes(pid: int, proc: Path = _PROC) -> int:
-    """Resident memory of a process, 0 when it is gone."""
+    """Return the resident memory of a process, 0 if it is gone."""
     return _pages(pid, proc)[0] * os.sysconf("SC_PAGE_SIZE")
 
 
 def anonymous_bytes(pid: int, proc: Path = _PROC) -> int:
-    """The part of it that no file backs: what the system cannot take back, nor bring in, behind the process's back."""
+    """Return the resident bytes that no file backs: the system cannot drop them and read them again from a file."""
     resident, of_files = _pages(pid, proc)
     return (resident - of_files) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _pages(pid: int, proc: Path) -> tuple[int, int]:
-    """Resident ones, and those of them that are of files or shared; 0 and 0 of a process that is gone."""
+    """Return resident pages, and those of them that are shared or backed by files; 0 and 0 if the process is gone."""
     fields = _read(proc / str(pid) / "statm").split()
     return (int(fields[1]), int(fields[2])) if len(fields) > 2 else (0, 0)
 
@@ -77,7 +77,7 @@ def _machine(proc: Path) -> int | None:
 
 
 def _control_groups(proc: Path, cgroups: Path) -> Iterator[int | None]:
-    """What is left in each group above this process that has a limit."""
+    """Return the remaining bytes of each control group with a limit above this process."""
     for line in _read(proc / "self" / "cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
         if not controllers:
@@ -88,14 +88,14 @@ def _control_groups(proc: Path, cgroups: Path) -> Iterator[int | None]:
             top = cgroups / "memory"
         else:
             continue
-        # in a container the path is that of the host or "/": then the folder on top is the container's own
+        # in a container the path is that of the host or "/": then the top folder is the container's own group
         group = top / path.strip("/")
         for folder in {top, *(above for above in (group, *group.parents) if above.is_relative_to(top))}:
             yield _left_in(folder, *names)
 
 
 def _left_in(group: Path, limit_name: str, usage_name: str, reclaimable_name: str) -> int | None:
-    """Limit less usage, in which pages that can be dropped at once do not count."""
+    """Return the limit minus the usage, without pages that can be dropped at once."""
     limit, usage = _read(group / limit_name).strip(), _read(group / usage_name).strip()
     if not (limit.isdigit() and usage.isdigit()):
         return None  # "max", or there is no such group here

@@ -1,4 +1,4 @@
-"""Tells systemd how the service does: datagrams to ``NOTIFY_SOCKET`` (sd_notify(3)), nothing without it."""
+"""Reports the service's status to systemd: datagrams to ``NOTIFY_SOCKET`` (sd_notify(3)), nothing without it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ServiceManager:
     Parameters
     ----------
     address : str
-        A path, or ``@`` and a name of the abstract namespace; empty: nobody listens.
+        A path, or ``@`` and a name of the abstract namespace; empty: nothing is sent.
     """
 
     def __init__(self, address: str) -> None:
@@ -24,13 +24,13 @@ class ServiceManager:
 
     @classmethod
     def of_environment(cls, environment: MutableMapping[str, str] = os.environ) -> ServiceManager:
-        """The manager that started this process; children do not inherit the line."""
+        """Return the manager that started this process; children do not inherit the address."""
         environment.pop("WATCHDOG_PID", None)
         environment.pop("WATCHDOG_USEC", None)
         return cls(environment.pop("NOTIFY_SOCKET", ""))
 
     def tell(self, *states: str) -> None:
-        """Send assignments such as ``READY=1``; a manager that does not listen is none of our concern."""
+        """Send assignments such as ``READY=1``; errors of a manager that does not listen are ignored."""
         if not self._address:
             return
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as line:

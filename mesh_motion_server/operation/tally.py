@@ -1,8 +1,8 @@
-"""Counts of one process, small enough to travel to the supervisor with what a worker reports anyway.
+"""Counts of one process, small enough to be sent with the reports of a worker.
 
-Each process has one :data:`TALLY`. Workers and the gateway hand theirs over as differences (:meth:`Tally.take`), which
-the supervisor adds to its own: a total therefore never goes down, and the end of a worker loses at most what it had not
-handed over yet. A session that stores its commits behind their answers counts from two threads, so there is a lock.
+Each process has one :data:`TALLY`. Workers and the gateway send theirs as differences (:meth:`Tally.take`), which the
+supervisor adds to its own. So a total never decreases, and the end of a worker loses only counts that it had not sent.
+A session that stores its commits after their answers counts from two threads, so there is a lock.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Tally:
     counts : dict
         (name, label) → sum.
     spreads : dict
-        Name → numbers of observations by bucket, the last one beyond all bounds, and behind them their sum.
+        Name → number of observations per bucket, the last one beyond all bounds, followed by their sum.
     """
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class Tally:
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
-        """Observe how long the block takes, in seconds, however it ends."""
+        """Observe the duration of the block, in seconds, also if it raises."""
         started = time.perf_counter()
         try:
             yield
@@ -63,18 +63,18 @@ class Tally:
             self.observe(name, time.perf_counter() - started)
 
     def values(self) -> dict[str, Any]:
-        """Everything counted, as plain values."""
+        """Return all counts as plain values."""
         return {"counts": [[*key, value] for key, value in self.counts.items()], "spreads": self.spreads}
 
     def take(self) -> dict[str, Any]:
-        """Everything counted since the last time, as plain values; begins anew."""
+        """Return all counts since the last call as plain values, and reset them."""
         with self._lock:
             taken = self.values()
             self.counts, self.spreads = {}, {}
         return taken
 
     def add(self, taken: dict[str, Any] | None) -> None:
-        """Add what another process has taken."""
+        """Add the counts that another process has taken."""
         if taken is None:
             return
         for name, label, value in taken["counts"]:
@@ -84,5 +84,5 @@ class Tally:
             self.spreads[name] = [a + b for a, b in zip(mine, spread, strict=True)]
 
 
-#: Of this process.
+#: The counts of this process.
 TALLY = Tally()

@@ -1,13 +1,13 @@
-"""The allow-list: public key → name and roles, in a TOML file that is looked at again at every use.
+"""The allow-list: public key → name and roles, in a TOML file that is checked at every use.
 
 ::
 
     [keys]
     "Yne@$w-vo<fVvi]a<NY6T1ed:M$fCG*[IaLV{hID" = { name = "alice", roles = ["owner"] }
 
-Looking costs one ``stat``; the file is read again when it has been replaced or changed. So a key that is taken off the
-list has lost its rights by the next request, on connections that are open already too. While the file cannot be read,
-is wrong, or could be written by others, nobody is admitted: requests are answered UNAVAILABLE, and the log says why.
+A check costs one ``stat``; the file is read again when it has been replaced or changed. So a key that is removed from
+the list has lost its rights by the next request, also on open connections. While the file cannot be read, is wrong, or
+could be written by others, nobody is admitted: requests are answered UNAVAILABLE, and the log has the reason.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from mesh_motion_server.security.authorisation import ROLES, Role
 __all__ = ["Access", "AllowList", "Entry", "Everybody", "read_entries", "write_entries"]
 
 _LOG = logging.getLogger(__name__)
-#: Whoever writes a file twice within the clock's tick leaves no trace in its stat: younger files are read again.
+#: Two writes within one tick of the clock have the same stat: files younger than this are read again.
 _SETTLED_NANOSECONDS = 50_000_000
-#: Thousands of keys fit; a larger file is a mistake, and reading it would hold every request up.
+#: Thousands of keys fit; a larger file is a mistake, and reading it would delay every request.
 _MOST_BYTES = 1 << 20
 _HEADER = """\
 # Who may connect: public key = name and roles (owner, monitor, admin). `mesh-motion keys allow` and `revoke` rewrite
@@ -45,31 +45,31 @@ _HEADER = """\
 
 @dataclass(frozen=True)
 class Entry:
-    """One admitted key: its holder's name, and for what."""
+    """One admitted key: its holder's name and its roles."""
 
     name: str
     roles: tuple[str, ...] = (Role.OWNER.value,)
 
 
 class Access(Protocol):
-    """Which roles a user has."""
+    """The roles of each user."""
 
     def roles(self, key: str) -> tuple[str, ...]:
-        """Of a public key; none for a stranger."""
+        """Return the roles of a public key; none for an unknown key."""
 
     def name(self, key: str) -> str:
-        """Of a public key's holder, for lists and logs."""
+        """Return the name of a public key's holder, for lists and logs."""
 
 
 class Everybody:
-    """A server without keys: whoever reaches it is one and the same owner."""
+    """A server without keys: all users are the same owner."""
 
     def roles(self, key: str) -> tuple[str, ...]:
-        """The owner's."""
+        """Return the owner role."""
         return () if key else (Role.OWNER.value,)
 
     def name(self, key: str) -> str:
-        """Nobody's."""
+        """Return an empty name."""
         return key
 
 
@@ -88,12 +88,12 @@ class AllowList:
         self._failure = ""
 
     def entry(self, key: str) -> Entry | None:
-        """Who has this key, None for a stranger.
+        """Return the entry of this key, None for an unknown key.
 
         Raises
         ------
         SessionError
-            UNAVAILABLE while the file cannot be relied on.
+            UNAVAILABLE while the file cannot be used.
         """
         self._look()
         if self._failure:
@@ -105,16 +105,16 @@ class AllowList:
         return self._entries.get(key)
 
     def roles(self, key: str) -> tuple[str, ...]:
-        """The roles of a key, none for a stranger; raises like :meth:`entry`."""
+        """Return the roles of a key, none for an unknown key; raises like :meth:`entry`."""
         entry = self.entry(key)
         return entry.roles if entry else ()
 
     def name(self, key: str) -> str:
-        """The holder's name; the key itself where the list does not name it any more."""
+        """Return the holder's name; the key itself if it is no longer on the list."""
         return self._entries[key].name if key in self._entries else key
 
     def _look(self) -> None:
-        """Read the file again if it is not the one that was read last."""
+        """Read the file again if it has changed since the last read."""
         try:
             status = os.stat(self._path)
             seen = (status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_mode)
@@ -135,7 +135,7 @@ class AllowList:
 
 
 def read_entries(path: Path) -> dict[str, Entry]:
-    """The keys of a file.
+    """Read the keys of a file.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def read_entries(path: Path) -> dict[str, Entry]:
 
 
 def _entry(path: Path, key: str, value: Any) -> Entry:
-    """One line of the table, checked."""
+    """Check and return one line of the table."""
     try:
         checked_key(key)
         if not isinstance(value, dict) or value.keys() != {"name", "roles"} or not isinstance(value["name"], str):
@@ -200,6 +200,6 @@ def write_entries(path: Path, entries: Mapping[str, Entry]) -> None:
 
 
 def _line(key: str, entry: Entry) -> str:
-    """Neither Z85 nor names contain what a TOML string would have to escape."""
+    """Format one line; neither Z85 nor names contain characters that a TOML string must escape."""
     roles = ", ".join(f'"{role}"' for role in entry.roles)
     return f'"{key}" = {{ name = "{entry.name}", roles = [{roles}] }}\n'

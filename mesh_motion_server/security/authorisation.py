@@ -1,8 +1,8 @@
-"""Which role may make which request, of an own session and of somebody else's: one table.
+"""Which role may make which request, on its own session and on another user's: one table.
 
-SPEC.md shows it, and a test asks every cell over real sockets. A user with several roles has the best of what each
-allows. A key on no allow-list has no role: it does not even get a connection, and one that is taken off the list is
-answered UNAUTHENTICATED from its next request on.
+SPEC.md shows it, and a test checks every cell over real sockets. A user with several roles has the best right of all of
+them. A key on no allow-list has no role: it does not get a connection, and a removed key is answered UNAUTHENTICATED
+from its next request on.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ class Role(StrEnum):
 
 
 class Verdict(Enum):
-    """What becomes of a request, the best first.
+    """The decision on a request, the best first.
 
     Attributes
     ----------
     USE
-        Taken, if the session's token (PROBE, RESUME, JOIN) or a JOIN before it says so too.
+        Allowed, if the session's token (PROBE, RESUME, JOIN) or an earlier JOIN permits it too.
     OVERSEE
         Taken without token and JOIN: PROBE, and STATUS without coordinates, tell; CLOSE ends the whole session.
     DENIED, HIDDEN, UNKNOWN
-        Answered by this code; HIDDEN as if there were no such session.
+        Answered with this code; HIDDEN as if there were no such session.
     """
 
     USE = "yes"
@@ -72,15 +72,15 @@ _ORDER = tuple(Verdict)
 
 
 def decide(roles: Collection[str], request: str, *, own: bool) -> Verdict:
-    """What becomes of a request of a user with these roles; what the table does not name is denied.
+    """Return the decision on a request of a user with these roles; a request that is not in the table is denied.
 
     Parameters
     ----------
     roles : collection of str
     request : str
-        Its type.
+        Type of the request.
     own : bool
-        Whether it concerns a session of the user's.
+        Whether it concerns a session of this user.
     """
     if not roles:
         return Verdict.UNKNOWN
@@ -89,7 +89,7 @@ def decide(roles: Collection[str], request: str, *, own: bool) -> Verdict:
 
 
 def refusal(verdict: Verdict, request: str, session: str = "") -> SessionError:
-    """The error that tells a verdict which is no yes."""
+    """Return the error for a verdict that does not allow the request."""
     if verdict is Verdict.HIDDEN:
         return not_found(session)
     if verdict is Verdict.UNKNOWN:
@@ -106,7 +106,7 @@ def refusal(verdict: Verdict, request: str, session: str = "") -> SessionError:
 
 
 def not_found(session: str) -> SessionError:
-    """One and the same answer for an unknown session, a wrong token, and somebody else's session."""
+    """Return the same error for an unknown session, a wrong token, and another user's session."""
     return SessionError(
         f"there is no session {session!r:.40} for this sender",
         code="NOT_FOUND",

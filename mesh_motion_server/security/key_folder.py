@@ -1,4 +1,4 @@
-"""Making keys, and admitting them: what ``mesh-motion keys`` does.
+"""Makes and admits keys: the work of ``mesh-motion keys``.
 
 ::
 
@@ -68,12 +68,12 @@ def make_server_keys(folder: Path) -> PublicKey:
 
 
 def make_client_keys(name: str, folder: Path) -> PublicKey:
-    """A client's key pair.
+    """Make a client's key pair.
 
     Raises
     ------
     InvalidInput
-        If there are keys of that name already, it is no name, or the folder cannot be written.
+        If there are keys of that name already, the name is invalid, or the folder cannot be written.
     """
     try:
         checked_name(name)
@@ -85,7 +85,7 @@ def make_client_keys(name: str, folder: Path) -> PublicKey:
 
 
 def admit(public: str, folder: Path, *, name: str = "", roles: Sequence[str] = ()) -> Entry:
-    """Put a key on a server's allow-list; one that is there gets the new name and roles.
+    """Put a key on a server's allow-list; an existing key gets the new name and roles.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def admit(public: str, folder: Path, *, name: str = "", roles: Sequence[str] = (
     folder : Path
         The server's.
     name : str, optional
-        Default: that in the file.
+        Default: the name in the file.
     roles : sequence of str, optional
         Default: owner.
 
@@ -158,7 +158,7 @@ def _public_key(public: str, name: str) -> PublicKey:
 
 
 def read_list(folder: Path) -> dict[str, Entry]:
-    """The admitted keys of a server.
+    """Return the admitted keys of a server.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""A process beside the server that people or programs look at it through: started, told every second, started again.
+"""A process through which people or programs observe the server: started, updated every second, restarted.
 
-It gets an order with where to listen, says once whether it does, and from then on only hears. Whatever becomes of it,
-sessions go on.
+It receives one order with the address to listen on, reports once whether it listens, and afterwards only receives. Its
+failure does not affect sessions.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["Attendant"]
 
-#: One that falls more often in an hour has a reason that restarting does not cure.
+#: A process that fails more often than this in an hour has a cause that a restart does not remove.
 _STARTS = 20
-#: It imports and binds within this, seconds.
+#: Seconds within which the process must import its modules and bind.
 _SECONDS = 60.0
 
 
@@ -27,21 +27,21 @@ class Attendant:
     Parameters
     ----------
     name : str
-        What it offers: the setting with its address.
+        The setting that holds the address.
     module : str
         Run as ``python -m module CHANNEL LEVEL``.
-    address : str, optional
+    HOST:PORT; without an address no process is started.
         HOST:PORT; without it there is no process.
-    order : dict
+    The first message to the process; host and port are added.
         What it is told at first, beside host and port.
-    level : str
+    Log level of the process.
         Log level, handed to it.
 
     Attributes
     ----------
     child : Child or None
         The process, while there is one.
-    address : str
+    ``tcp://HOST:PORT``, with the actual port once the process has reported; empty without a process.
         ``tcp://HOST:PORT``, from its first word on with the port that it listens on; empty without a process.
     """
 
@@ -58,7 +58,7 @@ class Attendant:
         self._refusal = "the process ended, or did not start in time"
 
     def launch(self) -> bool:
-        """Start it, where there shall be one; whether it was started."""
+        """Start the process if an address is set; return whether it was started."""
         now = time.monotonic()
         if not self.address or self._attempts.over(now):
             return False
@@ -71,7 +71,7 @@ class Attendant:
         return True
 
     def spoke(self) -> bool:
-        """Hear its one word, whether it listens; False when it has ended instead, or says what nobody understands."""
+        """Read its report that it listens; False if it has ended instead or sent an invalid message."""
         if self.child is None:
             return False
         match self.child.channel.receive():
@@ -85,7 +85,7 @@ class Attendant:
         return True
 
     def await_word(self) -> None:
-        """Return when the first one listens, if there shall be one.
+        """Wait until the first process listens, if an address is set.
 
         Raises
         ------
@@ -99,12 +99,12 @@ class Attendant:
         )
 
     def end_silent(self, now: float) -> None:
-        """Kill one that does not come to listen; its end is heard, and another one started."""
+        """Kill a process that does not start to listen in time; its end is then noticed and another one is started."""
         if self.child is not None and not self.child.spoke and now >= self._due:
             log().error("no_monitor", of=self.name, reason=f"silent for {_SECONDS:.0f} s")
             self.child.kill()
 
     def tell(self, news: dict[str, Any]) -> None:
-        """This second's news; what it does not take is told again in the next."""
+        """Send the news of this second; if the process does not accept it, the next second sends it again."""
         if self.child is not None:
             self.child.channel.offer(news)

@@ -1,6 +1,6 @@
-"""The ZAP handler (ZeroMQ RFC 27): every CURVE handshake of the server is decided here, in the gateway.
+"""The ZAP handler (ZeroMQ RFC 27): the gateway decides every CURVE handshake of the server here.
 
-Deny by default: only a key that the allow-list names now gets 200; whatever goes wrong is a refusal. The reply's user
+Deny by default: only a key that is on the allow-list at this moment gets 200; any error is a refusal. The reply's user
 id is the key itself, which libzmq then attaches to each message of the connection.
 """
 
@@ -22,10 +22,10 @@ from mesh_motion_server.transport.telemetry import log
 __all__ = ["Authenticator"]
 
 _ALLOWED, _TEMPORARY, _REFUSED = b"200", b"300", b"400"
-#: Of a request behind the empty delimiter: version, id, domain, address, routing id, mechanism, the key.
+#: Frames of a request after the empty delimiter: version, id, domain, address, routing id, mechanism, key.
 _FRAMES = 7
 _QUESTION_BYTES = 4096
-#: Refused handshakes are counted and told at most so often: a log must not grow with an attack.
+#: Refused handshakes are counted and logged at most this often, so that an attack does not fill the log.
 _LOG_SECONDS = 1.0
 
 
@@ -42,9 +42,9 @@ class Authenticator:
     Attributes
     ----------
     socket : zmq.Socket
-        Becomes readable with each question.
+        Becomes readable with each handshake request.
     guest : str
-        One more key that is allowed, for the self-test.
+        One additional allowed key, for the self-test.
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], allow_list: AllowList, handshakes: str) -> None:
@@ -59,12 +59,12 @@ class Authenticator:
         self._logged = (0.0, 0)
 
     def answer_waiting(self) -> None:
-        """Answer a question if one waits."""
+        """Answer one handshake request if one is waiting."""
         if self.socket.poll(0):
             self.answer()
 
     def answer(self) -> None:
-        """Take one question and answer it."""
+        """Receive one handshake request and answer it."""
         frames = self.socket.recv_multipart()
         if b"" not in frames:
             return
@@ -74,11 +74,11 @@ class Authenticator:
             return
         status, text, user = self._judge(question)
         self._count(status)
-        with contextlib.suppress(zmq.ZMQError):  # who asked is gone: the handshake then fails
+        with contextlib.suppress(zmq.ZMQError):  # the asking socket is gone: the handshake then fails
             self.socket.send_multipart([*path, b"1.0", question[1], status, text, user, b""], flags=zmq.NOBLOCK)
 
     def _judge(self, question: list[bytes]) -> tuple[bytes, bytes, bytes]:
-        """Status, text and user id for one handshake."""
+        """Return status, text and user id for one handshake."""
         if len(question) != _FRAMES or question[0] != b"1.0" or question[5] != b"CURVE" or len(question[6]) != 32:
             return _REFUSED, b"only CURVE is admitted", b""
         key = z85.encode(question[6])

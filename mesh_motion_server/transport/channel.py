@@ -1,7 +1,8 @@
 """The line between the supervisor and a child: plain maps over a socket pair that keeps message boundaries.
 
-Nobody waits for the other end without a bound. The supervisor never waits at all: it offers, and what is not taken is
-kept (:class:`Outbox`), told later, or said to the client. A child that must be heard waits for some seconds.
+No end waits for the other without a time limit. The supervisor never waits: it offers a message, and if the other end
+does not accept it, the supervisor keeps it (:class:`Outbox`), sends it later, or reports this to the client. A child
+whose message must arrive waits some seconds.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ import msgpack
 
 __all__ = ["Channel", "Outbox"]
 
-#: One message: a header of the wire with an address and a little more.
+#: Largest message: a header of the protocol with an address and a little more.
 _MESSAGE_BYTES = 128 * 1024
-#: A child waits so long for a supervisor that does not read, seconds: longer than that takes for anything.
+#: Seconds that a child waits for a supervisor that does not read; longer than any work of the supervisor takes.
 _SEND_SECONDS = 30
 
 
@@ -40,25 +41,25 @@ class Channel:
 
     @classmethod
     def pair(cls) -> tuple[Channel, socket.socket]:
-        """This process' end and the socket whose file descriptor a child inherits."""
+        """Return this process' end and the socket whose file descriptor a child inherits."""
         here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         return cls(here), there
 
     @classmethod
     def inherited(cls, descriptor: int) -> Channel:
-        """The child's end."""
+        """Return the child's end."""
         return cls(socket.socket(fileno=descriptor))
 
     def fileno(self) -> int:
-        """For selectors and pollers."""
+        """Return the file descriptor, for selectors and pollers."""
         return self._line.fileno()
 
     def send(self, message: dict[str, Any]) -> bool:
-        """Send, if need be after some seconds; False when the other end is gone or does not read."""
+        """Send, after a wait of some seconds if necessary; False if the other end is gone or does not read."""
         return self._sent(message, 0)
 
     def offer(self, message: dict[str, Any]) -> bool:
-        """Send unless the other end is gone or behind with reading; False if it was not sent. Never waits."""
+        """Send without waiting; False if the other end is gone or its queue is full."""
         return self._sent(message, socket.MSG_DONTWAIT)
 
     def _sent(self, message: dict[str, Any], flags: int) -> bool:
@@ -69,13 +70,13 @@ class Channel:
         return True
 
     def pending(self, seconds: float = 0.0) -> bool:
-        """Whether :meth:`receive` returns at once, within this time."""
+        """Return whether a message can be received within this time."""
         poll = select.poll()
         poll.register(self._line, select.POLLIN)
         return bool(poll.poll(1000 * seconds))
 
     def receive(self, seconds: float | None = None) -> dict[str, Any] | None:
-        """Wait for a message; None when the other end is gone, or has said nothing within ``seconds``, or nonsense."""
+        """Wait for a message; None if the other end is gone, silent for ``seconds``, or sends no valid message."""
         if seconds is not None and not self.pending(seconds):
             return None
         try:
@@ -87,32 +88,32 @@ class Channel:
         try:
             message: dict[str, Any] = msgpack.unpackb(data)
         except ValueError:
-            return None  # too long, or no message: whoever says such things is as good as gone
+            return None  # too long or not a valid message: treat the sender as gone
         return message
 
     def hand_over(self, line: socket.socket) -> None:
-        """Pass a socket on without waiting; if the other end is gone or behind, the socket's peer reads its end."""
+        """Pass a socket on without waiting; if the other end does not take it, the socket's peer sees a closed line."""
         with contextlib.suppress(OSError):
             socket.send_fds(self._line, [b"line"], [line.fileno()], socket.MSG_DONTWAIT)
 
     def take_over(self) -> Channel | None:
-        """Wait for a socket that is handed over; None when the other end is gone."""
+        """Wait for a socket from the other end; None if the other end is gone."""
         _, descriptors, _, _ = socket.recv_fds(self._line, _MESSAGE_BYTES, 1)
         return Channel.inherited(descriptors[0]) if descriptors else None
 
     def close(self) -> None:
-        """Give the socket back."""
+        """Close the socket."""
         self._line.close()
 
 
 class Outbox:
-    """What an end that is behind with reading gets once it reads again.
+    """Keeps messages for an end that is slow to read, and sends them when it reads again.
 
     Parameters
     ----------
     channel : Channel
     most : int
-        Messages that are kept; further ones are refused.
+        Largest number of kept messages; further ones are refused.
     """
 
     def __init__(self, channel: Channel, most: int) -> None:
@@ -124,7 +125,7 @@ class Outbox:
         return len(self._kept)
 
     def put(self, message: dict[str, Any]) -> bool:
-        """Send behind what is kept, or keep; False if there is no room."""
+        """Send after the kept messages, or keep this one too; False if there is no room."""
         if not self._kept and self._channel.offer(message):
             return True
         if len(self._kept) >= self._most:
@@ -133,6 +134,6 @@ class Outbox:
         return True
 
     def flush(self) -> None:
-        """Send what the other end takes."""
+        """Send as many kept messages as the other end accepts."""
         while self._kept and self._channel.offer(self._kept[0]):
             self._kept.popleft()

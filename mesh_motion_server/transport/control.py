@@ -1,6 +1,6 @@
-"""The control requests OPEN, RESUME, LIST, PROBE, and what workers report back: sessions coming, living and going.
+"""Control requests OPEN, RESUME, LIST, PROBE, and the workers' reports about the start, life and end of sessions.
 
-No sockets and no processes: workers are started and replies are sent through what the supervisor hands in.
+No sockets and no processes: the supervisor passes in the functions that start workers and send replies.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["Control"]
 
-#: A worker imports, reads its journal and factorizes within this, seconds; then it has as long again for each step
-#: that it computes again.
+#: A worker must import, read its journal and factorize within this time, seconds; it gets the same time again for each
+#: step that it recomputes.
 _START_SECONDS = 600.0
-#: A live worker that shall take a new holder but computes for the old one has this long, seconds; then it is killed,
-#: for the trial that it computes is lost anyway, and another one resumes from the journal. One that has heard of the
-#: new holder only writes, possibly commits that were answered: it has as long as a drain.
+#: A live worker that computes for the old holder has this long, seconds, to accept a new one. Then it is killed,
+#: because the trial that it computes is lost anyway, and another worker resumes from the journal. A worker that already
+#: knows the new holder only writes, possibly commits that were answered: it has as long as a drain.
 _RECLAIM_SECONDS = 5.0
-#: RESUMEs that wait for one session; each fences the one before.
+#: Largest number of RESUMEs that wait for one session; each fences the previous one.
 _WAITING = 32
 _SEEN = (Verdict.USE, Verdict.OVERSEE)
 
@@ -52,13 +52,13 @@ class Control:
     registry : Registry
     settings : ServerSettings
     start : callable
-        Order for a worker → the child that has it.
+        Order for a worker → the child process that executes it.
     send : callable
-        Peer and frame → to the gateway.
+        Peer and frame → sent to the gateway.
     access : Access
-        Which roles a user has.
+        The roles of each user.
     disk : DiskWatch
-        Of the store: while it does not answer nothing is asked of the store, for this thread would not come back.
+        Of the store: while the disk does not answer, the store is not read, because this thread would block.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Control:
     # --- requests ----------------------------------------------------------------------------------------------------
 
     def request(self, peer: bytes, user: str, frame: bytes) -> None:
-        """Take a control request that the gateway has checked; ``user`` is the key that it came under."""
+        """Handle a control request that the gateway has checked; ``user`` is the public key of its connection."""
         self._later.asked()
         request = decode([frame])
         try:
@@ -97,7 +97,7 @@ class Control:
             self._reply_error(peer, request, _known(error))
 
     def _once(self, peer: bytes, user: str, request: Message) -> None:
-        """OPEN and RESUME execute once per user and request id."""
+        """Execute OPEN and RESUME once per user and request id."""
         verdict = decide(self._access.roles(user), request.type, own=True)
         if verdict is not Verdict.USE:
             raise refusal(verdict, request.type)
@@ -177,7 +177,7 @@ class Control:
             self._expect(live, asked, seconds=_RECLAIM_SECONDS)
 
     def _restart(self, live: Live, asked: Asked) -> None:
-        """Another worker for a session whose worker is gone, from its journal."""
+        """Start another worker for a session whose worker has ended, from its journal."""
         failpoint("supervisor.restart")
         live.child = self._start(_resume_order(live, live.owner))
         live.status, live.reclaiming, live.over = "starting", False, False
@@ -188,17 +188,17 @@ class Control:
         live.asked, live.deadline = asked, time.monotonic() + seconds
 
     def _found(self, request: Resume | Probe, user: str) -> Live | None:
-        """The session that a request is about, None for one that only the store has.
+        """Return the session of a request, None for one that only the store has.
 
         Raises
         ------
         SessionError
-            NOT_FOUND alike for an unknown session, a wrong token, and somebody else's session.
+            NOT_FOUND, the same for an unknown session, a wrong token, and another user's session.
         """
         try:
             return self._look_up(request, user)
         except SessionError:
-            self._disk.require_answers()  # while it is silent every session that cannot be used is answered alike
+            self._disk.require_answers()  # while the disk is silent, all unusable sessions get the same answer
             raise
 
     def _look_up(self, request: Resume | Probe, user: str) -> Live | None:
@@ -216,7 +216,7 @@ class Control:
             return self.registry.owner(session) == user
         except JournalError:
             if user:
-                return False  # who owns it cannot be read: nobody
+                return False  # the owner cannot be read: treat as not the owner
             raise
 
     def _list(self, request: List, user: str) -> Listed:
@@ -247,7 +247,7 @@ class Control:
     # --- workers -----------------------------------------------------------------------------------------------------
 
     def heard(self, live: Live, event: dict[str, Any]) -> None:
-        """A worker's report."""
+        """Handle a worker's report."""
         kind = event["event"]
         if kind == "born":
             log().info("worker_started", session=live.session, worker=live.child.pid)
@@ -273,7 +273,7 @@ class Control:
             live.over = True
 
     def _arrived(self, live: Live) -> None:
-        """The worker serves: answer who asked for it, then the next in the queue."""
+        """The worker serves: answer the request that started it, then the next one in the queue."""
         asked, live.asked, live.deadline, live.reclaiming = live.asked, None, None, False
         if asked is None:
             return
@@ -305,7 +305,7 @@ class Control:
             self._execute(live.queue.popleft())
 
     def gone(self, live: Live, code: int) -> None:
-        """A worker has ended: by an order, by itself, or by an accident."""
+        """A worker has ended: by an order, by itself, or by a failure."""
         log().info("worker_ended", session=live.session, worker=live.child.pid, code=code, over=live.over)
         asked, live.asked, live.deadline = live.asked, None, None
         reclaiming, live.reclaiming = live.reclaiming, False
@@ -313,7 +313,7 @@ class Control:
         live.status, live.endpoint = "dead", ""
         failure, live.failure = live.failure, None
         if live.over or (failure is not None and not reclaiming):
-            # Its journal, if it has one, tells the rest.
+            # The journal, if there is one, has the state.
             self.registry.live.pop(live.session, None)
         if asked is not None:
             self._go_on(live, asked, reclaiming, failure or _worker_ended(code))
@@ -321,11 +321,11 @@ class Control:
         self.registry.forget_fallen()
 
     def _go_on(self, live: Live, asked: Asked, reclaiming: bool, failure: MeshMotionError) -> None:
-        """Answer who waited for a worker that has ended, or start another one for it."""
+        """Answer the request that waited for an ended worker, or start another worker for it."""
         if not reclaiming or (self.draining and not live.over):
             self._refuse(asked, failure)
         elif live.over:
-            self._execute(asked)  # it ended as its last holder wished: another one finds what is stored, if anything is
+            self._execute(asked)  # it ended as its last holder wished: a new worker looks for a stored state
         else:
             try:
                 self._restart(live, asked)
@@ -333,7 +333,7 @@ class Control:
                 self._refuse(asked, _known(error))
 
     def keep_time(self, now: float) -> None:
-        """Kill workers that did not start or did not take the new holder in time; :meth:`gone` then goes on."""
+        """Kill workers that did not start or did not accept the new holder in time; :meth:`gone` then continues."""
         self._later.send_due(now)
         for live in self.registry.live.values():
             if live.deadline is not None and live.deadline <= now:
@@ -341,7 +341,7 @@ class Control:
                 live.child.kill()
 
     def next_deadline(self) -> float | None:
-        """When :meth:`keep_time` will have something to do."""
+        """Return when :meth:`keep_time` must run next."""
         deadlines = (self._later.next_due(), *(live.deadline for live in self.registry.live.values()))
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
@@ -357,7 +357,7 @@ class Control:
         self._reply_error(asked.peer, asked.request, error)
 
     def _reply_error(self, peer: bytes, request: Message, error: MeshMotionError) -> None:
-        """An error; NOT_FOUND in the same words and after the same time, whatever there was to look up."""
+        """Send an error; NOT_FOUND always has the same words and the same delay, whatever was looked up."""
         TALLY.count("refused", label=error.code)
         if error.code == "NOT_FOUND":
             reply = error_reply(request, not_found(getattr(request, "session", "")))
@@ -370,7 +370,7 @@ class Control:
 
 
 def _require_place(live: Live) -> None:
-    """Raise where as many RESUMEs of one session wait as may."""
+    """Raise if the queue of RESUMEs for this session is full."""
     if len(live.queue) >= _WAITING:
         raise ResourceError(
             f"{_WAITING} requests wait to resume session {live.session} already",
@@ -380,19 +380,19 @@ def _require_place(live: Live) -> None:
 
 
 def _resume_order(session: Resume | Live, owner: str) -> dict[str, Any]:
-    """For a worker that shall take a stored session up."""
+    """Return the order for a worker that resumes a stored session."""
     return {"order": "resume", "session": session.session, "token": session.token, "owner": owner}
 
 
 def _remove_socket(endpoint: str) -> None:
-    """A killed worker leaves the file of its ipc endpoint behind."""
+    """Remove the file of the ipc endpoint that a killed worker has left."""
     if endpoint.startswith("ipc://"):
         with contextlib.suppress(OSError):
             Path(endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
 
 
 def _known(error: MeshMotionError | OSError) -> MeshMotionError:
-    """What the system refuses, a process or a file, as an error of ours: nothing was begun."""
+    """Convert a refusal of the system, of a process or a file, to a MeshMotionError: nothing was started."""
     if isinstance(error, MeshMotionError):
         return error
     log().error("refused_by_system", reason=str(error))

@@ -1,4 +1,4 @@
-"""Endpoints: which may be listened on, the folder and lock of an ipc endpoint, sockets with every bound set."""
+"""Endpoints: which addresses are allowed, the folder and lock of an ipc endpoint, sockets with all limits set."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "connection_event", "lock_folder", "router"]
 
-#: What fits into the kernel's ``sun_path`` with its closing zero.
+#: Longest path in the kernel's ``sun_path``, without its final zero.
 _PATH_BYTES = 107
-#: Longest worker socket name behind the folder of a control endpoint.
+#: Longest name of a worker's socket in the folder of a control endpoint.
 _WORKER_NAME = "/w4194304.ipc"
 
 
 class EndpointError(MeshMotionError):
-    """The server cannot listen there: a wrong, unsafe or occupied endpoint."""
+    """The server cannot listen on an endpoint: it is wrong, unsafe or in use."""
 
     default_code = "INVALID_ARGUMENT"
 
@@ -57,7 +57,7 @@ class Endpoint:
         Raises
         ------
         EndpointError
-            If it is neither, the port is no port, or the path is too long for the kernel.
+            If it is neither, the port is invalid, or the path is too long for the kernel.
         """
         scheme, separator, rest = text.partition("://")
         if separator and scheme == "tcp":
@@ -73,7 +73,7 @@ class Endpoint:
 
     @property
     def is_local(self) -> bool:
-        """Whether only this machine reaches it."""
+        """Whether the endpoint is reachable from this machine only."""
         if self.scheme == "ipc" or self.host == "localhost":
             return True
         try:
@@ -83,7 +83,7 @@ class Endpoint:
 
     @property
     def address(self) -> str:
-        """For a socket to bind to."""
+        """The address to bind a socket to."""
         if self.scheme == "ipc":
             return f"ipc://{self.path}"
         host = "127.0.0.1" if self.host == "localhost" else self.host
@@ -91,20 +91,20 @@ class Endpoint:
 
     @property
     def worker_address(self) -> str:
-        """For the data socket of this process: a free port, or a file named after the process."""
+        """The address for the data socket of this process: a free port, or a file named after the process."""
         if self.scheme == "ipc":
             return f"ipc://{Path(self.path).parent}/w{os.getpid()}.ipc"
         return Endpoint("tcp", host=self.host).address
 
     def worker_addresses(self, ports: str | None) -> list[str]:
-        """Where the data socket of this process may be bound: of a range of ports ("7441-7504") the first free one."""
+        """Addresses to try for the data socket of this process: the ports of a range ("7441-7504") in order."""
         if ports is None or self.scheme == "ipc":
             return [self.worker_address]
         first, last = (int(port) for port in ports.split("-"))
         return [replace(self, port=port).address for port in range(first, last + 1)]
 
     def advertised_as(self, host: str | None) -> str:
-        """This endpoint as it is told to clients, under another host if one is given."""
+        """Return this endpoint as clients see it, with another host if one is given."""
         return self.address if host is None or self.scheme == "ipc" else replace(self, host=host).address
 
 
@@ -124,12 +124,12 @@ def lock_folder(endpoint: Endpoint) -> TextIO | None:
     Returns
     -------
     file or None
-        Hold it open as long as the endpoint is used; None for tcp.
+        Keep it open as long as the endpoint is in use; None for tcp.
 
     Raises
     ------
     EndpointError
-        If others may enter the folder, or a live server holds the lock.
+        If other users may enter the folder, or a live server holds the lock.
     """
     if endpoint.scheme != "ipc":
         return None
@@ -154,7 +154,7 @@ def lock_folder(endpoint: Endpoint) -> TextIO | None:
 
 
 def bind(socket: zmq.Socket[bytes], address: str) -> str:
-    """Bind and return where, with the port the system chose."""
+    """Bind; return the address with the port that the system chose."""
     socket.setsockopt(zmq.IPV6, int("[" in address))
     socket.bind(address)
     where = socket.getsockopt(zmq.LAST_ENDPOINT)
@@ -162,12 +162,12 @@ def bind(socket: zmq.Socket[bytes], address: str) -> str:
 
 
 def bind_first(socket: zmq.Socket[bytes], addresses: Iterable[str]) -> str:
-    """Bind to the first address that is free.
+    """Bind to the first free address.
 
     Raises
     ------
     EndpointError
-        If none is.
+        If none is free.
     """
     busy = []
     for address in addresses:
@@ -187,17 +187,17 @@ def bind_first(socket: zmq.Socket[bytes], addresses: Iterable[str]) -> str:
 def router(
     context: zmq.Context[zmq.Socket[bytes]], *, message_bytes: int, queued: int, handshake_seconds: float
 ) -> zmq.Socket[bytes]:
-    """A ROUTER socket with every bound set.
+    """Return a ROUTER socket with all limits set.
 
     Parameters
     ----------
     context : zmq.Context
     message_bytes : int
-        Largest frame; a peer that announces more is disconnected before memory is taken.
+        Largest frame; a peer that announces a larger one is disconnected before memory is allocated.
     queued : int
         Messages queued per peer and direction.
     handshake_seconds : float
-        A connection that has not said who it is by then is closed.
+        A connection that has not finished its handshake by then is closed.
     """
     socket = context.socket(zmq.ROUTER)
     socket.setsockopt(zmq.MAXMSGSIZE, message_bytes)
@@ -213,6 +213,6 @@ def router(
 
 
 def connection_event(monitor: zmq.Socket[bytes]) -> tuple[int, int]:
-    """The next event of a socket's monitor and its value; ``zmq.utils.monitor`` would import asyncio."""
+    """Return the next event of a socket's monitor and its value; ``zmq.utils.monitor`` would import asyncio."""
     event, value = struct.unpack("=Hi", monitor.recv_multipart()[0])
     return event, value

@@ -1,10 +1,10 @@
 """The control endpoint: one ROUTER socket for headers only, in a process of its own with little memory.
 
 It decodes, answers HELLO and PING itself and passes OPEN, RESUME, LIST, PROBE on to the supervisor, which knows the
-sessions. It holds nothing, so the supervisor may start it again at any time.
+sessions. It has no state, so the supervisor may restart it at any time.
 
-On a server with keys it also decides every handshake, its own and the workers' (:mod:`.authenticator`), and shows
-itself that it does before it says that it is bound (:mod:`.self_test`).
+On a server with keys it also decides every handshake, its own and the workers' (:mod:`.authenticator`), and tests this
+before it reports that it is bound (:mod:`.self_test`).
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from mesh_motion_server.transport.telemetry import configure, log, tell_suppress
 
 __all__ = ["Gateway", "main"]
 
-#: Beyond what Python and zmq map: queues of headers.
+#: Bytes beyond what Python and zmq map: queues of headers.
 _MEMORY = 512 << 20
 _QUEUED = 32
-#: Open files and connections; beyond it new connections wait in the kernel until some have ended.
+#: Open files and connections; beyond this, new connections wait in the kernel until some have ended.
 _DESCRIPTORS = 4096
 
 
@@ -56,13 +56,13 @@ class Gateway:
     socket : zmq.Socket
         Bound ROUTER.
     welcome : dict
-        What WELCOME says: server, boot, limits, durability.
+        Content of WELCOME: server, boot, limits, durability.
     features : sequence of str
-        Optional parts of the protocol that this server has.
+        Optional parts of the protocol that this server supports.
     protection : Protection, optional
         Of the socket, on a server with keys.
     insecure : bool
-        Whether other machines reach it without keys: its greetings are counted.
+        Whether other machines reach the endpoint without keys: HELLOs are then counted.
     """
 
     def __init__(
@@ -103,14 +103,14 @@ class Gateway:
                 self._receive()
 
     def _obey(self, order: dict[str, Any]) -> None:
-        """A reply to pass on, or the question whether this loop still turns."""
+        """Handle an order: send a reply to a client, or confirm that this loop runs."""
         if "frame" in order:
             self._send(order["peer"], [order["frame"]])
         else:
             tell_suppressed()
             taken = TALLY.take()
             if not self._channel.offer({"event": "pong", "tally": taken}):
-                TALLY.add(taken)  # the supervisor is behind with reading, and asks again
+                TALLY.add(taken)  # the supervisor's queue is full, and it will ask again
 
     def _receive(self) -> None:
         peer, *parts = self._socket.recv_multipart(copy=False)
@@ -119,7 +119,7 @@ class Gateway:
         self._take(peer.bytes, user_of(parts[-1] if parts else peer, self._protection), [p.bytes for p in parts])
 
     def _take(self, peer: bytes, user: str, frames: list[bytes]) -> None:
-        """One request of a user."""
+        """Handle one request of a user."""
         try:
             request = decode(frames)
         except ProtocolError as error:
@@ -143,13 +143,13 @@ class Gateway:
             self._reply(peer, unexpected(request, "control"))
 
     def _check_known(self, request: Message, user: str) -> None:
-        """Raise for a key that has been taken off the allow-list since it connected."""
+        """Raise if a key was removed from the allow-list after it connected."""
         roles = self._access.roles(user)
         if not roles:
             raise refusal(Verdict.UNKNOWN, request.type)
 
     def _greet(self, hello: Hello) -> Message:
-        """WELCOME with the common version, or the versions we speak."""
+        """Return WELCOME with the common version, or the versions that this server speaks."""
         major, minor = PROTOCOL_VERSION
         offered = [version for version in hello.versions if len(version) == 2 and min(version) >= 0]
         theirs = [version[1] for version in offered if version[0] == major]
@@ -175,7 +175,7 @@ class Gateway:
         self._send(peer, [bytes(frame) for frame in encoded(reply)])
 
     def _send(self, peer: bytes, frames: list[bytes]) -> None:
-        """Send, or drop for a peer that is gone or does not read."""
+        """Send; drop the message if the peer is gone or does not read."""
         failpoint("gateway.reply")
         TALLY.count("sent_bytes", sum(map(len, frames)))
         with contextlib.suppress(zmq.Again, zmq.ZMQError):
@@ -183,12 +183,12 @@ class Gateway:
 
 
 def _busy() -> MeshMotionError:
-    """For a request that the supervisor cannot take: nothing was begun, and nobody waits."""
+    """Return the error for a request that the supervisor cannot accept: nothing was started."""
     return MeshMotionError("the server is behind with its requests", code="UNAVAILABLE")
 
 
 def main(channel: Channel, level: str) -> int:
-    """The gateway's process; the channel's first message configures it."""
+    """Run the gateway's process; the channel's first message configures it."""
     configure("gateway", level)
     activate()
     failpoint("gateway.start")
@@ -219,7 +219,7 @@ def main(channel: Channel, level: str) -> int:
 
 
 def _authenticator(context: zmq.Context[zmq.Socket[bytes]], protection: Protection | None) -> Authenticator | None:
-    """On a server with keys: who decides handshakes."""
+    """Return the handler that decides handshakes, on a server with keys."""
     if protection is None:
         return None
     keep_secrets_out_of_core_files()
@@ -229,7 +229,7 @@ def _authenticator(context: zmq.Context[zmq.Socket[bytes]], protection: Protecti
 def _listen(
     socket: zmq.Socket[bytes], address: str, protection: Protection | None, authenticator: Authenticator | None
 ) -> str:
-    """Bind; with keys only if real connections show that they matter.
+    """Bind; with keys, only if real connections show that they are checked.
 
     Raises
     ------

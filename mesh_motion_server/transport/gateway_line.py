@@ -1,7 +1,7 @@
-"""The gateway as the supervisor has it: spoken to without waiting, started again when it falls.
+"""The supervisor's line to the gateway: it sends without waiting and restarts a gateway that has ended.
 
-Only the first start is waited for, with nobody served yet. Later ones are heard of like everything else, so that a
-gateway that hangs while it starts holds nobody up: it is killed when its time is over, and another one is started.
+Only the first start is waited for, before any client is served. Later starts are events like all others, so a gateway
+that hangs while it starts blocks nothing: it is killed after its time limit, and another one is started.
 """
 
 from __future__ import annotations
@@ -21,38 +21,38 @@ from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["GatewayLine"]
 
-#: A gateway that falls more often than this in an hour has a reason that restarting does not cure.
+#: A gateway that fails more often than this in an hour has a cause that a restart does not remove.
 _STARTS = 20
-#: Seconds before the next one where the first did not come to listen; doubled each time, up to a bound: a shortage of
-#: memory or processes lasts longer than a moment.
+#: Seconds before the next start after a start that failed; doubled each time up to the limit, because a shortage of
+#: memory or processes can last.
 _PAUSE, _LONGEST_PAUSE = 0.2, 5.0
-#: It imports, binds and tests itself within this, seconds; some tenths of one on a machine with nothing else to do.
+#: Seconds within which it must import, bind and test itself; on an idle machine it needs some tenths of a second.
 _START_SECONDS = 60.0
-#: Replies kept for a gateway that does not read, of 64 KiB at most each.
+#: Replies kept for a gateway that does not read, at most 64 KiB each.
 _KEPT_REPLIES = 256
 
 
 class GatewayLine:
-    """Starts, hears and answers the gateway.
+    """Starts the gateway, reads its messages and sends it replies.
 
     Parameters
     ----------
     selector : selectors.BaseSelector
-        The supervisor's: each source comes with what is called once it has something to say.
+        The supervisor's: each source has the function that is called when it becomes readable.
     endpoint : str
-        Where it shall listen.
+        Where the gateway shall listen.
     launch : callable
-        Starts a process that has its order: to listen there.
+        Starts a process that has the order to listen there.
     request : callable
         Peer, user and frame of a control request.
 
     Attributes
     ----------
     endpoint : str
-        Where it listens, once it has: a port 0 has become a number.
+        Where it listens, after the start: port 0 is replaced by the actual port.
     child : Child or None
     answered_at : float
-        When its loop last turned, on the monotonic clock.
+        When its loop last answered, on the monotonic clock.
     """
 
     def __init__(
@@ -71,17 +71,17 @@ class GatewayLine:
         self._request = request
         self._attempts = Attempts(_STARTS)
         self._pause = _PAUSE
-        self._due = 0.0  # to listen, or to be started
+        self._due = 0.0  # when it must listen, or must be started
         self._asked_at: float | None = None
         self._outbox: Outbox | None = None
 
     def start(self) -> None:
-        """The first start: it listens on return.
+        """Start the gateway for the first time; it listens on return.
 
         Raises
         ------
         EndpointError
-            If it cannot; ProtectionError if it admits or refuses the wrong ones.
+            If it cannot; ProtectionError if it admits or refuses the wrong keys.
         """
         self._attempts.note(time.monotonic())
         gateway = self._launch(self.endpoint)
@@ -99,13 +99,13 @@ class GatewayLine:
 
     @property
     def lost(self) -> bool:
-        """It has fallen too often and is not started again."""
+        """Whether it has failed too often and is not restarted."""
         return self.child is None and self._attempts.over(time.monotonic())
 
     # --- to it -------------------------------------------------------------------------------------------------------
 
     def reply(self, peer: bytes, frame: bytes) -> None:
-        """Hand a reply on. One that is lost, with a gateway that falls or does not read, is asked for again."""
+        """Pass a reply on. If it is lost because the gateway fails or does not read, the client asks again."""
         if self.child is None or self._outbox is None:
             return
         if not self._outbox.put({"peer": peer, "frame": frame}):
@@ -113,13 +113,13 @@ class GatewayLine:
         self._await_room()
 
     def ask(self, now: float, patience: float) -> None:
-        """Whether its loop turns: ``answered_at`` says when it last did. Asked again after ``patience`` seconds."""
+        """Ask whether its loop runs; ``answered_at`` has the last answer. Ask again after ``patience`` seconds."""
         waiting = self._asked_at is not None and now - self._asked_at < patience
         if self.child is not None and not waiting and self.child.channel.offer({"order": "ping"}):
             self._asked_at = now
 
     def _await_room(self) -> None:
-        """Hear of it when there is room for what is kept."""
+        """Wake up when there is room for the kept replies."""
         if self.child is not None and self._outbox is not None:
             events = selectors.EVENT_READ | (selectors.EVENT_WRITE if self._outbox else 0)
             key = self._selector.get_key(self.child.channel)
@@ -129,7 +129,7 @@ class GatewayLine:
     # --- from it -----------------------------------------------------------------------------------------------------
 
     def _turned(self, _source: Any) -> None:
-        """There is room for replies, or it has spoken or ended."""
+        """Handle an event: there is room for replies, or it has sent a message or ended."""
         if self.child is None or self._outbox is None:
             return
         self._outbox.flush()
@@ -177,11 +177,11 @@ class GatewayLine:
         self._due = time.monotonic() + (0.0 if self._listens else self._next_pause())
 
     def next_deadline(self) -> float | None:
-        """When :meth:`keep_time` will have something to do."""
+        """Return when :meth:`keep_time` must run next."""
         return None if self._listens and self.child is not None else self._due
 
     def keep_time(self, now: float) -> None:
-        """Start it again when it is gone; end one that does not come to listen."""
+        """Restart a gateway that has ended; kill one that does not start to listen in time."""
         if now < self._due or self.lost:
             return
         if self.child is None:
@@ -201,7 +201,7 @@ class GatewayLine:
         return pause
 
     def stop(self) -> None:
-        """Close the line, which ends it."""
+        """Close the line, which ends the gateway."""
         if self.child is not None:
             self._selector.unregister(self.child.channel)
             self.child.reap()

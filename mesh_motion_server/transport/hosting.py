@@ -1,6 +1,6 @@
-"""What transport needs of the layers below it: a host for one session, and the store of all of them.
+"""What transport needs of the layers below it: a host for one session, and the store of all sessions.
 
-Given by module name, so that the supervisor imports no numerics and a test may put a host of its own in.
+Both are given by module name, so that the supervisor imports no numerics and a test may use its own host.
 """
 
 from __future__ import annotations
@@ -26,48 +26,48 @@ class SessionHost(Protocol):
 
     @property
     def state(self) -> str:
-        """Where the session stands."""
+        """The session's state."""
 
     @property
     def closed(self) -> bool:
-        """CLOSE was answered."""
+        """Whether CLOSE was answered."""
 
     @property
     def next_deadline(self) -> float | None:
-        """When :meth:`expire` will have something to do, on the monotonic clock."""
+        """When :meth:`expire` must run next, on the monotonic clock."""
 
     def handle(self, envelope: Envelope) -> Sequence[Envelope]:
-        """Replies that are due because of this request."""
+        """Return the replies that this request causes."""
 
     def oversee(self, envelope: Envelope) -> Sequence[Envelope]:
-        """Replies to STATUS or CLOSE of a user who may make them without having joined."""
+        """Return the replies to STATUS or CLOSE of a user who may send them without JOIN."""
 
     def expire(self, now: float) -> Sequence[Envelope]:
-        """Replies to requests that waited too long."""
+        """Return the replies to requests that waited too long."""
 
     def reclaim(self, token: bytes) -> int:
-        """Raise the epoch for a new holder."""
+        """Raise the epoch for a new holder and return it."""
 
     def suspend(self) -> Sequence[Envelope]:
-        """No holder is connected any more."""
+        """Suspend the session: no holder is connected any more."""
 
     def close(self) -> None:
-        """Give files and locks back."""
+        """Release files and locks."""
 
 
 @dataclass(frozen=True)
 class Hosting:
-    """The modules that provide ``SessionHost`` and ``SessionStore``, and what else a worker imports ahead."""
+    """The modules that provide ``SessionHost`` and ``SessionStore``, and modules that a worker imports in advance."""
 
     host: str = "mesh_motion_server.service.dispatch"
     store: str = "mesh_motion_server.session.store"
     numerics: str = "mesh_motion_server.numerics.motion.motion"
 
     def load_host(self) -> Any:
-        """The class ``SessionHost``, with everything imported that its first request needs."""
+        """Return the class ``SessionHost``, with everything imported that its first request needs."""
         importlib.import_module(self.numerics)
         return importlib.import_module(self.host).SessionHost
 
     def load_store(self) -> Any:
-        """The class ``SessionStore``."""
+        """Return the class ``SessionStore``."""
         return importlib.import_module(self.store).SessionStore

@@ -1,4 +1,4 @@
-"""Replies that are sent so long after the question, whatever there was to look up: their time tells nothing."""
+"""Replies with a fixed delay after the question, so that their time does not show what was looked up."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 __all__ = ["LateReplies"]
 
-#: Longer than looking a session up takes.
+#: Longer than a lookup of a session takes.
 _SECONDS = 0.05
-#: Waiting for sockets ends up to a millisecond late, counted from when the wait began: a reply that is sent then tells
-#: how long the lookup before it took. So the wait ends this early, and the rest is slept to the microsecond.
+#: A wait for sockets ends up to a millisecond late, counted from its start, so the time of the reply would show how
+#: long the lookup took. So the wait ends this much earlier, and a sleep accurate to the microsecond covers the rest.
 _ROUNDING_SECONDS = 0.002
 
 
@@ -21,12 +21,12 @@ class LateReplies:
     Parameters
     ----------
     send : callable
-        Peer and frame → to the gateway.
+        Peer and frame → sent to the gateway.
 
     Attributes
     ----------
     waiting : deque of (float, bytes, bytes)
-        When each is due, monotonic seconds; its peer and frame. The first one is due first.
+        Due time in monotonic seconds, peer and frame; in order of the due time.
     """
 
     def __init__(self, send: Callable[[bytes, bytes], None]) -> None:
@@ -35,20 +35,20 @@ class LateReplies:
         self.waiting: deque[tuple[float, bytes, bytes]] = deque()
 
     def asked(self) -> None:
-        """A question has come: what is put from now on is its reply."""
+        """Note the time of a question; the next :meth:`put` is its reply."""
         self._asked_at = time.monotonic()
 
     def put(self, peer: bytes, frame: bytes) -> None:
-        """Send it when it is due."""
+        """Send the reply when it is due."""
         self.waiting.append((self._asked_at + _SECONDS, peer, frame))
 
     def send_due(self, now: float) -> None:
-        """Send what is due, or next to it."""
+        """Send the replies that are due, or due within the rounding time."""
         while self.waiting and self.waiting[0][0] - now <= _ROUNDING_SECONDS:
             due, peer, frame = self.waiting.popleft()
             time.sleep(max(0.0, due - time.monotonic()))
             self._send(peer, frame)
 
     def next_due(self) -> float | None:
-        """When :meth:`send_due` will have something to do."""
+        """Return when :meth:`send_due` must run next."""
         return self.waiting[0][0] - _ROUNDING_SECONDS if self.waiting else None

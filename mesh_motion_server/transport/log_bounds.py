@@ -1,8 +1,8 @@
-"""Bounds on what is logged: how often an event, how long a value, and of an exception the places only.
+"""Limits of the log: how often an event is written, how long a value may be, and only the places of an exception.
 
-Who sends a hundred thousand wrong messages gets as many answers but not as many lines: of each event a burst is
-written, then a few a second, and one line says how many were left out. Debug lines are not bounded; they are for a
-look at a server, not for its life.
+A client that sends a hundred thousand wrong messages gets as many answers but not as many lines: for each event a burst
+is written, then a few lines a second, and one line gives the number of omitted ones. Debug lines have no limit; they
+are for short investigations.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from typing import Any
 
 __all__ = ["Throttle", "places_of_exception", "shortened"]
 
-#: Lines of one event at once, and then a second.
+#: Lines of one event in a burst, and then per second.
 _BURST = 100.0
 _RATE = 1.0
-#: Characters of a value.
+#: Largest number of characters of a value.
 _LONGEST = 300
-#: Distinct events told apart; they are words of the program, so there are some dozens.
+#: Largest number of distinct events; events are words of the program, of which there are some dozens.
 _EVENTS = 500
-#: Their texts name modules and files.
+#: The texts of these exceptions name modules and files only.
 _OF_THE_SYSTEM = (ImportError, OSError)
 
 
 class Throttle:
-    """A bucket of lines for each event.
+    """A token bucket for the lines of each event.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Throttle:
         self.suppressed: Counter[str] = Counter()
 
     def admits(self, event: str) -> bool:
-        """Whether a line of this event may be written now; one that may not is counted."""
+        """Return whether a line of this event may be written now; count it if not."""
         now = self._clock()
         if event not in self._buckets and len(self._buckets) >= _EVENTS:
             event = "others"
@@ -54,14 +54,14 @@ class Throttle:
         return admitted
 
     def take(self) -> dict[str, int]:
-        """How many lines were left out since the last time, by event."""
+        """Return how many lines were omitted since the last call, by event."""
         taken = {event: count for event, count in self.suppressed.items() if count}
         self.suppressed.clear()
         return taken
 
 
 def shortened(values: Mapping[str, Any]) -> dict[str, Any]:
-    """No value is longer than a line should be, whatever a client has called itself."""
+    """Shorten each value to the length limit, because clients choose some of them."""
     return {
         key: f"{value[:_LONGEST]}… ({len(value)} characters)"
         if isinstance(value, str) and len(value) > _LONGEST
@@ -71,7 +71,7 @@ def shortened(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def places_of_exception(raised: BaseException | None) -> dict[str, Any]:
-    """Type and places of an exception; its text may quote what a client has sent, and goes to that client alone."""
+    """Return type and places of an exception; its text may quote a client's data, which only that client may see."""
     if raised is None:
         return {}
     fields = {"exception": type(raised).__name__, "trace": _places(raised.__traceback__)}
@@ -79,6 +79,6 @@ def places_of_exception(raised: BaseException | None) -> dict[str, Any]:
 
 
 def _places(trace: TracebackType | None) -> list[str]:
-    """File, line and function of each frame, outermost first."""
+    """Return file, line and function of each frame, outermost first."""
     frames = traceback.extract_tb(trace)
     return [f"{frame.filename}:{frame.lineno} {frame.name}" for frame in frames[-20:]]

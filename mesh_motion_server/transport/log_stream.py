@@ -1,7 +1,7 @@
-"""A log that stops nobody: its disk may be full, its reader may have gone, or may have stopped reading.
+"""A log stream that never blocks or fails: its disk may be full, its reader may be gone or may have stopped reading.
 
-All processes of a server write to one standard error, which others may share: it cannot be made non-blocking for
-ourselves alone. So a line is written to what says that it takes one, and lost otherwise.
+All processes of a server write to one standard error, which other programs may share, so this process cannot make it
+non-blocking. So a line is written only when the stream is ready for it, and lost otherwise.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import TextIO
 
 __all__ = ["Unfailing"]
 
-#: A pipe that says it can be written to takes so much without waiting (POSIX: PIPE_BUF).
+#: A pipe that is ready for writing accepts this many bytes without blocking (POSIX: PIPE_BUF).
 _PIECE = select.PIPE_BUF
-#: Whoever reads slowly is waited for so long; whoever was waited for in vain is not waited for again until he reads.
+#: Wait this long for a slow reader; after one wait without success, do not wait again until the reader reads.
 _PATIENCE_MILLISECONDS = 200
 
 
 class Unfailing(io.TextIOBase):
-    """A stream that loses a line rather than fail or wait.
+    """A stream that loses a line instead of failing or blocking.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Unfailing(io.TextIOBase):
         return len(text)
 
     def _offer(self, poll: select.poll, data: bytes) -> None:
-        """Piece by piece, as long as each is taken; the rest of a line that is not taken is lost."""
+        """Write in pieces while each is accepted; drop the rest of the line otherwise."""
         descriptor = self._stream.fileno()
         for start in range(0, len(data), _PIECE):
             if not poll.poll(self._patience):
@@ -60,7 +60,7 @@ class Unfailing(io.TextIOBase):
 
 
 def _poll_of(stream: TextIO) -> select.poll | None:
-    """Asks whether the stream can be written to; None for a file, which always can, and for what is no descriptor."""
+    """Return a poll object for writing; None for a file, which is always ready, or without a descriptor."""
     try:
         if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
             return None

@@ -1,11 +1,11 @@
 """``/metrics``, ``/healthz`` and ``/readyz`` over HTTP, in a process of its own.
 
-``python -m mesh_motion_server.transport.monitor CHANNEL LEVEL``. It knows nothing but what the supervisor sends it
-every second: totals, and what is missing. So whoever keeps it busy, slow scrapers, port scans, a flood of connections,
-keeps nobody else busy, and there is nothing in it to find. When the supervisor's messages stay away, ``/healthz`` says
-so: this process does not depend on the loop that it watches.
+``python -m mesh_motion_server.transport.monitor CHANNEL LEVEL``. It knows only what the supervisor sends every second:
+totals, and what is missing. So slow scrapers, port scans or a flood of connections load this process alone, and it has
+no secrets. When the supervisor's messages stop, ``/healthz`` reports it: this process does not depend on the loop that
+it watches.
 
-Each connection has one request and five seconds for all of it; when there are too many, the oldest one is closed.
+Each connection has one request and five seconds in total; when there are too many, the oldest one is closed.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from mesh_motion_server.transport.telemetry import configure, log
 
 __all__ = ["Pages", "main"]
 
-#: Beyond what Python maps.
+#: Bytes beyond what Python maps.
 _MEMORY = 256 << 20
 _DESCRIPTORS = 256
-#: Connections at a time; a new one closes the oldest.
+#: Largest number of connections at a time; a new one closes the oldest.
 _CONNECTIONS = 64
 _SECONDS = 5.0
 #: Longest request with its headers.
@@ -38,7 +38,7 @@ _Answer = tuple[int, str, bytes]
 
 
 class Pages:
-    """What is answered, from the supervisor's last message.
+    """The pages, made from the supervisor's last message.
 
     Parameters
     ----------
@@ -55,11 +55,11 @@ class Pages:
         self._metrics: dict[bool, bytes] = {}
 
     def hear(self, news: dict[str, Any]) -> None:
-        """The supervisor's message of this second."""
+        """Take the supervisor's message of this second."""
         self._news, self._metrics = news, {}
 
     def answer(self, path: str) -> _Answer:
-        """Status, content type and body of a page."""
+        """Return status, content type and body of a page."""
         if path == "/metrics":
             return 200, CONTENT_TYPE, self._page()
         if path not in ("/healthz", "/readyz"):
@@ -76,7 +76,7 @@ class Pages:
         return ""
 
     def _page(self) -> bytes:
-        """Made once for each message, however often it is asked for; a stuck server is not ready, whatever it said."""
+        """Make the page once for each message; a stuck server is not ready, whatever the message says."""
         stuck = bool(self._stuck())
         if stuck not in self._metrics:
             totals = self._news.get("totals", {"counts": [], "spreads": {}})
@@ -86,14 +86,14 @@ class Pages:
 
 
 class _Listener:
-    """The connections."""
+    """Accepts the connections."""
 
     def __init__(self, pages: Pages) -> None:
         self._pages = pages
         self._open: dict[asyncio.Task[Any], None] = {}
 
     async def connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One connection: one request, one answer."""
+        """Handle one connection: one request, one answer."""
         task = asyncio.current_task()
         if task is None:
             return
@@ -120,11 +120,11 @@ class _Listener:
         if writer.can_write_eof():
             writer.write_eof()
         while await reader.read(_REQUEST_BYTES):
-            pass  # closing with something unread would take the answer back; the other side closes when it has it
+            pass  # closing with unread data would discard the answer; the client closes when it has it
 
 
 def _response(pages: Pages, request: bytes) -> bytes:
-    """The bytes that answer a request."""
+    """Return the bytes that answer a request."""
     words = request.partition(b"\r\n")[0].decode("latin-1").split(" ")
     if len(words) != 3 or not words[2].startswith("HTTP/1."):
         status, kind, body = 400, _TEXT, b"expected an HTTP/1 request\n"

@@ -1,4 +1,4 @@
-"""What of an OPEN can be refused before a worker is taken."""
+"""Checks that can refuse an OPEN before a worker is started."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ def check_open(request: Open, limits: ServerSettings) -> str:
     Returns
     -------
     str
-        The durability in force.
+        The durability level to use.
 
     Raises
     ------
     InvalidInput
-        Naming the field or the setting, and its value.
+        With the field or the setting, and its value.
     ResourceError
-        If more bytes are asked for than a session may have.
+        If the request asks for more bytes than a session may have.
     """
     if request.partitions > limits.max_partitions:
         raise InvalidInput(
@@ -50,12 +50,12 @@ def check_open(request: Open, limits: ServerSettings) -> str:
 
 
 def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
-    """Refuse a new session where it would take what the running ones need: the disk's and the memory's reserve.
+    """Refuse a new session that would take the disk or memory reserve of the running sessions.
 
     Raises
     ------
     ResourceError
-        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with what is left; both may be otherwise later.
+        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with what is left; a later request may succeed.
     """
     free, wanted = disk.fresh().free, limits.reserve_disk_bytes + request.bytes_reserved
     if free < wanted:

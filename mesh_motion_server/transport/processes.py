@@ -1,7 +1,7 @@
-"""Children of the supervisor: how they start, what bounds them, and that they never outlive it.
+"""Children of the supervisor: how they start, their limits, and how they end with the supervisor.
 
-All of them are forked from the supervisor, and workers from one that has imported everything since, the template: a
-server is up in a third of a second, a session in milliseconds, and what is imported is in memory once.
+All are forked from the supervisor. Workers are forked from the template, a child that has imported everything: a server
+starts in a third of a second, a session in milliseconds, and imported modules are in memory once.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ __all__ = [
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15
 _PR_SET_CHILD_SUBREAPER = 36
-#: A child ends within this once its line is closed, and once more after SIGKILL, seconds.
+#: A child must end within this time after its line is closed, and again after SIGKILL, seconds.
 _END_SECONDS = 5.0
-#: Of -1000 … 1000; 0 is usual.
+#: From -1000 to 1000; 0 is usual.
 _OOM_SCORE = 500
-#: Starts of one child are counted over this, seconds.
+#: Starts of one child are counted over this period, seconds.
 _COUNTED_SECONDS = 3600.0
 
 
@@ -59,12 +59,12 @@ class Child:
     Attributes
     ----------
     pid : int
-        Process id; 0 until a child that the template forks has told it.
+        Process id; 0 until a child forked by the template has reported it.
     channel : Channel
     template : Child, optional
-        Who forks it, if not the supervisor.
+        The process that forks it, if not the supervisor.
     spoke : bool
-        It has got as far as saying something.
+        Whether it has sent a message.
     """
 
     pid: int
@@ -73,9 +73,9 @@ class Child:
     spoke: bool = False
 
     def kill(self) -> None:
-        """End it at once; its channel then reads as closed.
+        """Kill the child at once; its channel then reads as closed.
 
-        Of one that has told no pid the template is killed, which then does not come to fork it.
+        If it has not reported its pid, the template is killed, so that it does not fork the child.
         """
         if self.pid:
             with contextlib.suppress(ProcessLookupError):
@@ -84,24 +84,24 @@ class Child:
             self.template.kill()
 
     def exit_descriptor(self) -> int | None:
-        """A descriptor that becomes readable when it has ended; None where the system has none."""
+        """Return a descriptor that becomes readable when the child has ended; None if the system has none."""
         try:
             return os.pidfd_open(self.pid)
         except (AttributeError, OSError):
             return None
 
     def reap(self) -> int:
-        """Collect the exit status of a child that has ended or is about to; finite whatever it does."""
+        """Collect the exit status of a child that has ended or is about to; returns in bounded time."""
         self.channel.close()
         code = self._status()
         if code is None:
             self.kill()
             code = self._status()
-        # the kernel may not let it go: it waits for a disk that does not answer
+        # the kernel may not end it while it waits for a disk that does not answer
         return -signal.SIGKILL if code is None else code
 
     def _status(self) -> int | None:
-        """The exit status, within some seconds; 1 of one that was never forked."""
+        """Return the exit status within some seconds; 1 for a child that was never forked."""
         deadline = time.monotonic() + _END_SECONDS
         while self.pid:
             pid, status = os.waitpid(self.pid, os.WNOHANG)
@@ -114,39 +114,39 @@ class Child:
 
 
 class Attempts:
-    """Starts of a child that may fall: so many an hour, however long the server runs.
+    """Limits the starts of a child per hour.
 
     Parameters
     ----------
     most : int
-        Within an hour; a child that falls more often has a reason that another start does not cure.
+        Largest number within an hour; a child that fails more often has a cause that a restart does not remove.
     """
 
     def __init__(self, most: int) -> None:
         self._made: deque[float] = deque(maxlen=most)
 
     def note(self, now: float) -> None:
-        """One more, at this time of the monotonic clock."""
+        """Record one more start at this time of the monotonic clock."""
         self._made.append(now)
 
     def over(self, now: float) -> bool:
-        """Whether there is none left."""
+        """Whether the limit is reached."""
         return len(self._made) == self._made.maxlen and now - self._made[0] < _COUNTED_SECONDS
 
 
 def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) -> Child:
-    """Fork a child that calls ``main(channel, *arguments)`` of a module: what is imported here it need not import.
+    """Fork a child that calls ``main(channel, *arguments)`` of a module: it need not import what this process has.
 
-    One that is started ``anew``, as ``python -m module DESCRIPTOR arguments…``, has nothing of the supervisor's memory.
+    With ``anew`` it starts as ``python -m module DESCRIPTOR arguments…`` and has nothing of the supervisor's memory.
 
-    The compiled loops of the child have threads of their own, which sleep while they wait: beside a solver that uses
-    every core, spinning threads take three times as long. No zmq context may exist here, and no thread that holds a
-    lock which a child wants.
+    The compiled loops of the child have their own threads, which sleep while they wait: beside a solver that uses every
+    core, spinning threads take three times as long. This process must have no zmq context, and no thread that holds a
+    lock which the child needs.
 
     Raises
     ------
     OSError
-        If the system refuses.
+        If the system refuses the fork.
     """
     failpoint("supervisor.spawn")
     channel, line = Channel.pair()
@@ -162,7 +162,7 @@ def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) ->
         return status
 
     with line:
-        # a signal between the fork and the child's own handlers would be told to the supervisor
+        # a signal between the fork and the child's own handlers would reach the supervisor
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM, signal.SIGINT))
         try:
             pid = os.fork()
@@ -174,8 +174,8 @@ def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) ->
 
 
 def _begin(supervisor: int, line: int) -> None:
-    """Leave what is the supervisor's: its death is this process' death, its files and counts are not this process'."""
-    gc.freeze()  # what is collected later would close descriptors that are others' by then
+    """Detach from the supervisor's files and counts; end when the supervisor ends."""
+    gc.freeze()  # a later collection would close descriptors that other objects use by then
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _die_with(supervisor)
@@ -192,7 +192,7 @@ def _begin(supervisor: int, line: int) -> None:
 
 
 def _end_with(live: Callable[[], int]) -> NoReturn:
-    """In the child: nothing of what the supervisor does at its end is done."""
+    """End the child process without the supervisor's exit code."""
     status = 1
     try:
         status = live()
@@ -202,19 +202,19 @@ def _end_with(live: Callable[[], int]) -> NoReturn:
         os._exit(status)
 
 
-# CPython maps 16 KiB for frames and unmaps them whenever a call crosses their end: imports so deep in the stack did it
-# 12 000 times, a quarter of a second. Behind a frame that needs more than that, there is room for all calls.
+# CPython maps 16 KiB for frames and unmaps them whenever a call crosses their end: deep imports did this 12 000 times,
+# a quarter of a second. A frame that needs more than 16 KiB leaves room for all further calls.
 _end_with.__code__ = _end_with.__code__.replace(co_stacksize=1 << 16)
 
 
 def use_one_blas_thread() -> None:
-    """For what is imported from now on: BLAS' sums are then repeatable bit for bit. Before numpy is imported."""
+    """Use one thread in BLAS, so that sums are repeatable bit for bit. Call this before numpy is imported."""
     names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
     os.environ.update(dict.fromkeys(names, "1"))
 
 
 def fork(template: Child) -> Child:
-    """Have the template fork a child once it has imported everything; if it is gone, the line reads as closed."""
+    """Let the template fork a child after its imports; if the template is gone, the line reads as closed."""
     failpoint("supervisor.fork")
     channel, theirs = Channel.pair()
     with theirs:
@@ -223,10 +223,10 @@ def fork(template: Child) -> Child:
 
 
 def fork_from_template() -> bool:
-    """Fork a child of this process' parent; True in the child.
+    """Fork a child of this process' parent; return True in the child.
 
-    The process between the two ends at once, so that its child goes to the supervisor (:func:`adopt_orphans`), which
-    alone collects exit statuses.
+    The process between the two ends at once, so that the supervisor (:func:`adopt_orphans`) becomes the parent of the
+    child. Only the supervisor collects exit statuses.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def fork_from_template() -> bool:
 
 
 def adopt_orphans() -> None:
-    """Make this process the parent of what its children leave behind."""
+    """Make this process the parent of the processes that its children leave behind."""
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
@@ -265,26 +265,26 @@ def _prctl(option: int, value: int | bytes) -> None:
 
 
 def name_process(role: str) -> None:
-    """What ``ps -e`` and ``top`` call this process."""
+    """Set the name that ``ps -e`` and ``top`` show for this process."""
     _prctl(_PR_SET_NAME, f"mesh-{role}".encode())
 
 
 def _die_with(parent: int) -> None:
-    """The kernel kills this process when its parent dies, however that dies.
+    """Let the kernel kill this process when its parent dies for any reason.
 
-    Elsewhere than on Linux the closed channel tells, once the current request is done. The terminal's Ctrl-C is the
-    supervisor's matter.
+    On systems other than Linux the closed channel ends it after the current request. Ctrl-C in the terminal is left to
+    the supervisor.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
-        os._exit(0)  # it died before it could be told that its death is this process'
+        os._exit(0)  # the parent died before the call above took effect
 
 
 def limit_address_space(allowance: int) -> None:
     """Bound the address space to what is mapped now plus ``allowance`` bytes.
 
-    Only this stops frames that announce MORE for ever: MAXMSGSIZE and the high-water marks do not count them.
+    No other limit stops frames that announce MORE for ever: MAXMSGSIZE and the high-water marks do not count them.
     """
     mapped = _mapped_bytes()
     if mapped:
@@ -294,7 +294,7 @@ def limit_address_space(allowance: int) -> None:
 
 
 def offer_to_the_oom_killer() -> None:
-    """When the machine's memory is full, this process goes first: it can be replaced, its parent cannot."""
+    """Let the kernel end this process first when the memory is full: it can be replaced, its parent cannot."""
     with contextlib.suppress(OSError, ValueError):
         score = Path("/proc/self/oom_score_adj")
         score.write_text(str(max(_OOM_SCORE, int(score.read_text()))), encoding="ascii")
@@ -308,7 +308,7 @@ def limit_descriptors(count: int) -> None:
 
 
 def _mapped_bytes() -> int:
-    """Address space in use, 0 where the system does not tell."""
+    """Return the address space in use, 0 if the system does not report it."""
     try:
         with open("/proc/self/statm", encoding="ascii") as statm:
             return int(statm.read().split()[0]) * resource.getpagesize()
@@ -317,7 +317,7 @@ def _mapped_bytes() -> int:
 
 
 def wake_on_signals(*signals: signal.Signals) -> socket.socket:
-    """A socket that becomes readable with one byte, its number, for each of these signals."""
+    """Return a socket that receives one byte, the signal's number, for each of these signals."""
     reader, writer = socket.socketpair()
     for end in (reader, writer):
         end.setblocking(False)
@@ -328,5 +328,5 @@ def wake_on_signals(*signals: signal.Signals) -> socket.socket:
     return reader
 
 
-#: Writing ends stay open as long as the process.
+#: The writing ends stay open as long as the process runs.
 _writers: list[socket.socket] = []

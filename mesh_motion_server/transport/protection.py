@@ -1,11 +1,11 @@
-"""CURVE on a server's sockets: the server's key, who authenticates, and whose message a message is.
+"""CURVE on a server's sockets: the server's key, the authenticator, and the key of each message.
 
 Each context asks its own ``inproc://zeromq.zap.01`` about every handshake. In the gateway that is the
-:class:`~.authenticator.Authenticator`; a worker, whose interpreter may compute for minutes, passes the questions on to
-the gateway from a thread that runs in libzmq and needs no interpreter (:func:`forward_handshakes`).
+:class:`~.authenticator.Authenticator`. A worker, whose interpreter may compute for minutes, passes the questions on to
+the gateway from a thread of libzmq that needs no interpreter (:func:`forward_handshakes`).
 
-``ZAP_ENFORCE_DOMAIN`` makes libzmq refuse a handshake that nobody answers; without it a context that has no handler
-lets everybody in.
+``ZAP_ENFORCE_DOMAIN`` makes libzmq refuse a handshake without an answer; without it a context that has no handler
+admits everybody.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ __all__ = [
     "user_of",
 ]
 
-#: Where libzmq asks, in every context.
+#: The address that libzmq asks, in every context.
 HANDLER = "inproc://zeromq.zap.01"
-#: What CURVE puts around a frame: command name, nonce, authenticator, flags.
+#: Bytes that CURVE adds to a frame: command name, nonce, authenticator, flags.
 _CURVE_BYTES = 33
 _DOMAIN = b"mesh-motion"
 
 
 @dataclass(frozen=True)
 class Protection:
-    """What a process needs to protect its sockets; travels over channels, never on command lines.
+    """What a process needs to protect its sockets; sent over channels, never on command lines.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Protection:
 
     @classmethod
     def of_folder(cls, folder: Path) -> Protection:
-        """The keys that ``mesh-motion keys server`` made.
+        """Read the keys that ``mesh-motion keys server`` made.
 
         Raises
         ------
@@ -79,17 +79,17 @@ class Protection:
 
     @classmethod
     def of_order(cls, order: dict[str, Any]) -> Protection | None:
-        """What the supervisor has sent, None for a server without keys."""
+        """Return what the supervisor has sent, None for a server without keys."""
         values = order.get("protection")
         return cls(**values) if values else None
 
     def to_order(self) -> dict[str, str]:
-        """For a channel."""
+        """Return the values to send over a channel."""
         return asdict(self)
 
     @staticmethod
     def access(protection: Protection | None) -> Access:
-        """Who has which role on a server protected so."""
+        """Return the access rights of a server with this protection."""
         return Everybody() if protection is None else AllowList(Path(protection.allow_list))
 
     def protect(self, socket: zmq.Socket[bytes]) -> None:
@@ -102,9 +102,9 @@ class Protection:
 
 
 def user_of(frame: zmq.Frame, protection: Protection | None) -> str:
-    """The public key that a message came under, ``""`` on a server without keys.
+    """Return the public key of a message's connection, ``""`` on a server without keys.
 
-    There the peer itself says what the message's ``User-Id`` is, so it is not looked at.
+    Without keys the peer itself sets the message's ``User-Id``, so it is ignored.
     """
     if protection is None:
         return ""
@@ -116,7 +116,7 @@ def user_of(frame: zmq.Frame, protection: Protection | None) -> str:
 def forward_handshakes(context: zmq.Context[zmq.Socket[bytes]], handshakes: str) -> threading.Thread:
     """Pass this context's handshakes on to the gateway, until the context ends.
 
-    If the gateway is away, handshakes are not answered and fail; it comes back on the same endpoint.
+    While the gateway is away, handshakes get no answer and fail; it restarts on the same endpoint.
     """
     questions, gateway = context.socket(zmq.ROUTER), context.socket(zmq.DEALER)
     for socket in (questions, gateway):
@@ -136,5 +136,5 @@ def forward_handshakes(context: zmq.Context[zmq.Socket[bytes]], handshakes: str)
 
 
 def keep_secrets_out_of_core_files() -> None:
-    """A process that crashes with the server's key in its memory leaves no core file."""
+    """Disable core files, so that a crash does not write the server's key to disk."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

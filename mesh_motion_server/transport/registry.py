@@ -1,6 +1,6 @@
-"""Which sessions there are, who may see them, and which control requests were already made.
+"""The sessions, who may see them, and the control requests that were already made.
 
-Values only: no process, no socket. The supervisor acts on it.
+Values only: no process, no socket. The supervisor uses them.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from mesh_motion_server.transport.processes import Child
 
 __all__ = ["Asked", "Live", "Registry", "RequestBook", "fit"]
 
-#: Control requests of a user whose replies are remembered.
+#: Number of control requests of a user whose replies are kept.
 _REMEMBERED = 1024
-#: Sessions whose worker fell and of which that is remembered.
+#: Number of sessions with a failed worker that are kept.
 _FALLEN = 1024
-#: Sessions in one LISTED.
+#: Largest number of sessions in one LISTED.
 _LISTED = 200
-#: Bytes of their entries, which leave room for the rest of the header.
+#: Bytes of their entries; the rest of the header needs the difference.
 _LISTED_BYTES = HEADER_BYTES - 1024
 
 
 @dataclass(eq=False)
 class Asked:
-    """A control request and where its reply goes: the newest connection that sent it."""
+    """A control request and the newest connection that sent it, which gets the reply."""
 
     peer: bytes
     user: str
@@ -46,7 +46,7 @@ class Asked:
 
 @dataclass(eq=False)
 class Live:
-    """A session that has, or had since this server started, a worker.
+    """A session that has a worker, or had one since this server started.
 
     ``owner`` is the public key of who opened it, empty on a server without keys. ``status`` is PROBED's ``worker``:
     starting, alive or dead. ``asked`` is the OPEN or RESUME that waits for the worker; ``deadline`` is when that wait
@@ -73,29 +73,29 @@ class Live:
     over: bool = False
 
     def listed(self) -> dict[str, Any]:
-        """Its entry in LISTED."""
+        """Return its entry in LISTED."""
         worker = "alive" if self.status in ("alive", "starting") else "none"
         return {"session": self.session, "label": self.label, "state": self.state, "step": self.step,
                 "partitions": self.partitions, "worker": worker}  # fmt: skip
 
 
 class RequestBook:
-    """Control requests by user and id: a repeat gets the stored reply, or takes the place of the one that waits.
+    """Control requests by user and id: a repeat gets the stored reply, or replaces the waiting one.
 
-    The ids are the users' own: nobody gets a reply, and the token in it, by using another one's id, and nobody makes
-    the server forget another one's by many requests. What waits is not forgotten.
+    Ids are separate for each user: no user can get another user's reply with its token by using the same id, or make
+    the server forget another user's request. Waiting requests are kept.
     """
 
     def __init__(self) -> None:
         self._users: dict[str, OrderedDict[tuple[bytes, int], Asked]] = {}
 
     def enter(self, peer: bytes, user: str, request: Message) -> tuple[Asked, bool]:
-        """The entry of a request, and whether it is new.
+        """Return the entry of a request, and whether it is new.
 
         Raises
         ------
         SessionError
-            ABORTED.CONFLICT if the id was used for another content.
+            ABORTED.CONFLICT if the id was used for different content.
         """
         own = self._users.setdefault(user, OrderedDict())
         key, content = (request.client, request.sequence), request_digest(request)
@@ -116,7 +116,7 @@ class RequestBook:
         return known, False
 
     def forget(self, asked: Asked) -> None:
-        """The request failed without any effect: a repeat is a new try."""
+        """Forget a request that failed without any effect: a repeat is a new attempt."""
         own = self._users.get(asked.user, OrderedDict())
         own.pop((asked.request.client, asked.request.sequence), None)
         if not own:
@@ -124,7 +124,7 @@ class RequestBook:
 
 
 class Registry:
-    """The live sessions and, behind them, the store.
+    """The live sessions, and the store for all others.
 
     Parameters
     ----------
@@ -136,12 +136,12 @@ class Registry:
         self.live: dict[str, Live] = {}
 
     def owner(self, session: str) -> str | None:
-        """The public key of a session's owner, empty for one opened without keys; None if there is no such session.
+        """Return the public key of a session's owner, empty if opened without keys; None if there is no such session.
 
         Raises
         ------
         JournalError
-            If the stored session does not say.
+            If the owner of the stored session cannot be read.
         """
         live = self.live.get(session)
         if live is not None:
@@ -150,12 +150,12 @@ class Registry:
         return owner
 
     def authorised(self, session: str, token: bytes) -> Live | None:
-        """The live session, or None for one that only the store has.
+        """Return the live session, or None for one that only the store has.
 
         Raises
         ------
         SessionError
-            NOT_FOUND, alike for an unknown session and a wrong token.
+            NOT_FOUND, the same for an unknown session and a wrong token.
         """
         live = self.live.get(session)
         if live is None:
@@ -166,25 +166,25 @@ class Registry:
         return live
 
     def overseen(self, session: str) -> Live | None:
-        """Like :meth:`authorised`, for somebody who needs no token."""
+        """Like :meth:`authorised`, for a user who needs no token."""
         if self.owner(session) is None:
             raise not_found(session)
         return self.live.get(session)
 
     def forget_fallen(self) -> None:
-        """Of sessions whose worker fell and whom nobody resumed only the latest are kept: the store has the others."""
+        """Keep only the latest sessions whose worker failed and that nobody resumed: the store has the others."""
         fallen = [live.session for live in self.live.values() if live.status == "dead"]
         for session in fallen[:-_FALLEN]:
             del self.live[session]
 
     def working(self) -> int:
-        """Sessions with a worker that still serves them."""
+        """Number of sessions with a worker that still serves them."""
         return sum(live.status != "dead" and live.state != "CLOSED" for live in self.live.values())
 
     def page(self, after: str, shown: Callable[[str], bool]) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
         """LISTED's sessions behind ``after`` with their owners, and whether there are more; reads what is on the page.
 
-        ``shown`` says of an owner whether the asker may see the sessions.
+        ``shown`` takes an owner and returns whether the asking user may see the owner's sessions.
         """
         names = sorted(self.live.keys() | set(self._store.names()))
         page: list[tuple[str, dict[str, Any]]] = []
@@ -199,7 +199,7 @@ class Registry:
         return page, False
 
     def _serving(self, session: str) -> Live | None:
-        """The live session, None once CLOSE was answered: then the store tells whether there still is one."""
+        """Return the live session, None after CLOSE was answered: then the store decides whether it exists."""
         live = self.live.get(session)
         return None if live is None or live.state == "CLOSED" else live
 
@@ -209,7 +209,7 @@ class Registry:
         return owner
 
     def of(self, child: Child) -> Live | None:
-        """The session of a worker, None for the template."""
+        """Return the session of a worker, None for the template."""
         return next((live for live in self.live.values() if live.child is child), None)
 
 
@@ -219,7 +219,7 @@ def _stored(entry: Any) -> dict[str, Any]:
 
 
 def fit(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """As many of LISTED's sessions as fit into one header: labels may be long."""
+    """Return as many entries of LISTED as fit into one header: labels may be long."""
     room, count = _LISTED_BYTES, 0
     for entry in entries:
         room -= len(msgpack.packb(entry))

@@ -1,4 +1,4 @@
-"""Replies on their way out: those that transport itself gives, and all of them as frames."""
+"""The replies that transport itself gives, and the encoding of all replies as frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["encoded", "undecodable", "unexpected"]
 
 
 def undecodable(error: ProtocolError, *, state: str = "") -> ErrorReply:
-    """The reply to frames that are no message."""
+    """Return the reply to frames that are not a valid message."""
     return ErrorReply(
         client=error.client,
         sequence=error.sequence,
@@ -32,7 +32,7 @@ def undecodable(error: ProtocolError, *, state: str = "") -> ErrorReply:
 
 
 def unexpected(request: Message, endpoint: str, *, state: str = "") -> ErrorReply:
-    """The reply to a message that this endpoint does not take."""
+    """Return the reply to a message that this endpoint does not accept."""
     error = MeshMotionError(
         f"the {endpoint} endpoint does not take {request.type}",
         code="UNIMPLEMENTED.MESSAGE",
@@ -42,9 +42,9 @@ def unexpected(request: Message, endpoint: str, *, state: str = "") -> ErrorRepl
 
 
 def encoded(reply: Message, *, state: str = "", memory: Mapping[str, Any] | None = None) -> list[Buffer]:
-    """A reply's frames; one that cannot be put on the wire becomes an error, and whoever sends it goes on.
+    """Encode a reply as frames; a reply that cannot be encoded becomes an error reply.
 
-    Large arrays are written to the ``memory`` that is offered, if there is any.
+    Large arrays are written to ``memory`` if it is given.
     """
     try:
         return encode(reply, memory)

@@ -1,4 +1,4 @@
-"""Who may ask what of one worker's session."""
+"""Which requests a user may make to one worker's session."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ __all__ = ["Rights"]
 
 
 class Rights:
-    """The allow-list and the session's owner, asked at every request.
+    """The allow-list and the session's owner, checked at every request.
 
     Parameters
     ----------
     protection : Protection or None
         None: a server without keys, where everybody is the owner.
     owner : str
-        The public key of who opened the session.
+        The public key of the user who opened the session.
     """
 
     def __init__(self, protection: Protection | None, owner: str) -> None:
@@ -28,15 +28,15 @@ class Rights:
         self._owner = owner
 
     def user(self, frame: zmq.Frame) -> str:
-        """The public key that a message came under."""
+        """Return the public key of the message's connection."""
         return user_of(frame, self._protection)
 
     def is_owner(self, user: str) -> bool:
-        """Whether the session is this user's."""
+        """Whether this user owns the session."""
         return user == self._owner
 
     def check(self, user: str, request: Message) -> Verdict:
-        """USE or OVERSEE.
+        """Return USE or OVERSEE.
 
         Raises
         ------

@@ -1,6 +1,6 @@
-"""Before a protected endpoint is announced: real connections show that it admits a key and refuses all else.
+"""Before a protected endpoint is announced, real connections test that it admits a key and refuses all others.
 
-A CURVE socket whose handler is missing or wrong looks like any other; only a connection tells.
+A CURVE socket whose handler is missing or wrong looks like any other; only a connection shows the difference.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _ENDS = (
     | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
     | zmq.EVENT_DISCONNECTED
 )
-#: Answers one question about a handshake, if one waits; for a process that is its own handler.
+#: Answers one waiting handshake request; for a process that is its own handler.
 Turn = Callable[[], None]
 
 
 class ProtectionError(EndpointError):
-    """The endpoint does not keep out, or not let in, whom it should."""
+    """The endpoint admits or refuses the wrong clients."""
 
 
 def check_admits(endpoint: str, protection: Protection, secret: bytes, turn: Turn) -> None:
@@ -47,7 +47,7 @@ def check_admits(endpoint: str, protection: Protection, secret: bytes, turn: Tur
 
 
 def check_refuses(endpoint: str, protection: Protection, turn: Turn = lambda: None) -> None:
-    """Raise if a key that nobody knows, or a client without a key, gets a connection.
+    """Raise if a client with an unknown key or without a key gets a connection.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def check_refuses(endpoint: str, protection: Protection, turn: Turn = lambda: No
 
 
 def _connects(endpoint: str, protection: Protection, secret: bytes, turn: Turn) -> bool:
-    """Whether a handshake succeeds; no end of it within the time counts as a refusal."""
+    """Return whether a handshake succeeds; no result within the time counts as a refusal."""
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     client = context.socket(zmq.DEALER)
     client.setsockopt(zmq.LINGER, 0)
@@ -86,5 +86,5 @@ def _connects(endpoint: str, protection: Protection, secret: bytes, turn: Turn) 
 
 
 def _from_here(endpoint: str) -> str:
-    """A wildcard address as this machine reaches it."""
+    """Replace a wildcard address by one that this machine reaches."""
     return endpoint.replace("://0.0.0.0:", "://127.0.0.1:").replace("://[::]:", "://[::1]:")

@@ -1,4 +1,4 @@
-"""The way in: check where to listen, start the supervisor, say that the server is ready, serve until stopped."""
+"""The entry point: check the endpoint, start the supervisor, report that the server is ready, serve until stopped."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EXIT_UNAVAILABLE = 69
 #: Environment variable with the number of an inherited file descriptor: the server drains when it reads as ended. A
 #: client that starts a private server holds the other end, so that the server never outlives it.
 LIFELINE = "MESH_MOTION_LIFELINE_FD"
-#: How else than from another machine.
+#: Alternatives to listening for other machines.
 _INSTEAD = {
     "metrics": "let something on this machine fetch them",
     "monitor": "from another machine look through `ssh -L 7441:127.0.0.1:7441 HOST`",
@@ -94,7 +94,7 @@ def serve(
 
 
 class _RefusedError(Exception):
-    """The server does not start; with the status that says so."""
+    """The server does not start; has the exit status."""
 
     def __init__(self, error: MeshMotionError, status: int) -> None:
         super().__init__(error.message)
@@ -103,7 +103,7 @@ class _RefusedError(Exception):
 
 
 def _prepare(settings: ServerSettings, *, insecure: bool) -> tuple[Protection | None, TextIO | None]:
-    """Check what was asked for: the keys, if there shall be some, and the lock on the endpoint's folder."""
+    """Check the keys, if configured, and take the lock on the endpoint's folder."""
     try:
         protection = Protection.of_folder(settings.keys_folder.expanduser()) if settings.keys_folder else None
         endpoint = _allowed(settings.endpoint, insecure=insecure, protected=protection is not None)
@@ -120,7 +120,7 @@ def _prepare(settings: ServerSettings, *, insecure: bool) -> tuple[Protection | 
 
 
 def _start(supervisor: Supervisor) -> dict[str, str]:
-    """The endpoints of clients and of what watches, once they are listened on."""
+    """Start; return the endpoints of clients, metrics and page."""
     try:
         return supervisor.start()
     except EndpointError as error:
@@ -129,7 +129,7 @@ def _start(supervisor: Supervisor) -> dict[str, str]:
 
 
 def _allowed(text: str, *, insecure: bool, protected: bool) -> Endpoint:
-    """The endpoint, if it is local or protected by keys, or the caller insists."""
+    """Return the endpoint if it is local, protected by keys, or explicitly allowed."""
     endpoint = Endpoint.parse(text)
     if endpoint.is_local or protected:
         return endpoint
@@ -156,7 +156,7 @@ def _check_watching(name: str, address: str | None, *, insecure: bool) -> None:
 
 
 def _require_page(address: str | None) -> None:
-    """Raise unless what serves the page is installed, where there shall be one."""
+    """Raise if the page has an address but its packages are not installed."""
     missing = [name for name in ("starlette", "uvicorn") if address and importlib.util.find_spec(name) is None]
     if missing:
         raise EndpointError(

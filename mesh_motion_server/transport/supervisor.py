@@ -1,7 +1,7 @@
-"""The parent of gateway and workers: starts them, hears them, notices their deaths, drains on SIGTERM.
+"""The parent of gateway and workers: starts them, reads their messages, notices their deaths, drains on SIGTERM.
 
-Single-threaded and without sockets of its own; everything it hears comes over its children's channels, as signals, or
-as the end of the lifeline. A child's death shows at once as the end of its channel.
+Single-threaded, without sockets of its own. All input comes from its children's channels, as signals, or as the end of
+the lifeline. When a child dies, its channel ends at once.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from mesh_motion_server.transport.watch import Watch
 
 __all__ = ["Supervisor"]
 
-#: Processes that end one after the other before they have said a word: what they import is broken.
+#: Processes that end in succession before their first message: their imports are broken.
 _WORKER_STARTS = 3
-#: A worker that has closed its line ends within this time, seconds.
+#: A worker that has closed its line must end within this time, seconds.
 _LEAVE_SECONDS = 5.0
-#: ``EX_SOFTWARE`` of sysexits.h: the server cannot do its work, and starting it again will not help.
+#: ``EX_SOFTWARE`` of sysexits.h: the server cannot work, and a restart will not help.
 _DEFECT = 70
 
 
@@ -55,9 +55,9 @@ class Supervisor:
     level : str
         Log level, handed to the children.
     protection : Protection, optional
-        The server's keys; without them whoever reaches an endpoint may use it.
+        The server's keys; without them everybody who reaches an endpoint may use it.
     manager : ServiceManager, optional
-        Who started the server and wants to know how it does.
+        The service manager that started the server and gets its status.
     """
 
     def __init__(
@@ -101,12 +101,12 @@ class Supervisor:
         Returns
         -------
         dict
-            ``endpoint`` of clients, ``metrics`` and ``monitor``; of what nobody asked for, "".
+            ``endpoint`` of clients, ``metrics`` and ``monitor``; "" if not configured.
 
         Raises
         ------
         EndpointError
-            If an endpoint cannot be bound; ProtectionError if it admits or refuses the wrong ones.
+            If an endpoint cannot be bound; ProtectionError if it admits or refuses the wrong keys.
         """
         adopt_orphans()
         self._gateway.start()
@@ -119,8 +119,8 @@ class Supervisor:
             self._stop()
             raise
         self._template = self._next_template()
-        self._disk.ask()  # its thread takes address space, which a child forked later may use beyond its bound
-        # whoever hears that it is ready may stop it at once
+        self._disk.ask()  # its thread takes address space, which would add to the limit of a child that is forked later
+        # a reader of the ready line may stop the server at once
         self._listen(wake_on_signals(signal.SIGTERM, signal.SIGINT), self._signalled)
         return {"endpoint": self._gateway.endpoint} | {of.name: of.address for of in self._watch.attendants}
 
@@ -140,15 +140,15 @@ class Supervisor:
         return self._stop()
 
     def _hear(self) -> None:
-        """Wait, and hear who has something to say."""
+        """Wait for events and handle them."""
         for key, _ in self._selector.select(self._patience()):
             key.data(key.fileobj)
 
     def _beat(self, now: float) -> None:
-        """What is done every second."""
+        """Do the work of each second."""
         self._hurry(now)
         if self._template is None and not (self._control.draining or self._workers_fail):
-            self._template = self._next_template()  # there was no process or memory for it when it was wanted
+            self._template = self._next_template()  # an earlier start failed for lack of processes or memory
         for attendant in self._watch.attendants:
             if attendant.child is None:
                 self._attend_again(attendant)
@@ -176,7 +176,7 @@ class Supervisor:
             self._drain("lifeline")
 
     def _drain(self, reason: str) -> None:
-        """No new session; every worker finishes its request and closes its journal. A second signal: at once."""
+        """Accept no new session; each worker ends its request and closes its journal. A second signal: stop at once."""
         if self._control.draining:
             return
         log().info("draining", reason=reason)
@@ -196,7 +196,7 @@ class Supervisor:
                 live.child.kill()
 
     def _stop(self) -> int:
-        """End the children that are left."""
+        """End the remaining children."""
         if self._gateway.lost:
             self._kill_workers()
             return _DEFECT
@@ -205,7 +205,7 @@ class Supervisor:
             if attendant.child is not None:
                 self._end(attendant.child)
         if self._template is not None:
-            self._template.kill()  # it holds nothing, and may still be importing
+            self._template.kill()  # it has no state, and may still be importing
             self._end(self._template)
         if self._private is not None:
             self._private.cleanup()
@@ -233,19 +233,19 @@ class Supervisor:
         self._control.request(peer, user, frame)
 
     def _order(self, endpoint: str) -> dict[str, Any]:
-        """What gateway and workers have to know alike."""
+        """Return the order that gateway and workers share."""
         protection = self._protection.to_order() if self._protection is not None else None
         return {"endpoint": endpoint, "protection": protection}
 
     # --- the attendants ----------------------------------------------------------------------------------------------
 
     def _attend(self, attendant: Attendant) -> None:
-        """Start it, if there shall be one, without waiting for what it says."""
+        """Start an attendant, if configured, without waiting for its report."""
         if attendant.launch() and attendant.child is not None:
             self._listen(attendant.child.channel, lambda _: self._attendant_spoke(attendant))
 
     def _attendant_spoke(self, attendant: Attendant) -> None:
-        """Its one word, whether it listens, or its end."""
+        """Handle the attendant's report or its end."""
         child = attendant.child
         if child is None or attendant.spoke():
             return
@@ -262,7 +262,7 @@ class Supervisor:
     # --- the workers -------------------------------------------------------------------------------------------------
 
     def _start_session(self, order: dict[str, Any]) -> Child:
-        """Have a worker forked that reads the order as soon as the template has imported everything."""
+        """Request a worker; it reads the order after the template has imported everything."""
         if self._template is None:
             self._template = self._start_template()
         child = fork(self._template)
@@ -287,7 +287,7 @@ class Supervisor:
         return template
 
     def _next_template(self) -> Child | None:
-        """One for the next sessions; without one the next session starts it."""
+        """Start a template for the next sessions; if this fails, the next session starts it."""
         try:
             return self._start_template()
         except OSError as error:
@@ -295,7 +295,7 @@ class Supervisor:
             return None
 
     def _worker_spoke(self, child: Child) -> None:
-        """The template, or a worker that it has forked."""
+        """Handle a message of the template or of a worker."""
         message = child.channel.receive()
         if message is None:
             self._selector.unregister(child.channel)
@@ -311,7 +311,7 @@ class Supervisor:
             self._control.heard(live, message)
 
     def _await_end(self, child: Child) -> None:
-        """Its line has ended, and soon its process will have; so long nobody else waits."""
+        """Wait for the end of a process whose line has ended, without blocking others."""
         template = child is self._template
         if template:
             self._template = None
@@ -330,7 +330,7 @@ class Supervisor:
         self._listen(descriptor, ended)
 
     def _hurry(self, now: float) -> None:
-        """Kill workers that have closed their line but do not end."""
+        """Kill workers that have closed their line but have not ended."""
         for child, deadline in self._leaving.items():
             if deadline <= now:
                 child.kill()
@@ -357,7 +357,7 @@ class Supervisor:
         return self._silent_ends >= _WORKER_STARTS
 
     def _end(self, child: Child) -> int:
-        """Close the line to a worker, which makes a waiting one end, and collect its status."""
+        """Close the line to a worker, which makes a waiting one end, and collect its exit status."""
         self._selector.unregister(child.channel)
         return child.reap()
 

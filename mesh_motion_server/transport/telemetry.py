@@ -1,6 +1,6 @@
-"""Structured logs to standard error: one line an event, never a payload, a token or a coordinate.
+"""Structured logs to standard error: one line per event, never a payload, a token or a coordinate.
 
-How often, how long, and what of an exception: :mod:`.log_bounds`; where no line is taken: :mod:`.log_stream`.
+Limits of frequency, length and exceptions: :mod:`.log_bounds`; streams that accept no line: :mod:`.log_stream`.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ __all__ = ["configure", "log", "name_session", "tell_suppressed"]
 
 _THROTTLE = Throttle()
 _LOGGER = logging.getLogger("mesh_motion_server.transport")
-#: What every line of this process says.
+#: Values in every line of this process.
 _NAMES: dict[str, str] = {}
 
 
 class _Log:
-    """The logger of this process: an event is a word, and what it is about are named values."""
+    """The logger of this process: an event is one word, with named values."""
 
     def debug(self, event: str, **values: Any) -> None:
-        """For a look at a server, not for its life."""
+        """Log details for short investigations."""
         self._say(logging.DEBUG, event, values)
 
     def info(self, event: str, **values: Any) -> None:
-        """What happens as it should."""
+        """Log a normal event."""
         self._say(logging.INFO, event, values)
 
     def warning(self, event: str, **values: Any) -> None:
-        """What the operator may want to change."""
+        """Log what the operator may want to change."""
         self._say(logging.WARNING, event, values)
 
     def error(self, event: str, **values: Any) -> None:
-        """What went wrong."""
+        """Log a failure."""
         self._say(logging.ERROR, event, values)
 
     def exception(self, event: str, **values: Any) -> None:
-        """What went wrong, with the exception that is being handled."""
+        """Log a failure with the exception that is being handled."""
         self._say(logging.ERROR, event, values, raised=sys.exception())
 
     def _say(self, level: int, event: str, values: dict[str, Any], raised: BaseException | None = None) -> None:
@@ -54,7 +54,7 @@ _LOG = _Log()
 
 
 class _Line(logging.Formatter):
-    """JSON, or text for a terminal; lines of the layers below, and of libraries, look like ours."""
+    """Format as JSON, or as text for a terminal; lines of other layers and of libraries look the same."""
 
     def __init__(self, *, json_lines: bool) -> None:
         super().__init__()
@@ -68,16 +68,16 @@ class _Line(logging.Formatter):
         line = shortened(values | {"event": event, "level": record.levelname.lower(), "timestamp": at})
         if self._json:
             return json.dumps(line, default=repr)
-        # values as literals: what a client calls itself must not steer the terminal
+        # values as literals: client text must not control the terminal
         pairs = " ".join(f"{name}={line[name]!r}" for name in values)
         return f"{at} {line['level']:7} {line['event']} {pairs}"
 
 
 def configure(role: str, level: str = "info") -> None:
-    """Name the process and set its logging up: JSON lines, or text on a terminal."""
+    """Name the process and configure its log: JSON lines, or text on a terminal."""
     name_process(role)
     _NAMES["role"] = role
-    _THROTTLE.take()  # what the process left out that this one was forked from is told there
+    _THROTTLE.take()  # the parent process reports the lines that it omitted itself
     handler = logging.StreamHandler(Unfailing(sys.stderr))
     handler.setFormatter(_Line(json_lines=not sys.stderr.isatty()))
     handler.addFilter(_seldom)
@@ -87,18 +87,18 @@ def configure(role: str, level: str = "info") -> None:
 
 
 def name_session(session: str) -> None:
-    """From now on this process' lines say which session they are about."""
+    """Add the session to all further lines of this process."""
     _NAMES["session"] = session
 
 
 def tell_suppressed() -> None:
-    """A line for each event whose lines were left out since the last time; called every few seconds."""
+    """Log the number of omitted lines for each event since the last call; called every few seconds."""
     for event, count in _THROTTLE.take().items():
         _LOG.warning("suppressed", lines=count, of=event)
 
 
 def _log_uncaught(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
-    """The end of a process is a line as any other."""
+    """Log an uncaught exception as a normal line."""
     _LOGGER.error("uncaught", exc_info=error)
 
 
@@ -107,5 +107,5 @@ def _seldom(record: logging.LogRecord) -> bool:
 
 
 def log() -> _Log:
-    """The logger of this process."""
+    """Return the logger of this process."""
     return _LOG

@@ -1,6 +1,6 @@
-"""What the supervisor looks at every second: children, disk, memory; and whom it tells: attendants, systemd, the log.
+"""The checks of every second: children, disk, memory; and the reports to attendants, systemd and the log.
 
-Its own loop calls :meth:`Watch.beat`, so that whoever listens learns that the loop turns.
+The supervisor's loop calls :meth:`Watch.beat`, so each report also shows that the loop runs.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from mesh_motion_server.transport.telemetry import log, tell_suppressed
 __all__ = ["Watch"]
 
 _SECONDS = 1.0
-#: The template imports what workers need in a second, on a machine that does nothing else.
+#: Limit for the template's imports, which take one second on an idle machine.
 _TEMPLATE_SECONDS = 60.0
-#: The log warns when so many times the reserve is left.
+#: The log warns when less than this many times the reserve is left.
 _WARNED = 2
-#: Live sessions of which the page is told, the latest; their entries fit into one message.
+#: Largest number of sessions sent to the page, the latest ones; their entries fit into one message.
 _MOST_SESSIONS = 500
 _MAKE_ROOM = "make room, such as by removing history/ of closed sessions: below the reserve new sessions are refused"
-#: Of a session with a worker.
+#: States of a session with a worker.
 _STATES = ("NEW", "OPENING", "READY", "TRIAL", "COMMITTING", "SUSPENDED", "FROZEN", "FAILED")
 
 _Gauges = list[tuple[str, str, float]]
 
 
 class Watch:
-    """Sees and tells how the server stands.
+    """Checks and reports the state of the server.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Watch:
     Attributes
     ----------
     metrics, page : Attendant
-        Who answers Prometheus and probes, and who shows people the sessions.
+        The process for Prometheus and probes, and the process for the page.
     """
 
     def __init__(self, settings: ServerSettings, level: str, manager: ServiceManager, disk: DiskWatch) -> None:
@@ -83,23 +83,23 @@ class Watch:
 
     @property
     def attendants(self) -> tuple[Attendant, ...]:
-        """All of them, those included that nobody has asked for."""
+        """Return all attendants, also those that are not configured."""
         return self.metrics, self.page
 
     # --- what happens ------------------------------------------------------------------------------------------------
 
     def worker_started(self) -> None:
-        """The worker of a session."""
+        """Count a started worker of a session."""
         TALLY.count("worker_starts")
 
     def worker_ended(self, code: int) -> None:
-        """With this exit status, negative after a signal."""
+        """Count an ended worker with its exit status, negative after a signal."""
         TALLY.count("worker_ends", label="orderly" if code == 0 else "signal" if code < 0 else "failure")
 
     # --- every second ------------------------------------------------------------------------------------------------
 
     def beat(self, registry: Registry, gateway: GatewayLine, template: Child | None, *, draining: bool) -> None:
-        """Look and tell."""
+        """Check and report."""
         now = time.monotonic()
         self.next_beat = now + _SECONDS
         tell_suppressed()
@@ -120,7 +120,7 @@ class Watch:
             self.metrics.tell(news | {"totals": TALLY.values()})
         if self.page.child is not None:
             sessions = [[*_entry(live)] for live in registry.live.values()]
-            # the latest, and those that fell only where there is room behind the working ones
+            # the latest ones; failed ones only if there is room after the working ones
             sessions = sorted(sessions, key=lambda entry: entry[1] != "dead")[-_MOST_SESSIONS:]
             self.page.tell({"missing": missing, "sessions": sessions})
         self._disk.ask()  # for the next time
@@ -139,7 +139,7 @@ class Watch:
         )
 
     def _log_disk(self, readiness: Readiness) -> None:
-        """Once when the room gets low or the disk silent, once when all is well again."""
+        """Log once when the disk gets full or silent, and once when it is well again."""
         disk, reserve = readiness.disk, self._settings.reserve_disk_bytes
         trouble = ""
         if readiness.disk_silence > SILENT_SECONDS:
@@ -171,11 +171,11 @@ class Watch:
 
 
 def _build() -> dict[str, str]:
-    """Which software this is."""
+    """Return the versions of the software."""
     version = ".".join(map(str, PROTOCOL_VERSION))
     return {"version": __version__, "protocol": version, "python": platform.python_version()}
 
 
 def _entry(live: Live) -> tuple[str, str, str, int, int]:
-    """Of a session that has or had a worker: no token, no owner, no label."""
+    """Return the values of a session that has or had a worker: no token, no owner, no label."""
     return live.session, live.status, live.state, live.step, live.epoch

@@ -1,12 +1,12 @@
 """The template and a worker.
 
 The template imports everything, then forks a worker for each line that the supervisor hands over. A worker is one
-session's process. It gets its order: create a session, or resume one from its journal. From then on one request at a
-time: frames → message → host → replies → frames. While it computes nobody else is served here; whether it still lives
-is asked at the gateway (PROBE).
+session's process. It gets its order: create a session, or resume one from its journal. Then it handles one request at a
+time: frames → message → host → replies → frames. While it computes it serves nobody else; the gateway answers whether
+it is alive (PROBE).
 
-The lease holds while any connection is open. Without one the host is told after ``lease_seconds``, and after
-``idle_seconds`` the process ends; the session stays resumable. One without a mesh ends with its lease.
+The lease holds while any connection is open. ``lease_seconds`` after the last one the host is told, and after
+``idle_seconds`` the process ends; the session stays resumable. A session without a mesh ends with its lease.
 """
 
 from __future__ import annotations
@@ -57,21 +57,21 @@ __all__ = ["Lease", "Worker", "main"]
 
 #: Whole messages queued per connection: the high-water mark counts messages, whatever their size.
 _QUEUED = 2
-#: Open files and connections: the journal's few, libraries', and one connection a partition and client.
+#: Open files and connections: some for the journal and libraries, and one connection per partition and client.
 _DESCRIPTORS = 2048
-#: Details of a failure that is told to the supervisor, whose line takes headers; the message says the same.
+#: Largest details of a failure sent to the supervisor, whose line takes headers; the message has the same content.
 _DETAILS_BYTES = 16 << 10
 _DATA = REPLIES.keys() - CONTROL
-#: What was counted is told after each of these, and otherwise so often, seconds: a killed worker loses no more.
+#: Counts are sent after each of these, and otherwise at this interval, seconds: a killed worker loses no more.
 _STEPS = frozenset({"BUILD", "MOVE", "COMMIT"})
 _TALLY_SECONDS = 1.0
 
 
 class Lease:
-    """Knows the open connections of a socket and tells for how long there has been none.
+    """Follows the open connections of a socket and the time since the last one ended.
 
-    They are told apart by their descriptors: the end of one whose handshake failed is not that of another. Who only
-    looks on keeps no lease: a session that nobody moves is at rest, however many watch it.
+    Connections are identified by their descriptors, so the end of a failed handshake does not end another connection.
+    Clients that only watch do not keep the lease.
     """
 
     def __init__(self, socket: zmq.Socket[bytes], now: float) -> None:
@@ -80,7 +80,7 @@ class Lease:
         self._alone_since = now
 
     def update(self, now: float) -> None:
-        """Take the monitor's news in."""
+        """Read the monitor's events."""
         while self.monitor.poll(0):
             event, descriptor = connection_event(self.monitor)
             if event == zmq.EVENT_ACCEPTED:
@@ -90,12 +90,12 @@ class Lease:
                 self._alone_since = now
 
     def pass_over(self, frame: zmq.Frame, now: float) -> None:
-        """The connection that a frame came from does not count."""
-        self.update(now)  # or its beginning would be heard of later
+        """Do not count the connection that a frame came from."""
+        self.update(now)  # otherwise its start would be read later
         self._connections.discard(int(frame.get(zmq.SRCFD)))
 
     def alone(self, now: float) -> float:
-        """Seconds without any connection."""
+        """Return the seconds without any connection."""
         return 0.0 if self._connections else now - self._alone_since
 
 
@@ -111,7 +111,7 @@ class Worker:
     host : SessionHost
     settings : ServerSettings
     rights : Rights
-        Who may ask what of this session.
+        Which requests each user may make to this session.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Worker:
         self._over = False
 
     def run(self, signals: Any) -> None:
-        """Serve until the session is closed, idle for too long, or the supervisor says drain or is gone."""
+        """Serve until the session is closed or idle for too long, or the supervisor orders a drain or is gone."""
         poller = zmq.Poller()
         for source in (self._socket, self._channel.fileno(), self._lease.monitor, signals.fileno()):
             poller.register(source, zmq.POLLIN)
@@ -155,7 +155,7 @@ class Worker:
         self._lease.monitor.close()
 
     def _patience(self) -> int:
-        """Milliseconds until there may be something to do unasked."""
+        """Return the milliseconds until the next timed action."""
         waits = [self._settings.lease_seconds / 4, 15.0]
         if TALLY:
             waits.append(_TALLY_SECONDS)
@@ -164,7 +164,7 @@ class Worker:
         return math.ceil(1000 * min(waits))
 
     def _obey(self) -> None:
-        """The supervisor's orders: drain, reclaim."""
+        """Handle the supervisor's orders: drain, reclaim."""
         order = self._channel.receive()
         if order is None or order["order"] == "drain":
             failpoint("worker.drain")
@@ -183,7 +183,7 @@ class Worker:
         )
 
     def _receive(self) -> None:
-        """One request, from frames to the frames of its replies."""
+        """Handle one request, from its frames to the frames of its replies."""
         peer, *parts = self._socket.recv_multipart(copy=False)
         failpoint("worker.received")
         started = time.perf_counter()
@@ -237,16 +237,16 @@ class Worker:
                 self._socket.send_multipart([envelope.peer, *frames], flags=zmq.NOBLOCK, copy=False)
                 failpoint("worker.sent")
             except zmq.ZMQError as error:
-                # The peer is gone or does not read: it asks again, by the same request id, when it is back.
+                # The peer is gone or does not read: it will repeat the request with the same request id.
                 log().info("undelivered", reply=envelope.message.type, reason=str(error))
 
     def _shared(self, reply: Envelope) -> Mapping[str, Any] | None:
-        """Memory for a reply's arrays: only of who could enter the folder of an ipc endpoint, the server's own user."""
+        """Return memory for a reply's arrays; only on ipc, whose folder only the server's own user can enter."""
         local = reply.memory and self._socket.getsockopt(zmq.LAST_ENDPOINT)[:4] == b"ipc:"  # type: ignore[index]
         return reply.memory if local else None
 
     def _keep_time(self) -> None:
-        """Collective requests that waited too long, the lease, the end of an idle process."""
+        """Handle expired collective requests, the lease, and the end of an idle process."""
         now = time.monotonic()
         tell_suppressed()
         if self._host.next_deadline is not None and self._host.next_deadline <= now:
@@ -261,7 +261,7 @@ class Worker:
         self._over = self._over or alone >= self._settings.idle_seconds
 
     def _report(self) -> None:
-        """Tell the supervisor where the session stands, when that has changed, and what was counted meanwhile."""
+        """Report the session's state to the supervisor if it has changed, and the counts since the last report."""
         now = (str(self._host.state), self._host.step, self._host.epoch)
         if now == self._reported and not (TALLY and time.monotonic() >= self._tally_due):
             return
@@ -269,7 +269,7 @@ class Worker:
         if self._channel.offer({"event": "status", "state": now[0], "step": now[1], "epoch": now[2], "tally": taken}):
             self._reported, self._tally_due = now, time.monotonic() + _TALLY_SECONDS
         else:
-            TALLY.add(taken)  # the supervisor is behind with reading: the client does not wait for it
+            TALLY.add(taken)  # the supervisor's queue is full; the client does not wait for it
 
 
 def _count(reply: Message, frames: Sequence[Buffer]) -> None:
@@ -279,19 +279,19 @@ def _count(reply: Message, frames: Sequence[Buffer]) -> None:
 
 
 def main(channel: Channel, level: str, *modules: str) -> int:
-    """Import everything that a session with such modules needs, then fork workers; in each of them serve."""
+    """Import everything that a session with these modules needs, then fork workers; each of them serves."""
     offer_to_the_oom_killer()
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor ends it
     configure("worker", level)
     activate()
     failpoint("template.start")
-    gc.disable()  # a tenth of the time that imports take
+    gc.disable()  # saves a tenth of the import time
     hosting = Hosting(*modules)
     hosts, stores = hosting.load_host(), hosting.load_store()
     importlib.import_module(hosting.numerics)
     failpoint("template.ready")
     channel.send({"event": "warm"})
-    gc.freeze()  # a worker's collections leave the pages alone that it shares with the others
+    gc.freeze()  # a worker's collections then leave the shared pages unchanged
     gc.enable()
     while (line := channel.take_over()) is not None:
         try:
@@ -307,7 +307,7 @@ def main(channel: Channel, level: str, *modules: str) -> int:
 
 
 def _work(channel: Channel, hosts: Any, stores: Any) -> int:
-    """In a worker: take the order, serve."""
+    """Take the order and serve, in a worker."""
     signals = wake_on_signals(signal.SIGTERM)
     failpoint("worker.start")
     channel.send({"event": "born", "pid": os.getpid()})
@@ -319,7 +319,7 @@ def _work(channel: Channel, hosts: Any, stores: Any) -> int:
 
 
 def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, signals: Any) -> int:
-    """From the order to the end of the session's use."""
+    """Serve from the order to the end of the session's use."""
     failpoint("worker.ordered")
     settings = ServerSettings.model_validate_json(order["settings"])
     limit_address_space(settings.worker_memory_bytes)
@@ -341,8 +341,8 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
             channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
             return 1
         failpoint("worker.bound")
-        # The worker watches connections from before anybody knows of the endpoint: one that it has not seen come about
-        # would keep no lease.
+        # The worker must watch connections before the endpoint is known: a connection that it did not see start would
+        # keep no lease.
         worker = Worker(channel, socket, host, settings, Rights(protection, order["owner"]))
         serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
         channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
@@ -353,7 +353,7 @@ def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, sig
         failpoint("worker.over")
         channel.send({"event": "over", "closed": host.closed})
     finally:
-        # whatever fails: a context with an open socket would never end, nor would this process
+        # after any failure: a context with an open socket would never end, nor would this process
         try:
             host.close()
             channel.send({"event": "farewell", "tally": TALLY.take()})
@@ -370,12 +370,12 @@ def _listen(
     protection: Protection | None,
     settings: ServerSettings,
 ) -> str:
-    """Bind beside the control endpoint; with keys only if a real connection shows that strangers are refused.
+    """Bind beside the control endpoint; with keys, only if a real connection shows that unknown keys are refused.
 
     Returns
     -------
     str
-        The endpoint as clients are told.
+        The endpoint that clients get.
     """
     if protection is not None:
         keep_secrets_out_of_core_files()
@@ -388,7 +388,7 @@ def _listen(
 
 
 def _tell_progress(channel: Channel, step: int) -> None:
-    """A step was computed again: the supervisor goes on waiting."""
+    """Report a recomputed step, so that the supervisor goes on waiting."""
     channel.offer({"event": "recomputed", "step": step})
 
 
@@ -414,7 +414,7 @@ def _host(
 
 
 def _failure(error: Exception) -> dict[str, Any]:
-    """What the supervisor needs to answer; an error nobody foresaw is INTERNAL, its trace is logged."""
+    """Return the error for the supervisor; an unexpected error is INTERNAL, and its trace is logged."""
     if not isinstance(error, (MeshMotionError, MemoryError)):
         log().exception("start_failed")
         text = brief(f"{type(error).__name__}: {error}")
