@@ -168,7 +168,7 @@ def _print_check(report: CheckReport) -> None:
 
 
 def _about(seconds: float) -> str:
-    """Two digits of an estimate that is worth telling."""
+    """Format an estimate with its two significant digits."""
     return "under 1 ms" if seconds < 1e-3 else f"{seconds:.2g} s"
 
 

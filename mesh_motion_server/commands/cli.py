@@ -42,7 +42,7 @@ class ExitStatus(IntEnum):
     INTERRUPTED = 130
 
 
-#: Exit status by error code, the longest matching beginning first; any other code is FAILED.
+#: Exit status by error code; the longest matching prefix counts. Any other code is FAILED.
 _BY_CODE = (
     ("INVALID_ARGUMENT", ExitStatus.INVALID),
     ("FAILED_PRECONDITION.QUALITY", ExitStatus.REFUSED),
@@ -66,7 +66,7 @@ def complain(message: str) -> None:
 
 def main() -> NoReturn:
     """Run the command line and exit."""
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search through every package that is installed
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches every installed package
     try:
         from mesh_motion_server.commands.app import app  # noqa: PLC0415  (its packages may be missing: the client's do)
 
@@ -86,7 +86,7 @@ def main() -> NoReturn:
 
 
 def _report_defect(error: Exception) -> NoReturn:
-    """What a report of it needs, and status 70."""
+    """Print what a bug report needs; exit with status 70."""
     traceback.print_exception(error)
     complain(f"a defect of this program: {type(error).__name__}; please report the lines above")
     sys.exit(ExitStatus.DEFECT)

@@ -11,28 +11,28 @@ from pathlib import Path
 
 __all__ = ["beginning_with", "log_levels", "roles", "session_folders"]
 
-#: What ``serve`` keeps its sessions in, if no setting says otherwise.
+#: Default state folder of ``serve``.
 _STATE = Path("~/.local/state/mesh-motion")
 _SESSION = re.compile(r"[0-9a-f]{32}")
 
 
 def beginning_with(incomplete: str, *words: str) -> list[str]:
-    """Those that go on from what has been typed."""
+    """Return the words that start with the typed text."""
     return [word for word in words if word.startswith(incomplete)]
 
 
 def log_levels(incomplete: str) -> list[str]:
-    """Of ``serve --log-level``."""
+    """Complete ``serve --log-level``."""
     return beginning_with(incomplete, "debug", "info", "warning", "error")
 
 
 def roles(incomplete: str) -> list[str]:
-    """Of ``keys allow --role``."""
+    """Complete ``keys allow --role``."""
     return beginning_with(incomplete, "owner", "monitor", "admin")
 
 
 def session_folders(incomplete: str) -> list[str]:
-    """The stored sessions of the default state folder, and that folder."""
+    """Return the stored sessions of the default state folder, and that folder."""
     state = _STATE.expanduser()
     if not state.is_dir():
         return []

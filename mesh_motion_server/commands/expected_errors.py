@@ -1,4 +1,4 @@
-"""What can go wrong in a command and is no defect: one line on standard error and an exit status."""
+"""Expected errors of a command, which are no defects: one line on standard error and an exit status."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def expected_errors() -> Iterator[None]:
 
 
 def _tell(line: str, error: BaseException) -> None:
-    """The line, and what was noted of the error on its way."""
+    """Print the line and the notes of the error."""
     for text in (line, *getattr(error, "__notes__", ())):
         complain(text)
 
 
 def _kinds() -> tuple[type[Exception], ...]:
-    """The server's errors, and the client's if it has been imported: a command that needs none does not wait for it."""
+    """Return the server's errors, and the client's if it is imported: do not import it just for this."""
     client = sys.modules.get("mesh_motion_client.errors")
     return (MeshMotionError, *([client.MeshMotionError] if client else []))

@@ -76,7 +76,7 @@ def monitor(
 
 
 def _source(folder: Path | None, endpoint: str | None, key: Path | None, server_key: str | None) -> Source:
-    """Where to look."""
+    """Select the source of the sessions: a folder or an endpoint."""
     if endpoint is not None:
         from mesh_motion_server.watch.terminal.sources import EndpointSource
 
@@ -88,7 +88,7 @@ def _source(folder: Path | None, endpoint: str | None, key: Path | None, server_
 
 
 def _is_terminal() -> bool:
-    """Whether keys can be read and a screen drawn."""
+    """Return whether keys can be read and a screen can be drawn."""
     return sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 

@@ -35,7 +35,7 @@ ServerKeyOption = Annotated[
 
 
 def keys_of_options(endpoint: str | None, key: Path | None, server_key: str | None) -> Keys | None:
-    """The keys of the options, filled up by the environment; a private server needs none."""
+    """Return the keys from the options and the environment; a private server needs none."""
     # NumPy and the socket take a quarter of a second, and most commands need neither
     from mesh_motion_client import InvalidInput, Keys  # noqa: PLC0415
     from mesh_motion_client.keys import KEY_VARIABLE, SERVER_KEY_VARIABLE  # noqa: PLC0415

@@ -76,7 +76,7 @@ def plot(
 
 
 def _page(out: Path, size: str, *, dark: bool, dpi: int) -> Page:
-    """What is drawn on."""
+    """Return the page to draw on."""
     from mesh_motion_server.files.replace import require_folder_place
     from mesh_motion_server.watch.pictures.page import Page, format_of, parse_size
     from mesh_motion_server.watch.pictures.palette import DARK, LIGHT
@@ -88,7 +88,7 @@ def _page(out: Path, size: str, *, dark: bool, dpi: int) -> Page:
 
 
 def _steps(text: str | None) -> tuple[int | None, int | None]:
-    """``A:B``, either of which may be left out."""
+    """Parse ``A:B``; either part may be missing."""
     if text is None:
         return None, None
     found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)

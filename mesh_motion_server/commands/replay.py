@@ -29,7 +29,7 @@ def replay_session(
     ----------
     session_folder, out : Path
     assignments, variants : sequence of str
-        ``key=value`` of ``[method]``; of a variant several with commas between them.
+        ``key=value`` of ``[method]``; a variant has several, separated by commas.
     options
         Of :func:`mesh_motion_server.cases.replay.replay`.
 
@@ -46,7 +46,7 @@ def replay_session(
 
 
 def tell_comparison(comparison: Comparison, *, quiet: bool) -> None:
-    """Print the table and what has to be known of it.
+    """Print the table and the notes of the comparison.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
 
 
 def _is_real(key: str) -> bool:
-    """Whether the setting is a number that need not be whole: 1 is then as good as 1.0."""
+    """Return whether the setting is a real number: then 1 means 1.0."""
     from mesh_motion_server.numerics.method import KEYS
 
     return key in KEYS and KEYS[key].kind is float

@@ -74,7 +74,7 @@ def serve(
 
 
 def _server_settings(file: Path | None, given: dict[str, Any]) -> Any:
-    """The settings of a file, overruled by the options; wrong ones end with status 78."""
+    """Combine the settings of a file and the options, which take precedence; invalid ones end with status 78."""
     import tomllib
 
     from mesh_motion_server.settings import ServerSettings

@@ -1,9 +1,9 @@
-"""Past one machine: the mesh lies in partitions on workers of a Dask cluster, and per step only what the boundary
-decides travels to them.
+"""Beyond one machine: the mesh lies in partitions on workers of a Dask cluster, and per step only the data that the
+boundary determines are sent to them.
 
-A value of an interpolant depends on the interpolant and the point alone, and the quality of a cell on its own nodes.
-So a worker that holds the nodes of its cells (some of them as a *halo* that another worker has too) needs no neighbour:
-it takes the coefficients, moves its nodes, judges its cells, and keeps both. The result is that of one machine bit for
+A value of an interpolant depends on the interpolant and the point alone, and the quality of a cell on its own nodes. So
+a worker that holds the nodes of its cells (some of them as a *halo* that another worker has too) needs no neighbour: it
+receives the coefficients, moves its nodes, judges its cells, and keeps both. The result is that of one machine bit for
 bit, except for the means, which are sums in another order.
 
 ::

@@ -1,7 +1,8 @@
-"""The way to a Dask scheduler, opened when it is first needed.
+"""The connection to a Dask scheduler, opened at its first use.
 
-Whoever can reach a scheduler or a worker can run code there: an address comes from the operator of the server alone,
-never from a client's message, and the channel is to be protected (``tls://`` with certificates, or a private network).
+Whoever can reach a scheduler or a worker can run code there. So the address comes from the operator of the server
+alone, never from a client's message, and the connection must be protected (``tls://`` with certificates, or a private
+network).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ __all__ = ["Connection", "no_workers", "require_dask"]
 
 
 def require_dask() -> Any:
-    """The package ``distributed``.
+    """Return the package ``distributed``.
 
     Raises
     ------
@@ -38,16 +39,16 @@ def require_dask() -> Any:
 
 @dataclass(eq=False)
 class Connection:
-    """A scheduler, and how to talk to it.
+    """The address of a scheduler, with time limit and certificates.
 
     Attributes
     ----------
     address : str
         ``tcp://HOST:PORT`` or ``tls://HOST:PORT``.
     patience : float
-        Seconds without any worker, or without the scheduler, after which it is given up.
+        Seconds to wait without any worker, or without the scheduler.
     tls_ca_file, tls_certificate, tls_key : Path or None
-        For ``tls://``: whom to trust, and who this server is. Without them Dask's own configuration counts.
+        For ``tls://``: trusted certificates and this server's own. Without them Dask's own configuration is used.
     """
 
     address: str
@@ -58,7 +59,7 @@ class Connection:
     _client: Any = field(default=None, repr=False)
 
     def client(self) -> Any:
-        """The connected ``distributed.Client``; another one if the last was closed.
+        """Return the connected ``distributed.Client``; a new one if the last was closed.
 
         Raises
         ------
@@ -86,7 +87,7 @@ class Connection:
         return self._client
 
     def workers(self) -> list[str]:
-        """Addresses of the workers that the scheduler knows, sorted; none if it does not answer."""
+        """Return the sorted addresses of the scheduler's workers; none if it does not answer."""
         client = self.client()
         try:
             return sorted(client.sync(client.scheduler.ncores, callback_timeout=self.patience))
@@ -94,7 +95,7 @@ class Connection:
             return []
 
     def wait_for_workers(self) -> list[str]:
-        """As :meth:`workers`, at least one.
+        """Return :meth:`workers` when there is at least one.
 
         Raises
         ------
@@ -109,7 +110,7 @@ class Connection:
         return found
 
     def close(self) -> None:
-        """Leave the scheduler; it frees what only this connection wanted. Idempotent."""
+        """Disconnect; the scheduler frees the data of this connection. Idempotent."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -127,7 +128,7 @@ class Connection:
 
 
 def no_workers(address: str, seconds: float) -> ResourceError:
-    """Nobody computes."""
+    """Return the error for a cluster without workers."""
     return ResourceError(
         f"no Dask worker has answered at {address} for {seconds:.0f} s",
         code="UNAVAILABLE",

@@ -1,8 +1,8 @@
-"""Asks all partitions of a mesh the same thing, and brings those back that a lost worker had.
+"""Asks all partitions of a mesh the same question, and restores the partitions of a lost worker.
 
-A partition is placed on a worker as a piece of data that only this session wants; when the worker dies, Dask tells that
-its data and every task on it are gone. Then the partition is cut out of the mesh again (or read again from its file),
-placed on another worker, and asked again: the others' answers stand.
+A partition is placed on a worker as data that only this session uses; when the worker dies, Dask reports that its data
+and every task on it are gone. Then the partition is cut out of the mesh again (or read again from its file), placed on
+another worker, and asked again; the answers of the others stay valid.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from mesh_motion_server.errors import ResourceError
 
 __all__ = ["Crew", "Question"]
 
-#: Seconds between looks at whether the workers that are waited for still live.
+#: Seconds between checks whether the awaited workers still live.
 _LOOK = 0.5
-#: How often one question is asked again before it is given up: each time a worker was lost with it.
+#: How often one question is repeated before it fails: each time a worker was lost.
 _ATTEMPTS = 5
 
 
 @dataclass(frozen=True)
 class Question:
-    """What every partition is asked.
+    """The question to every partition.
 
     Attributes
     ----------
     task : callable
-        Of :mod:`~mesh_motion_server.distributed.held`.
+        A function of :mod:`~mesh_motion_server.distributed.held`.
     kind_sent, kind_received : str
         For the byte counts.
     arguments : callable
@@ -58,8 +58,7 @@ class Crew:
     count : int
         Number of partitions.
     make : callable
-        (number) → what becomes a :class:`HeldPartition` on a worker: that partition itself, or a function without
-        arguments that gives it there.
+        (number) → a :class:`HeldPartition`, or a function without arguments that makes it on the worker.
 
     Attributes
     ----------
@@ -81,12 +80,12 @@ class Crew:
         self.longest_seconds = 0.0
 
     def ask(self, question: Question) -> list[Any]:
-        """The answers of all partitions, in their order.
+        """Return the answers of all partitions, in their order.
 
         Raises
         ------
         ResourceError
-            UNAVAILABLE when there has been no worker for as long as the connection's patience, or workers keep dying.
+            UNAVAILABLE when there is no worker for the connection's patience, or workers keep dying.
         MeshMotionError
             What a task raises.
         """
@@ -117,7 +116,7 @@ class Crew:
     def _round(
         self, question: Question, numbers: Sequence[int], fresh: set[int]
     ) -> tuple[dict[int, Answer], list[int]]:
-        """Ask some partitions: the answers, and which are lost; those that lack a version become ``fresh``."""
+        """Ask some partitions: the answers, and the lost ones; those that lack a version are added to ``fresh``."""
         futures = {number: self._submit(question, number, number in fresh) for number in numbers}
         self._wait(futures)
         answers: dict[int, Answer] = {}
@@ -135,7 +134,7 @@ class Crew:
         return answers, lost
 
     def _submit(self, question: Question, number: int, fresh: bool) -> Any:
-        """One task on the worker that has the partition; None if that is gone."""
+        """Start one task on the worker that has the partition; None if the worker is gone."""
         arguments = question.arguments(number, fresh)
         self.traffic.sent[question.kind_sent] += size_of(arguments)
         try:
@@ -153,7 +152,7 @@ class Crew:
             return None
 
     def _wait(self, futures: dict[int, Any]) -> None:
-        """Until every task has ended, is cancelled, or its worker is gone."""
+        """Wait until every task has ended, is cancelled, or has lost its worker."""
         distributed = require_dask()
         silent_since: float | None = None
         while True:
@@ -175,7 +174,7 @@ class Crew:
                         future.cancel()
 
     def _gathered(self, futures: dict[int, Any]) -> dict[int, Answer | None]:
-        """The answers of tasks that have ended: all at once, or one by one where some are lost."""
+        """Collect the answers of ended tasks: all at once, or one by one if some are lost."""
         if all(future is not None and future.status == "finished" for future in futures.values()):
             with suppress(*self._losses()):
                 return dict(zip(futures, self._connection.client().gather(list(futures.values())), strict=True))
@@ -183,12 +182,12 @@ class Crew:
 
     @staticmethod
     def _losses() -> tuple[type[Exception], ...]:
-        """What Dask raises when a result is gone with its worker."""
+        """Return the exceptions that Dask raises when a result is lost with its worker."""
         distributed = require_dask()
         return distributed.client.FutureCancelledError, distributed.KilledWorker, OSError, TimeoutError
 
     def _answer(self, future: Any) -> Answer | None:
-        """The answer of a task that has ended; None if it is lost with its worker."""
+        """Return the answer of an ended task; None if it is lost with its worker."""
         if future is None or future.status in ("cancelled", "lost", "pending"):
             return None
         try:
@@ -200,7 +199,7 @@ class Crew:
     # --- where partitions are ----------------------------------------------------------------------------------------
 
     def _place(self, numbers: Sequence[int]) -> set[int]:
-        """Put partitions on the workers that have fewest."""
+        """Put partitions on the workers that have the fewest."""
         for number in numbers:
             self._place_one(number)
         return set(numbers)
@@ -242,6 +241,6 @@ class Crew:
         self.traffic.rebuilt += 1
 
     def _next(self) -> int:
-        """A number that no key has had."""
+        """Return a number that no key has had."""
         self._generation += 1
         return self._generation

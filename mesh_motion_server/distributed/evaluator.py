@@ -1,7 +1,7 @@
 """The evaluator and judge of a session whose partitions lie on workers.
 
-``MotionModel`` asks it for displacements of all nodes and for the quality of meshes. What it asks about fewer points
-(boundary nodes, grid points, the surroundings of bad cells) is computed where it is asked. On the wire, per step:
+``MotionModel`` asks it for displacements of all nodes and for the quality of meshes. Questions about fewer points
+(boundary nodes, grid points, the surroundings of bad cells) are computed locally. Sent per step:
 
 ============== ============================================================ =======================
 direction      what                                                         grows as
@@ -42,14 +42,14 @@ __all__ = ["DistributedEvaluator"]
 
 Floats = NDArray[np.float64]
 
-#: Cells of a partition below which it is not worth a message.
+#: A partition with fewer cells is not worth a message.
 _LEAST_CELLS = 2000
 
 
 class DistributedEvaluator:
     """An :class:`~mesh_motion_server.numerics.interpolation.evaluation.Evaluator` and judge of one mesh.
 
-    Its results are those of one machine: displacements and gradients bit for bit, and of the quality all but the means.
+    Its results are those of one machine: displacements and gradients bit for bit, and the quality except for the means.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class DistributedEvaluator:
         Reference coordinates.
     cells : CellTable
     partitions : int, optional
-        As many as there are workers when the mesh is first needed, or fewer for a small mesh.
+        Default: the number of workers when the mesh is first needed, or fewer for a small mesh.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class DistributedEvaluator:
 
     @property
     def partitions(self) -> int:
-        """How many there are."""
+        """Number of partitions."""
         return self._split.count
 
     def displacement(self, interpolant: AnyInterpolant, points: Floats) -> Floats:
@@ -154,7 +154,7 @@ class DistributedEvaluator:
             self._crew.close()
 
     def _ask(self, questions: Questions, changed: Changed, metric: str) -> list[list[BinContent]]:
-        """Bins of all partitions, by question; a partition that was rebuilt is judged again first."""
+        """Return the bins of all partitions, by question; a rebuilt partition is judged again first."""
         version, keep = self._versions.next(), self._versions.numbers
 
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:
@@ -168,7 +168,7 @@ class DistributedEvaluator:
 
     @staticmethod
     def _frozen(changed: Changed) -> Floats:
-        """The positions, in an array that their owner cannot change."""
+        """Return the positions in an array that the caller cannot change."""
         return changed.version.points if not len(changed.rows) else changed.points.copy()
 
     @cached_property

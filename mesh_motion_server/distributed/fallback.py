@@ -1,4 +1,4 @@
-"""Computes on this machine while no worker answers, where the operator said so."""
+"""Computes on this machine while no worker answers, if the operator allows it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["LocalWhenAlone"]
 Floats = NDArray[np.float64]
 _Found = TypeVar("_Found")
 
-#: Seconds after which workers that did not answer are tried again.
+#: Seconds until workers that did not answer are tried again.
 _PAUSE = 60.0
 
 

@@ -1,8 +1,8 @@
-"""What runs on a worker: a partition with positions by version, and the tasks on it.
+"""What runs on a worker: a partition with positions by version, and its tasks.
 
-Versions are numbered by the session that holds the partition; 0 is the reference mesh, which is always there. A task
-that needs a version which this worker does not have (the partition was rebuilt, or Dask took it elsewhere) has no
-answer, and is asked again with the positions themselves.
+The session that holds the partition numbers the versions; 0 is the reference mesh, which always exists. If this worker
+does not have the version that a task needs (the partition was rebuilt, or Dask moved it), the task gives no answer, and
+is repeated with the positions themselves.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ Ints = NDArray[np.int64]
 
 
 class VersionLost(Exception):
-    """The worker does not have the version of the positions that it was asked about."""
+    """The worker does not have the requested version of the positions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """Where the nodes of a partition are: a version that the worker has, but for some rows.
+    """Positions of a partition's nodes: a version that the worker has, except for some rows.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class HeldPartition:
     ----------
     mesh : MeshPartition
     versions : dict of int to (p, d) array
-        Positions; only those that the last question said to keep.
+        Positions; only the versions that the last question asked to keep.
     quality : CellQuality or None
-        Of the version judged last, for questions about it.
+        Of the version that was judged last, for questions about it.
     """
 
     mesh: MeshPartition
@@ -79,16 +79,16 @@ class HeldPartition:
     quality: CellQuality | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What travels is the mesh; versions are a worker's own."""
+        """Send only the mesh; versions stay on the worker."""
         return {"mesh": self.mesh, "versions": {}, "quality": None}
 
     def __sizeof__(self) -> int:
-        """For Dask, which places and spills by it: with three versions."""
+        """Return the bytes with three versions; Dask uses them to place and spill data."""
         return self.mesh.nbytes + 3 * self.mesh.points.nbytes
 
     @cached_property
     def at_rest(self) -> CellsAtRest:
-        """The cells of the reference mesh."""
+        """Return the cells of the reference mesh."""
         return cells_at_rest(self.mesh.points, self.mesh.cells, self.mesh.reference_sizes)
 
     def at(self, where: Positions) -> Floats:
@@ -97,7 +97,7 @@ class HeldPartition:
         Raises
         ------
         VersionLost
-            If they are not here.
+            If this worker does not have the version.
         """
         if where.version is None:
             return _given(where.values)
@@ -117,7 +117,7 @@ class HeldPartition:
 
 
 def _given(values: Floats | None) -> Floats:
-    """Values that came over the wire."""
+    """Return values received from the session, which must be present."""
     if values is None:
         raise VersionLost("no values")
     return values
@@ -125,12 +125,12 @@ def _given(values: Floats | None) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a task on a worker has to say.
+    """The answer of a task on a worker.
 
     Attributes
     ----------
     value : object or None
-        None where a version is lost.
+        None if a version is lost.
     seconds : float
         Processor time it took.
     """
@@ -152,7 +152,7 @@ def perform(held: HeldPartition, task: Callable[..., Any], *arguments: Any) -> A
 def displace(
     held: HeldPartition, where: Positions, start: int, packed: bytes, moved: int, keep: tuple[int, ...]
 ) -> tuple[Floats, Floats]:
-    """Displace the nodes; keeps where they were as version ``start`` and where they are as ``moved``.
+    """Displace the nodes; keep the old positions as version ``start`` and the new ones as ``moved``.
 
     Returns
     -------
@@ -175,7 +175,7 @@ def gradient(held: HeldPartition, where: Positions, packed: bytes) -> Floats:
 def judge(
     held: HeldPartition, where: Positions, version: int, metric: str, keep: tuple[int, ...]
 ) -> tuple[PartialSummary, Floats]:
-    """Quality of its cells at positions that are kept as a version; and the (2, d) box of these."""
+    """Judge its cells at positions and keep these as a version; return the quality and their (2, d) box."""
     points = held.at(where)
     held.store(version, points, keep)
     return _judged(held, points, metric), bounding_box(points)
@@ -189,12 +189,12 @@ def questioned(
     metric: str,
     keep: tuple[int, ...],
 ) -> tuple[BinContent, ...]:
-    """What the qualities judged last have in bins; or those at given positions, judged first.
+    """Return the contents of bins from the qualities judged last, or at given positions, judged first.
 
     Raises
     ------
     VersionLost
-        If none are here, and no positions are given.
+        If there are no qualities and no positions are given.
     """
     if where is not None:
         judge(held, where, version, metric, keep)

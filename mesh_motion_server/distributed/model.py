@@ -31,7 +31,7 @@ FALLBACKS = ("refuse", "local")
 
 @dataclass(frozen=True, eq=False)
 class DistributedModel:
-    """A :class:`~mesh_motion_server.numerics.motion.motion.MotionModel` with what it computes on workers.
+    """A :class:`~mesh_motion_server.numerics.motion.motion.MotionModel` that computes on workers.
 
     Attributes
     ----------
@@ -56,14 +56,14 @@ class DistributedModel:
         partitions: int | None = None,
         fallback: str = "refuse",
     ) -> DistributedModel:
-        """Check the mesh and prepare its motions; nothing is sent yet.
+        """Check the mesh and prepare its motions; nothing is sent to workers yet.
 
         Parameters
         ----------
         points, cells, patches, method
             As for :meth:`MotionModel.build`.
         connection : Connection
-            Of this model alone.
+            Used by this model only.
         partitions : int, optional
         fallback : {"refuse", "local"}
 
@@ -79,16 +79,16 @@ class DistributedModel:
 
     @property
     def method(self) -> Method:
-        """With both radii filled in."""
+        """The method with both radii filled in."""
         return self.model.method
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the mesh check noticed."""
+        """Warnings of the mesh check."""
         return self.model.warnings
 
     def without_distributions(self) -> DistributedModel:
-        """This one: the partitions' answers are joined with their distributions anyway."""
+        """Return this model: joining the partitions' answers needs their distributions anyway."""
         return self
 
     def summary(self, points: Floats) -> Judgement:
@@ -103,19 +103,19 @@ class DistributedModel:
         *,
         boundary_displacement: BoundaryDisplacement | None = None,
     ) -> Motion:
-        """As :meth:`MotionModel.move`; its ``caches`` tell the bytes on the wire too."""
+        """As :meth:`MotionModel.move`; its ``caches`` also count the bytes sent and received."""
         before = self.evaluator.traffic.copy()
         motion = self.model.move(committed, targets, factors, boundary_displacement=boundary_displacement)
         return replace(motion, caches=motion.caches | _bytes_of(self.evaluator.traffic.since(before)))
 
     def close(self) -> None:
-        """Free the partitions and leave the cluster. Idempotent."""
+        """Free the partitions and disconnect from the cluster. Idempotent."""
         self.evaluator.close()
         self.connection.close()
 
 
 def _bytes_of(traffic: Traffic) -> CacheReport:
-    """Bytes of a motion as a reply has them."""
+    """Return the bytes of a motion as a reply has them."""
     return {
         "bytes_to_workers": traffic.sent.total(),
         "bytes_from_workers": traffic.received.total(),

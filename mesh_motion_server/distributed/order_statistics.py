@@ -1,8 +1,8 @@
-"""Exact percentiles of values that lie on many machines, at a cost on the wire that does not grow with their number.
+"""Exact percentiles of values on many machines; the bytes sent do not grow with the number of values.
 
-Each machine counts its values in 2048 bins of an interval; the counts add up, and say in which bin the value of a rank
-lies. That bin is divided in its turn, until so few different values are left in it that they travel themselves. A bin
-is told by the way that leads to it and not by its limits, so that all machines agree on what is in it to the last bit.
+Each machine counts its values in 2048 bins of an interval. The sums of the counts show which bin has the value of a
+rank. That bin is divided again, until it has so few different values that they are sent themselves. A bin is named by
+the divisions that lead to it, not by its limits, so that all machines agree on its content to the last bit.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BINS = 2048
-#: Different values in a bin that travel one by one.
+#: Largest number of different values in a bin that are sent one by one.
 _FEW = 512
-#: After so many divisions a bin of [-1, 1] is narrower than the distance of two numbers: it has one value, or zeros.
+#: After this many divisions a bin of [-1, 1] is narrower than the distance of two numbers: it has one value, or zeros.
 _DEEPEST = 6
 
 Way = tuple[tuple[float, float, int], ...]
@@ -34,14 +34,14 @@ WHOLE: Way = ()
 
 @dataclass(frozen=True, eq=False)
 class BinContent:
-    """What a machine has in a bin.
+    """The values of a machine in a bin.
 
     Attributes
     ----------
     bins : (c,) uint16 array, counts : (c,) uint32 array
-        Parts of the bin that have values, and how many.
+        Parts of the bin that have values, and the number of values in each.
     values, repeated : (v,) arrays or None
-        The different values, ascending, and how often each occurs, where they are few.
+        The different values, ascending, and how often each occurs, if there are few.
     """
 
     bins: NDArray[np.uint16]
@@ -51,7 +51,7 @@ class BinContent:
 
 
 def content(values: Floats, way: Way) -> BinContent:
-    """What the values (m,) of a metric have in the bin at the end of a way."""
+    """Return what the values (m,) of a metric have in the bin at the end of a way."""
     values = np.ascontiguousarray(values)
     for low, scale, wanted in way:
         values = kernels.values_in_bin(values, low, scale, BINS, wanted)
@@ -65,7 +65,7 @@ def content(values: Floats, way: Way) -> BinContent:
 
 
 def _division(way: Way) -> tuple[float, float]:
-    """Lower limit of a bin, and bins per unit of its parts."""
+    """Return the lower limit of a bin, and the number of its parts per unit."""
     if not way:
         return -1.0, 0.5 * BINS
     low, scale, wanted = way[-1]
@@ -81,7 +81,7 @@ def merged_counts(contents: Sequence[BinContent]) -> Ints:
 
 
 def narrowed(way: Way, rank: int, contents: Sequence[BinContent]) -> tuple[Way, int] | float:
-    """One division further on the way to the value of a rank among those of a bin, counted from 0.
+    """Divide once more towards the value of a rank among those of a bin, counted from 0.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""An interpolant on the wire: the part of it that reaches a box, which is what a partition needs.
+"""Packs the part of an interpolant that reaches a box, which is what a partition needs.
 
-The value at a point of the box is bitwise that of the whole interpolant: of its grid of centres those cells travel,
-whole and in their order, that a sum in the box visits; of a spline the coefficients that a point of the box uses. Basis
-functions travel by name.
+The value at a point of the box is bitwise that of the whole interpolant. Of its grid of centres, the cells that a sum
+in the box visits are sent, whole and in their order; of a spline, the coefficients that a point of the box uses. Basis
+functions are sent by name.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ Ints = NDArray[np.int64]
 
 
 def pack(interpolants: tuple[AnyInterpolant, ...], box: Floats) -> bytes:
-    """What is needed of interpolants to evaluate them in a box (2, d), mesh length unit."""
+    """Pack what is needed of interpolants to evaluate them in a box (2, d), mesh length unit."""
     return pickle.dumps(tuple(_packed(interpolant, box) for interpolant in interpolants), protocol=5)
 
 
 def unpack(packed: bytes) -> tuple[AnyInterpolant, ...]:
-    """The inverse of :func:`pack`; never for bytes that a stranger may have sent."""
+    """The inverse of :func:`pack`; never use it for bytes from an untrusted sender."""
     return tuple(part.unpacked() for part in pickle.loads(packed))
 
 
@@ -89,7 +89,7 @@ class _Sum:
 def _visited(layout: CentreLayout, box: Floats) -> Ints:
     """Sorted centres, ascending, that the sum at a point of the box visits: their cells are at most one from the box.
 
-    The cells of a row along x are one run; the cost follows the rows in the box and not all centres.
+    The cells of a row along x are contiguous; the cost depends on the rows in the box, not on all centres.
     """
     low, high = np.zeros(3), np.zeros(3)
     low[: box.shape[1]], high[: box.shape[1]] = box
@@ -106,7 +106,7 @@ def _visited(layout: CentreLayout, box: Floats) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class _Spline:
-    """A :class:`NestedSpline` without its coefficients, of each box the ranges that travel, and these."""
+    """A :class:`NestedSpline` without its coefficients, with the ranges to send of each box, and their coefficients."""
 
     frame: NestedSpline
     ranges: Ints
@@ -138,8 +138,8 @@ def _layers(cells: Ints) -> Ints:
 def _range(spline: NestedSpline, number: int, low: Floats, high: Floats) -> Ints:
     """(2, 3) first and last + 1 coefficient of a box along each axis that points from ``low`` to ``high`` use.
 
-    The last box, the domain's, has every point that no other holds, at its rim where it lies beyond. A layer more on
-    each side allows for rounding.
+    The last box, the domain's, has every point that no other box has; points outside it count at its rim. One more
+    layer on each side allows for rounding.
     """
     cells = spline.cells[number]
     place = (np.stack([low, high]) - spline.origin[number]) * spline.inverse_spacing[number]

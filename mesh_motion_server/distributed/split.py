@@ -1,8 +1,8 @@
 """A mesh in partitions: equal shares of its nodes along the Morton curve, and the cells that belong to them.
 
-A partition *owns* nodes, each of which has one owner, and cells: a cell belongs to the owner of that of its nodes which
-comes first on the curve. Nodes of its cells that it does not own are its *halo*. It moves them too, since a value costs
-less than a message.
+A partition *owns* nodes, each of which has one owner, and cells. A cell belongs to the owner of its first node on the
+curve. Nodes of its cells that it does not own are its *halo*. It moves them too, since a value costs less than a
+message.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class MeshPartition:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Which partition owns each node and each cell of a mesh; the partitions are cut out when they are asked for.
+    """The owner of each node and cell of a mesh; a partition is cut out when it is requested.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Split:
         Raises
         ------
         InvalidInput
-            If there are fewer cells or nodes than partitions, or so few that one gets none.
+            If there are fewer cells or nodes than partitions, or so few that one partition has no cell.
         """
         rank = np.empty(len(points), dtype=np.int64)
         rank[np.argsort(morton_codes(points), kind="stable")] = np.arange(len(points))
@@ -106,11 +106,11 @@ class Split:
         return cls(points, cells, owner, cell_owner, count)
 
     def own(self, number: int) -> Ints:
-        """Nodes that a partition owns, ascending."""
+        """Return the nodes that a partition owns, ascending."""
         return np.flatnonzero(self.owner == number)
 
     def nodes(self, number: int) -> Ints:
-        """Its own nodes and its halo, ascending."""
+        """Return its own nodes and its halo, ascending."""
         marked = self.owner == number
         for block, rows, _ in self._cells_of(number):
             marked[block.nodes[rows]] = True
@@ -133,7 +133,7 @@ class Split:
         )
 
     def _cells_of(self, number: int) -> list[tuple[CellBlock, Ints, int]]:
-        """Blocks with cells of a partition, the rows of these, and the number of the block's first cell."""
+        """Return blocks with cells of a partition, the rows of these cells, and the number of a block's first cell."""
         found = []
         for block, first in zip(self.cells, self.cells.offsets, strict=False):
             rows = np.flatnonzero(self.cell_owner[first : first + len(block)] == number)
@@ -143,7 +143,7 @@ class Split:
 
 
 def mesh_digest(points: Floats, cells: CellTable) -> str:
-    """32 hexadecimal digits that name a mesh."""
+    """Return 32 hexadecimal digits that identify a mesh."""
     digest = hashlib.blake2b(repr(points.shape).encode(), digest_size=16)
     digest.update(np.ascontiguousarray(points).data)
     for block in cells:

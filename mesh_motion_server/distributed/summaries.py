@@ -1,4 +1,4 @@
-"""The quality of a mesh from that of its partitions: each says its part in some kilobytes, and these are joined.
+"""Joins the quality of a mesh from its partitions: each sends its part in some kilobytes.
 
 Minimum, percentiles, worst cells and the number of inverted ones are those of the whole mesh to the last bit; a mean is
 a sum in another order.
@@ -36,7 +36,7 @@ _WORST = 10
 
 @dataclass(frozen=True, eq=False)
 class PartialSummary:
-    """What one partition says of its cells.
+    """The quality of one partition's cells.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class PartialSummary:
 def part_of(
     quality: CellQuality, numbers: NDArray[np.int64], centres: Callable[[NDArray[np.int64]], Floats], *, metric: str
 ) -> PartialSummary:
-    """The part of a partition in a summary.
+    """Return the part of a partition in a summary.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def by_question(answers: Sequence[Sequence[BinContent]]) -> list[list[BinContent
 def joined(
     parts: Sequence[PartialSummary], metric: str, ask: Callable[[Questions], Sequence[Sequence[BinContent]]]
 ) -> QualitySummary:
-    """The summary of the whole mesh.
+    """Return the summary of the whole mesh.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def joined(
     metric : str
         As in the parts.
     ask : callable
-        Asks all partitions for bins; the contents of each question, partition by partition.
+        Asks all partitions for bins; returns the contents of each question, partition by partition.
     """
     cells = sum(part.cells for part in parts)
     percentiles = _percentiles(parts, metric, cells, ask)

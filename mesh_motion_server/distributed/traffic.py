@@ -1,4 +1,4 @@
-"""Bytes on the wire, by what they are for."""
+"""Bytes sent and received, by purpose."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Traffic", "size_of"]
 
 @dataclass(eq=False)
 class Traffic:
-    """What went to the workers and came back, as payload: without the frames of Dask and TCP, a few percent.
+    """Payload to and from the workers, without the frames of Dask and TCP, which add a few percent.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class Traffic:
     rebuilt: int = 0
 
     def copy(self) -> Traffic:
-        """As it is now."""
+        """Return the current values."""
         return Traffic(Counter(self.sent), Counter(self.received), self.rounds, self.rebuilt)
 
     def since(self, before: Traffic) -> Traffic:
-        """What was added after a copy was taken."""
+        """Return what was added since a copy."""
         return Traffic(
             self.sent - before.sent,
             self.received - before.received,

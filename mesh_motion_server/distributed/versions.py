@@ -1,7 +1,7 @@
-"""Positions that both sides know, and the rows in which others differ from them.
+"""Positions that both sides know, and the rows in which other positions differ from them.
 
-Between two tasks few rows change: the boundary nodes are put at their targets, a correction moves some more.
-So what travels are these rows, and the workers' own results stand for the others.
+Few rows change between two tasks: the boundary nodes are put at their targets, and a correction moves some more. So
+only these rows are sent; for the others the workers use their own results.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Changed", "Version", "Versions"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Rows that are compared to see which version is nearest.
+#: Number of rows that are compared to find the nearest version.
 _SAMPLE = 2000
 
 
@@ -44,14 +44,14 @@ class Version:
 
 @dataclass(frozen=True, eq=False)
 class Changed:
-    """Positions in terms of a version.
+    """Positions as differences from a version.
 
     Attributes
     ----------
     version : Version
     points : (n, d) array
     rows : (k,) int64 array
-        Nodes, ascending, that are not where the version has them.
+        Nodes, ascending, whose position differs from the version's.
     """
 
     version: Version
@@ -59,7 +59,7 @@ class Changed:
     rows: Ints
 
     def to(self, nodes: Ints, *, whole: bool) -> Positions:
-        """For a partition with these nodes (p,), ascending.
+        """Return the positions for a partition with these nodes (p,), ascending.
 
         With ``whole`` it may have lost all versions but the reference.
         """
@@ -71,7 +71,7 @@ class Changed:
 
     @property
     def _mostly_others(self) -> bool:
-        """Whether the rows would take more bytes than all positions."""
+        """Return whether the rows would take more bytes than all positions."""
         return len(self.rows) * 2 > len(self.points)
 
     def box(self, number: int, nodes: Ints) -> Floats:
@@ -87,7 +87,7 @@ class Changed:
 
 
 class Versions:
-    """The versions that are known: the reference mesh, and a few others."""
+    """The known versions: the reference mesh, and a few others."""
 
     def __init__(self, reference: Version) -> None:
         self._known = {"reference": reference}
@@ -95,20 +95,20 @@ class Versions:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Of those that workers have to keep."""
+        """Numbers of the versions that workers must keep."""
         return tuple(version.number for version in self._known.values())
 
     def next(self) -> int:
-        """A number for a new version."""
+        """Return a number for a new version."""
         self._last += 1
         return self._last
 
     def know(self, name: str, number: int, points: Floats, boxes: Sequence[Floats]) -> None:
-        """A new version; it takes the place of the last one of this name. ``points`` must not change any more."""
+        """Add a version; it replaces the last one of this name. ``points`` must not change any more."""
         self._known[name] = Version(number, points, tuple(boxes))
 
     def changed(self, points: Floats) -> Changed:
-        """Positions (n, d) in terms of the nearest version."""
+        """Express positions (n, d) as differences from the nearest version."""
         stride = max(len(points) // _SAMPLE, 1)
         some = points[::stride]
         nearest = min(self._known.values(), key=lambda version: np.count_nonzero(version.points[::stride] != some))
