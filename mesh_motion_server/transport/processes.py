@@ -192,7 +192,7 @@ def _begin(supervisor: int, line: int) -> None:
 
 
 def _end_with(live: Callable[[], int]) -> NoReturn:
-    """End the child process without the supervisor's exit code."""
+    """Run the child and end it; nothing of what the supervisor does at its own exit runs here."""
     status = 1
     try:
         status = live()
