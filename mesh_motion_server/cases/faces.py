@@ -24,7 +24,7 @@ def faces_numbers(faces: Faces) -> dict[str, dict[str, Any]]:
 def faces_line(steps: Sequence[Faces]) -> str:
     """The faces of all steps of a run (first to last) in one line; empty if unknown.
 
-    The number above a limit is that of the step with the least orthogonal face; other values are the worst of all steps.
+    The number above a limit is that of the step with the least orthogonal face; other values are the worst of all.
     """
     known = {number: step for number, step in enumerate(steps, start=1) if step}
     if not known:
