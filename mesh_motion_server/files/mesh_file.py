@@ -89,7 +89,7 @@ def assemble(
 ) -> MeshFile:
     """Make a mesh from the content of a foreign file: cells of all dimensions, always three coordinates.
 
-    The cells of the highest dimension are the mesh. Coordinates beyond that dimension are dropped; they must be constant.
+    The mesh has the cells of the highest dimension. Coordinates beyond it must be constant; they are dropped.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The mesh format of this project: a NumPy archive, strict, without pickles.
 
 ``points`` (n, d) float64; ``cells_<type>`` (m, k) int64 for line, triangle, quad, tetra, hexahedron, wedge, pyramid;
-``patch_<name>`` (p,) int64 node ids, 0-based. The archive must not have other arrays. Narrower floats and integers are widened.
+``patch_<name>`` (p,) int64 node ids, 0-based. Other arrays are refused. Narrower floats and integers are widened.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def replaced_by_name(path: Path) -> Iterator[Path]:
-    """The same for libraries that open files themselves: yields the temporary name. A link stays a link to the new file."""
+    """The same for libraries that open files themselves: yields the temporary name. A link stays a link."""
     path = path.resolve()
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

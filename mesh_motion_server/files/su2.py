@@ -81,8 +81,8 @@ def _without_halo(
 ) -> tuple[dict[str, IntArray], dict[str, IntArray], _Markers]:
     """Cells outside the halo, cells of the halo, and markers without the halo.
 
-    Of ``count`` nodes, those after the first ``physical`` ones are the halo nodes. A halo cell has a halo node that is in
-    no marker; a periodic marker has the nodes on its side.
+    Of ``count`` nodes, those after the first ``physical`` ones are the halo nodes. A halo cell has a halo node that is
+    in no marker; a periodic marker has the nodes on its side.
     """
     halo = np.arange(count) >= physical
     for of in markers.values():

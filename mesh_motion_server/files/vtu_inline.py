@@ -51,7 +51,7 @@ def inlined(path: Path) -> bytes | None:
 def _encoded(data: bytes, place: int, integer: np.dtype[np.generic], *, is_compressed: bool) -> str:
     """An array in base64: header and values together, or separate if compressed; empty for an empty array.
 
-    The header of a compressed array has the number of blocks, their length, the length of the last, and each stored size.
+    The header of a compressed array has the number of blocks, their length, that of the last, and each stored size.
     """
     count = int(np.frombuffer(data, integer, 1, place)[0])
     if not is_compressed:

@@ -54,7 +54,7 @@ def write_mesh(path: Path, mesh: MeshFile) -> None:
 
 
 def patch_marks(mesh: MeshFile) -> dict[str, NDArray[np.uint8]]:
-    """Arrays ``patch_<name>`` (n,) of a mesh's nodes: 1 on the patch, else 0. Readers of the file find its patches by them."""
+    """Arrays ``patch_<name>`` (n,) of a mesh's nodes: 1 on the patch, else 0. Readers find the patches by them."""
     marks = {PATCH_PREFIX + name: np.zeros(len(mesh.points), dtype=np.uint8) for name in mesh.patches}
     for name, nodes in mesh.patches.items():
         marks[PATCH_PREFIX + name][nodes] = 1

@@ -1,4 +1,4 @@
-"""Files in OpenFOAM's format: a header that describes the encoding, then a list; ASCII or binary, optionally compressed by gzip.
+"""Files in OpenFOAM's format: a header with the encoding, then a list; ASCII or binary, optionally gzipped.
 
 The header's ``arch`` tells the width of labels and scalars of a binary file ("LSB;label=32;scalar=64").
 
@@ -227,7 +227,7 @@ _BLANKS = bytes.maketrans(b"()", b"  ")
 
 
 def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
-    """The named dictionaries of a list ``n ( name { key value; … } … )``. The count is optional; nested ones are dropped.
+    """The named dictionaries of a list ``n ( name { key value; … } … )``. The count is optional; nested ones drop out.
 
     Raises
     ------
