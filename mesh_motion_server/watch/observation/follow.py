@@ -48,7 +48,7 @@ class EventTail:
     def read(self, most_bytes: int = 16 << 20, *, brief: bool = False) -> list[dict[str, Any]]:
         """The next events, oldest first: at most this many bytes, or one line; empty if there is nothing new.
 
-        ``brief`` empties the worst cells' tables, except in the latest returned ``moved`` and ``committed``: these tables
+        ``brief`` empties the worst cells' tables, except in the latest returned ``moved`` and ``committed``: the tables
         are two thirds of a history, and take more than half the time to read it.
         """
         events: list[dict[str, Any]] = []
@@ -147,7 +147,7 @@ def events_in_brief(session_folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def events_naming(session_folder: Path, step: int) -> Iterator[dict[str, Any]]:
-    """The events whose step this is, oldest first: found in the raw bytes, because parsing a long history takes a minute."""
+    """The events of this step, oldest first: found in the raw bytes, because parsing a long history takes a minute."""
     wanted = re.compile(rb'^.*"step": ?%d[,}].*$' % step, re.MULTILINE)
     for path in list_segments(session_folder / FOLDER, EVENTS):
         with suppress(FileNotFoundError):

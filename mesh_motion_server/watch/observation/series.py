@@ -104,9 +104,9 @@ class Series:
         first, last : int, optional
             Steps outside this range are left out.
         most : int, optional
-            If there are more steps, they are divided into ``most`` groups of consecutive steps. The step with the lowest
+            If there are more steps, they form ``most`` groups of consecutive steps. The step with the lowest
             actual (else predicted) minimum represents its group; refusals and rollbacks are summed over the group;
-            iterations, seconds and inverted cells are its maxima, predicted minima its lowest. So extremes stay visible.
+            iterations, seconds and inverted cells are its maxima, predicted minima its lowest. Extremes stay visible.
         """
         steps = self._table[: self._count, 0]
         begin = 0 if first is None else int(np.searchsorted(steps, first))

@@ -243,7 +243,7 @@ def _stalled(recent: Recent, now: float) -> Verdict | None:
 
 
 def _degrading(recent: Recent) -> Verdict | None:
-    """The verdict if the minimum is below the threshold, or at a new low with a trend that soon reaches the threshold."""
+    """The verdict if the minimum is below the threshold, or at a new low with a trend that soon reaches it."""
     if recent.threshold is None or not recent.commits:
         return None
     latest = recent.commits[-1]
