@@ -36,7 +36,7 @@ Ints = NDArray[np.int64]
 
 #: Number of cells or boundary facets that a browser draws without difficulty.
 MOST_CELLS = 200_000
-#: Maximum number of cells shown with all sides in 3D, the worst ones.
+#: Maximum and minimum number of cells below the threshold (or the worst) that are shown with all sides in 3D.
 _MOST_INNER, _LEAST_INNER = 2000, 60
 _TRIES = 4
 

@@ -2,7 +2,7 @@
 
 - :mod:`.process`: the process; the supervisor starts it and reports every second which sessions have a worker;
 - :mod:`.app`: the pages, protected by :mod:`.guard` and by the limits of :mod:`.connections`;
-- :mod:`.live`: server-sent events; :mod:`.overview`, :mod:`.followed`, :mod:`.drawing`: the content of the events and the page;
+- :mod:`.live`: server-sent events; :mod:`.overview`, :mod:`.followed`, :mod:`.drawing`: the contents;
 - ``static``: the page itself, plain HTML, CSS and modules; ``static/vendor``: the two drawing libraries.
 
 It reads only the files of the state folder, so the page never delays a session.

@@ -149,7 +149,7 @@ class _Drawn:
         return self._packed(has)
 
     def _packed(self, has: tuple[str, str]) -> bytes:
-        """Bytes for readers that have everything, only the constant part, or nothing: key and stamp as for the packer."""
+        """Bytes for readers that have everything, the constant part, or nothing: key and stamp as for the packer."""
         known = has in self._answers
         packed: bytes = self._answers[has] if known else self._packer.pack(self._view, *has)
         if not known and len(self._answers) < _KEYS:

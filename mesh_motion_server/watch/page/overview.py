@@ -49,8 +49,8 @@ class Overview:
         listed = [self._entry(view, known.get(view.session)) for view in views]
         names = {view.session for view in stored}
         self._stored = names | (self._stored & known.keys())
-        # A session whose mesh is not built yet has no stored data for the list. A session that was stored but is not any
-        # more is being discarded; its worker ends soon.
+        # A session whose mesh is not built yet has no stored data for the list. A session that is no longer stored is
+        # being discarded; its worker ends soon.
         new = [_unbuilt(entry) for name, entry in known.items() if name not in self._stored and entry[1] != "dead"]
         return [*new, *listed]
 
