@@ -1,4 +1,4 @@
-"""A mesh before and after a motion, coloured by quality: both meshes, a close-up of the worst cell, and the distribution.
+"""A mesh before and after a motion, coloured by quality: both meshes, a close-up of the worst cell, the distribution.
 
 A 2D mesh is drawn as it is, a 3D mesh clipped by a plane through its worst cell (:mod:`.clipped`); the close-up of a 3D
 mesh is a cut through that cell.
