@@ -142,7 +142,7 @@ class CaseFile(_Section):
 
 @dataclass(frozen=True)
 class Case:
-    """A checked case file and where it lies."""
+    """A checked case file and its path."""
 
     path: Path
     content: CaseFile
@@ -158,7 +158,7 @@ class Case:
         return self.path.parent / self.content.mesh.file
 
     def read_mesh(self) -> MeshFile:
-        """Read the mesh and hold it against the case.
+        """Read the mesh and check that it matches the case.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class Case:
 
 
 def case_name(path: Path) -> str:
-    """The folder's name for a case.toml, the file's name for any other."""
+    """The folder's name for ``case.toml``; the file's name for any other file."""
     return path.resolve().parent.name if path.stem == "case" else path.stem
 
 
@@ -200,7 +200,7 @@ def read_case(path: Path | str) -> Case:
     Raises
     ------
     InvalidInput
-        If it cannot be read, is no TOML, or does not fit the format: the first offending key with what was expected.
+        If the file is unreadable, no TOML or does not fit the format; names the first wrong key and what is expected.
     """
     path = Path(path)
     try:
@@ -218,7 +218,7 @@ def read_case(path: Path | str) -> Case:
 
 
 def _check_motions(path: Path, content: CaseFile) -> None:
-    """A motion belongs to a patch with the role moving."""
+    """Check that each motion belongs to a patch with the role moving."""
     for number, motion in enumerate(content.motion, start=1):
         role = content.patches.get(motion.patch)
         if role is None:
@@ -234,7 +234,7 @@ def _check_motions(path: Path, content: CaseFile) -> None:
 
 
 def _check_vectors(path: Path, number: int, motion: RigidMotion | Oscillation | None, dimension: int) -> None:
-    """The vectors of a rigid motion have the mesh's dimension."""
+    """Check that the vectors of a motion have the mesh's dimension."""
     if motion is None:
         return
     for name in ("translation", "direction", "centre"):
@@ -252,7 +252,7 @@ def _check_vectors(path: Path, number: int, motion: RigidMotion | Oscillation | 
         raise InvalidInput(f"{path}: motion {number}: in 2D the only axis is [0, 0, 1], got {rigid.axis}")
 
 
-#: What a missing key may look like.
+#: Examples of values for missing keys.
 _WAYS_OUT = {
     "mesh": 'add [mesh] with file = "mesh.msh"',
     "mesh.file": 'add to [mesh] file = "mesh.msh"',
@@ -264,7 +264,7 @@ _WAYS_OUT = {
 
 
 def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
-    """One line for the first error, a misspelt key before the one that is missing: file, key, value, expectation."""
+    """One line for the first error: file, key, value, expectation. A misspelt key comes before a missing one."""
     first = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
     place = [part for part in first["loc"] if part != "[key]"]
     where = _place(place) or "the file"
@@ -280,13 +280,13 @@ def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
 
 
 def meant(word: str, known: Iterable[str]) -> str:
-    """ "did you mean …?", of the known words that look alike; empty without one."""
+    """ "did you mean …?" with the known words that are similar; empty if there is none."""
     alike = difflib.get_close_matches(word, list(known), n=1)
     return f"did you mean {alike[0]!r}?" if alike else ""
 
 
 def _place(location: list[Any]) -> str:
-    """``method.basis``, ``motion[2].rigid.axis``: a key as the file's author thinks of it (entries counted from 1)."""
+    """``method.basis``, ``motion[2].rigid.axis``: a key as written in messages (entries counted from 1)."""
     text = ""
     for part in location:
         text += f"[{part + 1}]" if isinstance(part, int) else f"{'.' if text else ''}{part}"
@@ -294,7 +294,7 @@ def _place(location: list[Any]) -> str:
 
 
 def _known_keys(location: list[Any]) -> list[str]:
-    """The keys of the table at this place."""
+    """The known keys of the table at this location."""
     model: type[BaseModel] = CaseFile
     for part in location:
         if isinstance(part, str):
@@ -305,7 +305,7 @@ def _known_keys(location: list[Any]) -> list[str]:
 
 
 def toml_key(name: str) -> str:
-    """A TOML key: bare if possible, quoted otherwise."""
+    """Write a TOML key: bare if possible, quoted otherwise."""
     bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
     return name if bare else toml_text(name)
 

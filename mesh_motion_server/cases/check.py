@@ -1,6 +1,6 @@
-"""What is worth knowing about a case or a mesh before it is played: the motion is only predicted, nothing is stored.
+"""Check a case or a mesh before it is played: the motion is only predicted, nothing is stored.
 
-Errors are those that opening a session would give, in the same words; what is only odd becomes a warning. The costs are
+Errors are the same as when a session is opened. What is unusual but allowed becomes a warning. The costs are
 estimates from the counts of nodes and control points, good to a factor of two or three on a machine like the one the
 rates were measured on (2 cores).
 """
@@ -36,17 +36,17 @@ __all__ = ["CheckReport", "Costs", "check"]
 
 FloatArray = NDArray[np.float64]
 
-#: Sums of basis functions a second, operations a second of the dense factorization, entries squared a second of the
-#: sparse one.
+#: Rates: sums of basis functions per second, operations per second of the dense factorization, squared entries per
+#: second of the sparse one.
 _PAIR_RATE, _DENSE_RATE, _SPARSE_RATE = 1e9, 5e10, 1e8
-#: Control points and nodes a second in two scales.
+#: Control points and nodes per second in two scales.
 _CONTROL_RATE, _NODE_RATE = 3e5, 1e7
-#: What "auto" chooses: sparse from this order with at most so many entries a row, otherwise dense or in two scales.
+#: "auto" chooses sparse from this order on with at most this many entries per row, otherwise dense or two scales.
 _SPARSE_ORDER, _SPARSE_ENTRIES = 1_500, 150.0
-#: Bytes a mesh takes in the server for each node and each cell, all copies together; and the process itself.
+#: Bytes of server memory for each node and each cell (all copies together), and for the process itself.
 _NODE_BYTES, _CELL_BYTES, _BASE_BYTES = 400, 300, 250 << 20
 _SAMPLE = 500
-#: Of the mesh's extent: no motion is meant to go farther, nor is one that goes less far worth a moving mesh.
+#: As a share of the mesh's extent: a longer or a shorter motion than these is probably a mistake.
 _FARTHEST, _NEAREST = 5.0, 1e-5
 _KINDS = ("moving", "fixed", "sliding", "periodic")
 
@@ -58,10 +58,10 @@ class Costs:
     Attributes
     ----------
     solver : str
-        What the interpolation system will be factorized by.
+        The method that will factorize the interpolation system.
     factorize_seconds, evaluate_seconds : float
     memory_bytes : int
-        Of the server's worker.
+        Memory of the server's worker.
     """
 
     solver: str
@@ -72,7 +72,7 @@ class Costs:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a check found.
+    """The result of a check.
 
     Attributes
     ----------
@@ -81,20 +81,20 @@ class CheckReport:
     roles : dict of str to str
         Role of each patch; empty for a mesh without a case.
     counts : dict of str to int
-        Moving, fixed and sliding nodes, and those that are periodic only.
+        Numbers of moving, fixed and sliding nodes, and of nodes that are only periodic.
     pairs : list of str
-        Each pair of periodic patches, in words.
+        A text for each pair of periodic patches.
     quality : dict of str to float
-        Minimum and mean skew of the mesh as it is.
+        Minimum and mean skew of the mesh in the file.
     support_radius : float or None
-        The case's, if it sets one.
+        The support radius of the case, if it sets one.
     suggested_radius : float
     costs : Costs
     warnings : list of str
     steps : int
-        Of the case's motion, those that were predicted and are accepted.
+        Number of steps of the case's motion that were predicted and are accepted.
     refused : str
-        Which step will be refused, why and where; empty where none is known to be.
+        Which step will be refused, why and where; empty if none is known.
     """
 
     path: Path
@@ -112,19 +112,19 @@ class CheckReport:
 
 
 def check(path: Path, zone: str = "", *, seconds: float = 0.0) -> CheckReport:
-    """Check a case file, or a mesh file alone; of several zones one by its name or number.
+    """Check a case file, or a mesh file alone; ``zone`` selects one of several zones by its name or number.
 
     Parameters
     ----------
     path : path
     zone : str
     seconds : float
-        Predict the case's motion, step by step, for about so long.
+        Predict the case's motion, step by step, for about this time.
 
     Raises
     ------
     InvalidInput
-        Naming the first thing that would keep the case from being played.
+        If the case cannot be played; names the first problem.
     """
     if is_mesh(path) or path.suffix.lower() not in (".toml", ""):
         return _report(path, read_mesh(path, zone), None)
@@ -137,7 +137,7 @@ def check(path: Path, zone: str = "", *, seconds: float = 0.0) -> CheckReport:
 
 
 def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> CheckReport:
-    """The report with what comes of the motion, as far as the seconds reach."""
+    """The report with the predicted motion, as many steps as the seconds allow."""
     begin, committed, refused = time.perf_counter(), prediction.reference, ""
     count, threshold = prediction.program.count, prediction.model.method.quality_threshold
     minima: list[float] = []
@@ -149,7 +149,7 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
                 break
     except NumericalError as error:
         refused = f"step {len(minima) + 1} of {count} will be refused: {error.message}"
-        with suppress(MeshMotionError):  # there is no mesh at all, and the error says why
+        with suppress(MeshMotionError):  # no mesh exists at all; the error gives the reason
             refused += f"; {named(prediction.worst(prediction.trial(committed, len(minima) + 1))[0])}"
     warnings = list(report.warnings)
     low = [step for step, minimum in enumerate(minima, start=1) if minimum < threshold]
@@ -166,7 +166,7 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
 
 
 def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]:
-    """A motion that cannot be meant: in another unit than the mesh, or out of its domain."""
+    """Warnings of a motion that is probably a mistake: in another unit than the mesh, or out of its domain."""
     told = [program.displacement(step) for step in range(1, program.count + 1)]
     far = max(float(np.linalg.norm(rows, axis=1).max()) for rows in told)
     extent = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
@@ -248,7 +248,7 @@ def _mean_neighbours(points: FloatArray, control: FloatArray, radius: float) -> 
 
 
 def _radius_warnings(radius: float | None, control: FloatArray) -> list[str]:
-    """A support radius that connects no control points interpolates nothing but spikes."""
+    """Warn of a support radius that connects no control points: the interpolation then gives only spikes."""
     if radius is None or len(control) < 2:
         return []
     spacing = boundary_spacing(control)

@@ -1,4 +1,4 @@
-"""What was recorded against what a replay gave: one column each, and whether the states are the same bits."""
+"""Compare a recorded session with its replays: one column each, and whether the states are bitwise equal."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Replayed:
     ----------
     name : str
     changes : dict
-        The settings in which it differs from the recorded session.
+        The settings that differ from the recorded session.
     figures : list of StepFigures
-        Of the steps that were made, from 1 on.
+        Figures of the computed steps, from step 1 on.
     refusal : str
-        Why it ended before the last step; empty if it did not.
+        Why it ended before the last step; empty if it reached the last step.
     stored : (n, d) array or None
-        Its coordinates at the step whose coordinates the session has stored.
+        Coordinates of the replay at the step for which the session has stored coordinates.
     """
 
     name: str
@@ -54,22 +54,22 @@ class Replayed:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Whether a replay has come to the recorded states.
+    """Whether a replay reached the recorded states.
 
     Attributes
     ----------
     steps : int
-        Steps that were to be made.
+        Number of steps requested.
     compared, equal : int
-        Steps with a known digest, and those of them that were the same.
+        Numbers of steps with a known digest, and of those with an equal digest.
     first_difference : int
         The first step that differs; 0: none.
     recorded_min, replayed_min : float or None
-        Lowest size-skew of that step.
+        Lowest size-skew at the first step that differs.
     stored_step : int
-        A step whose coordinates could be compared; 0: none.
+        The step whose coordinates were compared; 0: none.
     distance : float or None
-        Between nodes of the two states at that step, the largest, mesh length unit.
+        Largest distance between nodes of the two states at the stored step, mesh length unit.
     """
 
     steps: int
@@ -83,7 +83,7 @@ class Agreement:
 
     @property
     def exact(self) -> bool:
-        """Whether all that could be compared was equal, the stored coordinates included."""
+        """Whether everything that was compared is equal, including the stored coordinates."""
         return self.equal == self.compared > 0 and self.distance in (None, 0.0)
 
     def __str__(self) -> str:
@@ -127,10 +127,10 @@ class Comparison:
     ----------
     recorded : Recorded
     last : int
-        The last step that was to be made.
+        The last requested step.
     runs : list of Replayed
     elsewhere : bool
-        Whether a server that was there made the replays, of whatever version on whatever machine.
+        Whether a running server made the replays; its version and machine may differ.
     """
 
     recorded: Recorded
@@ -140,18 +140,18 @@ class Comparison:
 
     @cached_property
     def recorded_figures(self) -> list[StepFigures]:
-        """Of the compared steps, as far as they are recorded."""
+        """The recorded figures of the compared steps, where available."""
         figures = self.recorded.figures
         return [figures[step] for step in range(1, self.last + 1) if step in figures]
 
     @property
     def makers(self) -> list[str]:
-        """What computed the compared steps, each once; empty text where it is not known."""
+        """The versions and processors that computed the compared steps, each once; an empty text means unknown."""
         return list(dict.fromkeys(made for first, made in self.recorded.makers if first <= self.last))
 
     @property
     def unpromised(self) -> str:
-        """Why equal bits are not promised of a replay with nothing changed; empty if they are."""
+        """Why a replay without changes may differ in bits; empty if equal bits are promised."""
         if self.elsewhere:
             return "equal bits are not promised: another server made the replay"
         if not self.makers or "" in self.makers:
@@ -162,7 +162,7 @@ class Comparison:
 
     @property
     def notes(self) -> list[str]:
-        """What a reader has to know of the figures."""
+        """Notes that a reader needs to understand the figures."""
         notes, known = [*self.recorded.notes, self.unpromised], [found.step for found in self.recorded_figures]
         if len(known) < self.last:
             span = f"steps {known[0]} to {known[-1]}" if known else "no step"
@@ -170,12 +170,12 @@ class Comparison:
         return [note for note in notes if note]
 
     def compared_figures(self, run: Replayed) -> list[StepFigures]:
-        """Of a replay's steps those that the recorded figures are there of; all where they are there of none."""
+        """The replay's steps that have recorded figures; all steps if no figures are recorded."""
         known = {found.step for found in self.recorded_figures}
         return [found for found in run.figures if found.step in known or not known]
 
     def agreement(self, run: Replayed) -> Agreement:
-        """Whether a replay has come to the recorded states; steps that it lacks differ."""
+        """Whether a replay reached the recorded states; a missing step counts as different."""
         known = {step: digest for step in range(1, self.last + 1) if (digest := self.recorded.digest(step))}
         made = {found.step: found for found in run.figures}
         differing = [step for step, digest in known.items() if step not in made or made[step].digest != digest]
@@ -197,7 +197,7 @@ class Comparison:
         )
 
     def broken_promise(self) -> str:
-        """What is wrong if a replay with nothing changed did not come to the same bits; empty if nothing is."""
+        """The error text if a replay without changes did not give the same bits; empty if there is no error."""
         for run in self.runs:
             agreement = self.agreement(run)
             if not run.changes and not self.unpromised and agreement.compared and not agreement.exact:
@@ -228,7 +228,7 @@ class Comparison:
 
 
 def summary_of(name: str, figures: Sequence[StepFigures]) -> Summary:
-    """A run's figures together."""
+    """Summarize the figures of a run."""
     known = [found for found in figures if math.isfinite(found.min_quality)]
     worst = min(known, key=lambda found: found.min_quality, default=None)
     means = [found.mean_quality for found in known if math.isfinite(found.mean_quality)]
@@ -248,7 +248,7 @@ def summary_of(name: str, figures: Sequence[StepFigures]) -> Summary:
 
 
 def table_of(comparison: Comparison) -> Table:
-    """For people: recorded first, then each replay."""
+    """The printed table: the recorded session first, then each replay."""
     runs = [("recorded", comparison.recorded_figures)]
     runs += [(run.name, comparison.compared_figures(run)) for run in comparison.runs]
     columns = [summary_of(name, figures) for name, figures in runs]
@@ -277,7 +277,7 @@ def table_of(comparison: Comparison) -> Table:
 
 
 def write_comparison(folder: Path, comparison: Comparison) -> None:
-    """comparison.json, and comparison.csv with a line for each run and step."""
+    """Write comparison.json, and comparison.csv with a line for each run and step."""
     text = json.dumps(comparison.as_dict(), indent=2, allow_nan=False, ensure_ascii=False)
     (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
     runs = [("recorded", comparison.recorded_figures), *((run.name, run.figures) for run in comparison.runs)]

@@ -1,7 +1,7 @@
 """The demonstration: the thesis' three two-dimensional cases and a flag in a channel, standard against corrected.
 
 *Standard* is plain interpolation with radial basis functions; *corrected* is the default, optimised correction. Both
-go through a real server and the real wire, as any coupling code's requests do.
+run on a real server over the real wire, as the requests of any coupling code do.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
     folder : path
         Receives a folder for each case, with its case files, and the pictures ``overview.png`` and ``flag.png``.
     say : callable, optional
-        Told what is going on.
+        Receives progress messages.
     """
     outcomes = []
     with connect() as server:
@@ -134,7 +134,7 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
 
 
 def table_of(outcomes: list[Outcome]) -> Table:
-    """What came of it, in numbers."""
+    """The results as a table."""
     table = Table(title="lowest size-skew of any step, inverted cells, seconds", title_justify="left", box=SIMPLE_HEAD)
     table.add_column("case")
     for heading in ("standard", "inv", "s", "corrected", "inv", "s"):
@@ -150,7 +150,7 @@ def table_of(outcomes: list[Outcome]) -> Table:
 
 
 def _write_case(folder: Path, case: DemoCase, label: str, correction: str) -> Path:
-    """The case's files in its folder, so that it can be played again by hand; returns the case file."""
+    """Write the case's files to its folder, so that users can play it again; return the case file."""
     folder.mkdir(parents=True, exist_ok=True)
     for source, name in case.files.items():
         shutil.copyfile(_DATA / source, folder / name)

@@ -21,7 +21,7 @@ _STANDARD, _CORRECTED = LIGHT.faint, LIGHT.runs[0]
 
 
 def draw_overview(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Two rows, standard and corrected; a column a case. The corrected numbers are in the file's description too."""
+    """Two rows, standard and corrected; one column per case. The file's description has the corrected numbers too."""
     figure = Figure(figsize=(5.0 * len(outcomes), 10.6), dpi=100, layout="constrained")
     axes = figure.subplots(2, len(outcomes), squeeze=False)
     for column, outcome in enumerate(outcomes):

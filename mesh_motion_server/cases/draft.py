@@ -1,7 +1,7 @@
-"""A case file to begin with: the mesh's patches, what each may be, and a small motion to try.
+"""Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
-A role is a guess. By its name a patch is a symmetry plane or a far boundary; otherwise one inside the mesh, which does
-not reach the sides of the box around all nodes, is a body that moves, and all else rests.
+Roles are guesses. The name of a patch can tell that it is a symmetry plane or a far boundary. Otherwise a patch inside
+the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ Floats = NDArray[np.float64]
 
 _SYMMETRY = ("sym",)
 _FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")
-#: Of the extent: a patch that comes so close to a side of the box reaches it.
+#: As a share of the extent: a patch that is this close to a side of the box reaches it.
 _TOUCH = 1e-3
-#: A first motion, of the extent of what moves.
+#: The first motion, as a share of the extent of the moving patches.
 _SHARE = 0.05
 
 
 def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
-    """Role and reason for each patch; at least one moves.
+    """Guess a role for each patch, with the reason; at least one patch moves.
 
     Raises
     ------
@@ -111,5 +111,5 @@ def _vector(values: Floats) -> str:
 
 
 def _number(value: float) -> str:
-    """Four digits are enough to begin with."""
+    """The number with four digits, enough for a draft."""
     return repr(float(f"{value:.4g}"))

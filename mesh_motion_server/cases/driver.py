@@ -1,6 +1,6 @@
-"""The seam between playing a case and the client: a session as :mod:`.play` needs it, no more.
+"""The interface between :mod:`.play` and the client: only what :mod:`.play` needs of a session.
 
-Tests put a stand-in behind :class:`Driver`; everything else talks to a server over the wire.
+Tests replace :class:`Driver` by a test double; all other code talks to a server over the wire.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Reply:
-    """What :mod:`.play` keeps of a MOVED.
+    """The part of a MOVED reply that :mod:`.play` keeps.
 
     Attributes
     ----------
@@ -38,9 +38,9 @@ class Reply:
     seconds : dict of str to float
     warnings : list of str
     sub_steps : int
-        Legs in which the mesh was led there.
+        Number of sub-steps of the motion.
     faces : dict of str to dict
-        What a finite-volume code sees ``before`` and ``after``; empty where it was not asked for.
+        Face quality for finite-volume codes ``before`` and ``after``; empty if not requested.
     """
 
     displacement: FloatArray
@@ -67,19 +67,19 @@ class Driver(Protocol):
 
     @property
     def step(self) -> int:
-        """The last committed one."""
+        """The last committed step."""
 
     def points(self) -> FloatArray:
         """Committed coordinates (n, d)."""
 
     def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
-        """Move the moving nodes (ascending) to their total displacement (k, d); ``report`` as of MOVE."""
+        """Move the moving nodes (ascending) to their total displacement (k, d); ``report`` is that of MOVE."""
 
     def commit(self) -> None:
         """Commit the step."""
 
     def peak_memory_bytes(self) -> int:
-        """Largest memory of the processes that serve the session, as far as they tell."""
+        """Peak memory of the processes that serve the session, as far as they report it."""
 
 
 @contextmanager
@@ -93,7 +93,7 @@ def open_session(
     server_options: Sequence[str] = (),
     keys: Keys | None = None,
 ) -> Iterator[Driver]:
-    """Open a session for a case, or ``resumed`` the one that is kept; it is discarded when the block ends well.
+    """Open a session for a case, or resume the kept one (``resumed``); discard it when the block ends without an error.
 
     Parameters
     ----------
@@ -102,11 +102,11 @@ def open_session(
     endpoint : str or None
         None: a private server that ends with the session.
     kept : Kept
-        Where a private server stores the session, and who may resume it.
+        Folder where a private server stores the session, and the credentials to resume it.
     server_options : sequence of str
-        Of ``mesh-motion serve``, for a private server.
+        Options of ``mesh-motion serve`` for a private server.
     keys : Keys, optional
-        For a server that asks for them.
+        Keys for a server that requires them.
     """
     patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
     asked = {"roles": dict(case.content.patches), "method": case.content.method.model_dump(exclude_unset=True)}

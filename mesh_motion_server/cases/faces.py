@@ -1,4 +1,4 @@
-"""A step in a finite-volume solver's words: what a run keeps of MOVED's faces, and the line that play ends with."""
+"""Face quality for finite-volume solvers: what a run keeps of MOVED's faces, and the last line that play prints."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 __all__ = ["FACES", "faces_line", "faces_numbers"]
 
-#: What of a mesh's faces is a column of steps.csv.
+#: Face values that are columns of steps.csv.
 FACES = ("max_non_orthogonality", "faces_above_65", "faces_above_75", "max_skewness", "min_volume_ratio")
 
 Faces = Mapping[str, Mapping[str, Any]]
 
 
 def faces_numbers(faces: Faces) -> dict[str, dict[str, Any]]:
-    """What is kept of MOVED's faces: of the worst ones the first, after the step."""
+    """The values kept of MOVED's faces; of the list of worst faces only the first one, after the step."""
     kept = {name: {key: value for key, value in numbers.items() if key != "worst"} for name, numbers in faces.items()}
     if "after" in kept:
         kept["after"]["worst"] = list(faces["after"].get("worst", ()))[:1]
@@ -22,9 +22,9 @@ def faces_numbers(faces: Faces) -> dict[str, dict[str, Any]]:
 
 
 def faces_line(steps: Sequence[Faces]) -> str:
-    """The faces of all steps (a run's, first to last) in one line; empty where nothing is known of them.
+    """The faces of all steps of a run (first to last) in one line; empty if unknown.
 
-    How many are above a limit is of the step with the least orthogonal face, the others are the worst of all steps.
+    The number above a limit is that of the step with the least orthogonal face; other values are the worst of all.
     """
     known = {number: step for number, step in enumerate(steps, start=1) if step}
     if not known:
@@ -44,7 +44,7 @@ def faces_line(steps: Sequence[Faces]) -> str:
 
 
 def _above(numbers: Mapping[str, Any]) -> str:
-    """How many faces are above the limits that have some."""
+    """Number of faces above each limit that is exceeded."""
     counts = {limit: int(numbers[f"faces_above_{limit}"]) for limit in (65, 75)}
     said = [f"{count} face{'' if count == 1 else 's'} above {limit}°" for limit, count in counts.items() if count]
     return " and ".join(said) or "no face above 65°"

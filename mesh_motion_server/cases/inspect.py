@@ -1,4 +1,4 @@
-"""Looking at sessions from outside: those of a running server, and those stored in a folder."""
+"""Inspect the sessions of a running server, or those stored in a folder."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_
 
 __all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]
 
-#: Records of a journal that are shown; there may be thousands.
+#: Number of journal records that are shown; a journal may have thousands.
 _LAST_RECORDS = 8
 
 
 @dataclass(frozen=True)
 class Found:
-    """What an inspection found.
+    """The result of an inspection.
 
     Attributes
     ----------
     values : dict
         Plain values, for programs.
     table : rich.console.RenderableType
-        The same for people.
+        The same as a table to print.
     damaged : list of str
-        Sessions that do not verify.
+        Sessions whose files do not verify.
     """
 
     values: dict[str, Any]
@@ -86,12 +86,12 @@ def inspect_folder(folder: Path) -> Found:
 
 
 def inspect_step(folder: Path, step: int) -> Found:
-    """What happened at a step of the session in a folder, and why; its history is enough, nothing is verified.
+    """What happened at a step of the session in a folder, and why. Only the history is read; nothing is verified.
 
     Raises
     ------
     InvalidInput
-        If the folder is no session's, or the step is not recorded.
+        If the folder is not a session folder, or the step is not recorded.
     """
     if not (folder / SPEC).is_file():
         raise InvalidInput(f"{folder}: not a session's folder", hint="give one of those below STATE FOLDER/sessions")
@@ -104,7 +104,7 @@ def _damaged(found: list[Inspection]) -> list[str]:
 
 
 def _overview(folder: Path, found: list[Inspection]) -> Table:
-    """One row a session."""
+    """One row per session."""
     table = Table("session", "label", "judged", "step", "nodes", "partitions", box=None)
     table.title, table.title_justify = f"{folder}: {len(found)} sessions", "left"
     for i in found:
@@ -113,7 +113,7 @@ def _overview(folder: Path, found: list[Inspection]) -> Table:
 
 
 def _details(inspection: Inspection, history: HistoryDigest) -> Table:
-    """All about one session."""
+    """All details of one session."""
     table = Table(show_header=False, box=None, pad_edge=False)
     names = ("session", "label", "state", "durability", "step", "stored_step", "epoch", "dimension")
     for name in (*names, "partitions", "nodes", "digest"):
@@ -132,7 +132,7 @@ def _details(inspection: Inspection, history: HistoryDigest) -> Table:
 
 
 def _history(history: HistoryDigest) -> list[str]:
-    """What is recorded, in a few lines."""
+    """Summary of the recorded history in a few lines."""
     if not (history.last_step or history.open_step or history.refusals):
         return ["none"]
     lines = [f"{history.recorded}; replay possible up to step {history.boundary_steps}"]

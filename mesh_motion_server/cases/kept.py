@@ -1,7 +1,7 @@
-"""What a run keeps beside its results until it has ended well: enough to go on after the last committed step.
+"""The data that a run keeps until it ends without an error: enough to resume after the last committed step.
 
-The folder ``.session`` in the results: the session's credentials, a private server's state, what was asked for, a line
-a step, and the coordinates after the worst one.
+The folder ``.session`` in the results has the session's credentials, a private server's state, the request, a line for
+each step, and the coordinates after the worst step.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ KEPT = ".session"
 
 @dataclass(frozen=True)
 class Kept:
-    """The folder, which need not exist."""
+    """The folder; it may be missing."""
 
     folder: Path
 
     @property
     def state(self) -> Path:
-        """Of a private server."""
+        """State folder of a private server."""
         return self.folder / "state"
 
     @property
     def credentials(self) -> Path:
-        """Of the session."""
+        """Credentials of the session."""
         return self.folder / "credentials.json"
 
     @property
     def is_empty(self) -> bool:
-        """Whether no step was made."""
+        """Whether no step is kept."""
         return not self._steps.exists()
 
     def begin(self, asked: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
-        """Keep what is played, to be compared on resuming, and the settings in force."""
+        """Keep the request, which is compared when the run resumes, and the settings in force."""
         self._run.write_text(json.dumps({"asked": asked, "settings": settings}), encoding="utf-8")
 
     def settings(self, asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -54,7 +54,7 @@ class Kept:
         Raises
         ------
         InvalidInput
-            If nothing is kept, or what is played is something else.
+            If nothing is kept, or the kept request is a different one.
         """
         try:
             known = json.loads(self._run.read_text(encoding="utf-8"))
@@ -78,7 +78,7 @@ class Kept:
             file.write(line + "\n")
 
     def steps(self, committed: int) -> tuple[list[StepRecord], list[str]]:
-        """The steps up to the committed one, and their warnings; what is kept of others is dropped.
+        """The steps up to the committed one, and their warnings; later steps are dropped.
 
         Raises
         ------
@@ -103,7 +103,7 @@ class Kept:
                 other.unlink()
 
     def worst(self, step: int) -> NDArray[np.float64] | None:
-        """Those after a step; None where another one is kept."""
+        """Coordinates after the worst step; None if another step is kept."""
         path = self.folder / f"worst_{step}.npy"
         return np.load(path, allow_pickle=False) if path.exists() else None
 

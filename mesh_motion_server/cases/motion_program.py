@@ -1,14 +1,14 @@
-"""Where every moving node has to be after each step of a case.
+"""The position of every moving node after each step of a case.
 
 A rigid motion with the total angle θ about c and the total translation t displaces a node at X after step s of S by
 
     u_s(X) = s/S t + (R(s/S θ) - I) (X - c),
 
 so the angle is interpolated, not the matrix, and a body stays rigid in every step. An oscillation of frequency f and
-phase φ has sin(2π f s + φ) - sin φ in place of s/S, which is 0 at the reference mesh. Several motions of one patch add
-their displacements, each taken from the reference coordinates. A node on two moving patches must be told the same by
-both (within 1e-9 of the mesh's extent; the later patch of the case file is then taken at its word), since a mesh cannot
-tear: otherwise the case is refused and the node named.
+phase φ uses sin(2π f s + φ) - sin φ instead of s/S; it is 0 at the reference mesh. Several motions of one patch add
+their displacements, each computed from the reference coordinates. If two moving patches share a node, both must give it
+the same displacement (within 1e-9 of the mesh's extent; the later patch of the case file is then used). Otherwise the
+mesh would tear: the case is refused and the error names the node.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["FunctionProgram", "MotionProgram", "RigidProgram", "TableProgram"]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Two patches that share a node may differ by this fraction of the mesh's extent: rounding, not tearing.
+#: Displacements of a shared node may differ by this fraction of the mesh's extent, because of rounding.
 _AGREEMENT = 1e-9
 
 
@@ -45,7 +45,7 @@ class PatchProgram(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RigidProgram:
-    """A rigid motion of the nodes at ``points`` (p, d), of which ``fraction`` (of a step) has been made."""
+    """A rigid motion of the nodes at ``points`` (p, d); ``fraction`` gives the part that is done after a step."""
 
     points: FloatArray
     motion: RigidMotion
@@ -75,7 +75,7 @@ class TableProgram:
 
 @dataclass(frozen=True, eq=False)
 class FunctionProgram:
-    """What a Python function says: (points (p, d), step) → total displacement (p, d)."""
+    """A motion by a Python function: (points (p, d), step) → total displacement (p, d)."""
 
     points: FloatArray
     function: Callable[[FloatArray, int], FloatArray]
@@ -97,14 +97,14 @@ class FunctionProgram:
 
 @dataclass(frozen=True, eq=False)
 class _PatchMotion:
-    """All motions of one moving patch: its name, its nodes' places in the program's nodes (p,), its programs."""
+    """All motions of one moving patch: its name, the indices of its nodes in the program's nodes (p,), its programs."""
 
     name: str
     places: IntArray
     programs: tuple[PatchProgram, ...]
 
     def displacement(self, step: int, dimension: int) -> FloatArray:
-        """(p, d) sum over the programs; zero without any."""
+        """(p, d) sum over the programs; zero if there are none."""
         zero = np.zeros((len(self.places), dimension))
         return sum((program.displacement(step) for program in self.programs), start=zero)
 
@@ -150,7 +150,7 @@ class MotionProgram:
 
     @property
     def still(self) -> tuple[str, ...]:
-        """Moving patches for which the case has no motion: they stay where they are."""
+        """Moving patches for which the case has no motion: they do not move."""
         return tuple(patch.name for patch in self.patches if not patch.programs)
 
     def displacement(self, step: int) -> FloatArray:
@@ -180,14 +180,14 @@ def _programs(case: Case, mesh: MeshFile, patch: str) -> tuple[PatchProgram, ...
 
 
 def _swing(oscillation: Oscillation) -> Callable[[int], float]:
-    """How many amplitudes a step is away from the reference."""
+    """The factor of the amplitude as a function of the step."""
     phase = np.deg2rad(oscillation.phase)
     turn = 2 * np.pi * oscillation.frequency
     return lambda step: float(np.sin(turn * step + phase) - np.sin(phase))
 
 
 def _load_function(folder: Path, named: str, points: FloatArray) -> FunctionProgram:
-    """The function FILE.py:NAME beside the case file."""
+    """Load the function FILE.py:NAME from the folder of the case file."""
     file, _, name = named.partition(":")
     try:
         values = runpy.run_path(str(folder / file))
@@ -204,7 +204,7 @@ def _load_function(folder: Path, named: str, points: FloatArray) -> FunctionProg
 
 
 def _read_table(path: Path, patch: str, nodes: IntArray, expected: tuple[int, int]) -> TableProgram:
-    """The table of a patch: its rows brought into the order of ``nodes``, its first ``count`` steps."""
+    """Read the table of a patch: its first ``count`` steps, with the rows in the order of ``nodes``."""
     if not path.is_file():
         raise InvalidInput(f"{path}: no such motion table", hint="paths in a case file are relative to the case file")
     arrays = read_archive(path)
@@ -231,7 +231,7 @@ def _read_table(path: Path, patch: str, nodes: IntArray, expected: tuple[int, in
 
 
 def _check_nodes(path: Path, patch: str, node_ids: IntArray, nodes: IntArray) -> None:
-    """A table names each node of its patch exactly once (both ascending)."""
+    """Check that a table names each node of its patch exactly once (both ascending)."""
     if np.array_equal(node_ids, nodes):
         return
     if len(repeated := node_ids[1:][np.diff(node_ids) == 0]):
@@ -243,7 +243,7 @@ def _check_nodes(path: Path, patch: str, node_ids: IntArray, nodes: IntArray) ->
 
 
 def _check_agreement(program: MotionProgram, mesh: MeshFile, path: Path) -> None:
-    """Refuse two patches that tell a common node different things."""
+    """Refuse two patches that give a shared node different displacements."""
     times = np.bincount(np.concatenate([patch.places for patch in program.patches]))
     shared = np.flatnonzero(times > 1)
     if not len(shared):

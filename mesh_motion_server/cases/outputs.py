@@ -1,9 +1,9 @@
 """The results of a run: ``summary.json``, ``points.npy`` (final coordinates, the file's node order), ``steps.csv``,
 ``mesh.pvd`` with ``mesh_0000.vtu``, … and ``quality.png``.
 
-A case that is refused on its way leaves what it has, with ``accepted.npy`` (the last accepted coordinates) in place of
-``points.npy``, and ``refused.vtu``; one that never began leaves nothing. Results of an earlier run are removed first: a
-folder never holds results of another case than the one it was last asked for.
+A refused case leaves the results of the steps before, with ``accepted.npy`` (the last accepted coordinates) in place of
+``points.npy``, and ``refused.vtu``; a case that never began leaves nothing. Results of an earlier run are removed
+first, so a folder only has results of the last case.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 SERIES = "mesh"
-#: What a run leaves, as patterns.
+#: Patterns of the files that a run writes.
 RESULTS = (
     "summary.json",
     "points.npy",
@@ -54,12 +54,12 @@ RESULTS = (
 
 @contextmanager
 def run_folder(folder: Path, *, resumed: bool) -> Iterator[Kept]:
-    """A folder that results are written to as they come; where nothing is worth keeping, it is as if never made.
+    """A folder that receives results during the run; it is removed if there is nothing to keep.
 
     Yields
     ------
     Kept
-        What is needed to go on; gone when the block ends well.
+        The data to resume the run; removed when the block ends without an error.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def run_folder(folder: Path, *, resumed: bool) -> Iterator[Kept]:
 
 @contextmanager
 def result_folder(folder: Path) -> Iterator[Path]:
-    """A folder to write results to; what is in it appears in ``folder`` when the block ends well.
+    """A folder to write results to; its content moves to ``folder`` when the block ends without an error.
 
     Raises
     ------
@@ -133,19 +133,19 @@ def remove_results(folder: Path) -> None:
 
 
 def remove_ended(folder: Path) -> None:
-    """Remove what only a run that ended early has."""
+    """Remove the files that only a run that ended early has."""
     for name in ("accepted.npy", "refused.vtu"):
         (folder / name).unlink(missing_ok=True)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """summary.json; NaN and infinity are no JSON and become null."""
+    """Write summary.json; NaN and infinity become null, because JSON does not have them."""
     text = json.dumps(_finite(summary), indent=2, allow_nan=False, ensure_ascii=False)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
 def write_points(folder: Path, points: NDArray[np.float64], name: str = "points.npy") -> None:
-    """points.npy, or ``name``."""
+    """Write points.npy, or ``name``."""
     np.save(folder / name, points, allow_pickle=False)
 
 
@@ -158,7 +158,7 @@ def write_steps(folder: Path, steps: Sequence[StepRecord]) -> None:
 
 
 def _finite(value: Any) -> Any:
-    """The value with every number that JSON cannot say replaced by None."""
+    """The value with None for every number that JSON cannot represent."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -173,6 +173,6 @@ def _unwritable(folder: Path, error: OSError) -> ResourceError:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    """Remove the folder if nobody has put anything into it."""
+    """Remove the folder if it is empty."""
     if not any(folder.iterdir()):
         folder.rmdir()

@@ -19,10 +19,10 @@ from mesh_motion_server.watch.pictures.snapshot import Snapshot, choose_plane, c
 
 __all__ = ["write_picture"]
 
-#: Inches: the figure, its margins, what ticks and titles take between two panels, and the height of a chart. The places
-#: are set, not looked for: matplotlib's layout engines measure every text and take as long as the drawing.
+#: Inches: the figure, its margins, the space for ticks and titles between two panels, and the height of a chart. The
+#: positions are fixed: matplotlib's layout engines measure every text and take as long as the drawing.
 _WIDTH, _LEFT, _RIGHT, _TOP, _GAP, _CHART = 13.5, 0.8, 1.3, 0.9, 0.75, 3.2
-#: Largest height of a mesh beside the other one, and above it; no mesh is lower than a third of the latter.
+#: Largest height of a mesh if the two are side by side, and if stacked; the smallest height is a third of the latter.
 _TALL, _LOW = 5.4, 3.2
 
 _MINIMUM, _MEAN, _BEFORE = LIGHT.runs[0], LIGHT.runs[2], LIGHT.faint
@@ -47,9 +47,9 @@ def write_picture(
         The mesh at opening and after its worst step.
     steps : sequence of StepRecord
     metric : str
-        The quality metric that the steps' predictions are of.
+        The quality metric of the steps' predictions.
     last : str
-        What ``after`` is, where it is no committed step.
+        What ``after`` shows, if it is not a committed step.
     """
     plane = choose_plane(before, after)
     window = choose_window(before, after, plane)

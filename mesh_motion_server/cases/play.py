@@ -1,7 +1,7 @@
-"""Play a case: drive a session as a coupling code would, step by step, and keep what comes back.
+"""Play a case: drive a session as a coupling code would, step by step, and keep the replies.
 
-Each step is some coupling iterations: Moves that start from the same committed state and approach the step's final
-displacement, the way a relaxed fixed-point iteration does; the last one is committed.
+Each step has several coupling iterations: Moves that start from the same committed state and approach the step's final
+displacement, as a relaxed fixed-point iteration does. The last one is committed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ Progress = Callable[[int, int, StepRecord | None], None]
 
 #: An iteration halves the distance to the step's final displacement, as relaxation by 0.5 does.
 _RELAXATION = 0.5
-#: Of the mesh's extent: a motion that differs by less from the one that was played is the same.
+#: As a share of the mesh's extent: motions that differ by less than this are the same.
 _AGREEMENT = 1e-9
 
 
@@ -97,25 +97,25 @@ def play(
     keys: Keys | None = None,
     resume: bool = False,
 ) -> Played:
-    """Play a case and write its results as they come.
+    """Play a case and write its results after each step.
 
     Parameters
     ----------
     case_file : path
     folder : path
-        Receives the results; made if it is missing.
+        Receives the results; created if it is missing.
     endpoint : str, optional
-        A running server; without one a private server is started and stopped again.
+        A running server; if omitted, a private server is started and stopped.
     every : int
-        Write every so many steps to the series; the last one always.
+        Write every ``every``-th step to the series; the last step always.
     progress : callable, optional
         Called with the steps done, the number of steps and the record of the step just done.
     distributed : str, optional
         For a private server: the Dask scheduler of the workers that it computes on.
     keys : Keys, optional
-        For a server that asks for them.
+        Keys for a server that requires them.
     resume : bool
-        Go on behind the last committed step of the run that ended early in this folder, for whatever reason.
+        Continue after the last committed step of the run that ended early in this folder, for any reason.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def play(
         If the server refuses a step. The folder then has the results of the steps before it, ``accepted.npy`` instead
         of ``points.npy``, and the refused mesh in ``refused.vtu`` and ``quality.png``.
     """
-    if folder.is_dir() and case_file.is_file() and not resume:  # a misspelt name costs nothing of an earlier run
+    if folder.is_dir() and case_file.is_file() and not resume:  # after a misspelt name the earlier results stay
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()
@@ -152,7 +152,7 @@ def play(
 
 
 def _write(folder: Path, case: Case, played: Played, refused: str = "") -> None:
-    """All results but coordinates and series."""
+    """Write all results except coordinates and series."""
     write_summary(folder, played.summary)
     write_steps(folder, played.steps)
     if pictures_are_possible():
@@ -195,12 +195,12 @@ class _Run:
             self._write(0)
 
     def _go_on(self, step: int) -> None:
-        """Take up what was kept of the steps before.
+        """Continue from the kept steps.
 
         Raises
         ------
         InvalidInput
-            If the motion up to here is another one now.
+            If the motion up to this step has changed.
         """
         self._records, self._warnings = self._kept.steps(step)
         self._begin -= sum(record.seconds for record in self._records)
@@ -218,10 +218,10 @@ class _Run:
                 hint="put it back, or play from the beginning without --resume",
             )
         if step % self._every == 0 or step == self._program.count:
-            self._write(step)  # again: a kill may have come between the commit and its file
+            self._write(step)  # again: the process may have been killed between the commit and the file
 
     def _snapshot(self, step: int) -> Snapshot:
-        """The mesh as it is now."""
+        """The current mesh."""
         return Snapshot(step, self._points, self._cells, self._quality.metric(self._drawn), self._program.nodes)
 
     def steps(self) -> Iterator[StepRecord]:
@@ -268,7 +268,7 @@ class _Run:
             sub_steps=moved.sub_steps,
             faces=faces_numbers(moved.faces),
         )
-        self._kept.add(record, self._warnings)  # before the commit: a step that is committed is never unknown
+        self._kept.add(record, self._warnings)  # before the commit, so that every committed step is known
         begin = time.perf_counter()
         try:
             self._driver.commit()
@@ -278,7 +278,7 @@ class _Run:
         return replace(record, seconds=elapsed + time.perf_counter() - begin)
 
     def _move(self, step: int, displacement: FloatArray, report: Report) -> Reply:
-        """One coupling iteration; an error says in which step."""
+        """One coupling iteration; an error names the step."""
         try:
             return self._driver.move(displacement, report=report)
         except (MeshMotionError, ClientError) as error:
@@ -286,19 +286,19 @@ class _Run:
             raise
 
     def _boundary_error(self, target: FloatArray) -> float:
-        """Largest distance of a moving or fixed node from where it was told to be."""
+        """Largest distance of a moving or fixed node from its prescribed position."""
         moving = self._points[self._program.nodes] - (self._mesh.points[self._program.nodes] + target)
         fixed = self._points[self._fixed] - self._mesh.points[self._fixed]
         return float(np.sqrt((np.concatenate([moving, fixed]) ** 2).sum(axis=1)).max())
 
     def _write(self, step: int) -> None:
-        """Add the mesh as it is now to the series."""
+        """Add the current mesh to the series."""
         quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}
         nodes: Data = {"displacement": self._points - self._mesh.points, **patch_marks(self._mesh)}
         self._series.write(float(step), self._points, self._cells, point_data=nodes, cell_data=quality)
 
     def keep(self, folder: Path, error: BaseException) -> None:
-        """Write what an error leaves: the steps before it, and a refused mesh with its worst cells."""
+        """Write the results after an error: the steps before it, and a refused mesh with its worst cells."""
         refused = isinstance(error, MeshMotionError | ClientError) and error.code == NumericalError.default_code
         if not (refused or self._records):
             return
@@ -316,7 +316,7 @@ class _Run:
         _write(folder, self._case, replace(played, summary=played.summary | {"ended_early": told}), title)
 
     def _refused(self, folder: Path, step: int, error: Any) -> dict[str, Any]:
-        """Write refused.vtu, name its worst cell in the error, and tell of it."""
+        """Write refused.vtu, name its worst cell in the error, and return the summary of it."""
         prediction = Prediction.of(self._case, self._mesh, self._program)
         path = folder / "refused.vtu"
         points, worst = write_refused(path, prediction, self._points, step, self._cells, self._sizes)
@@ -329,7 +329,7 @@ class _Run:
         return {"code": error.code, **told, "worst": worst}
 
     def result(self) -> Played:
-        """What the case has come to."""
+        """The result of the case."""
         if not pictures_are_possible():
             self._warnings.append("no quality.png without matplotlib: pip install 'mesh-motion-server[plot]'")
         records = self._records
@@ -359,7 +359,7 @@ class _Run:
         return Played(self._mesh, self._points, records, self._warnings, summary, self._reference, self._worst)
 
     def _peak_memory_of_the_server(self) -> int:
-        """In bytes; 0 where it is gone."""
+        """Peak memory in bytes; 0 if the server has ended."""
         try:
             return self._driver.peak_memory_bytes()
         except ClientError:

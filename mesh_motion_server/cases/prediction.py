@@ -1,4 +1,4 @@
-"""A case's motion in this process, step by step, as the server would make it: nothing is stored, nothing is sent."""
+"""Compute a case's motion in this process, step by step, as the server would; nothing is stored or sent."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ class Prediction:
 
     @classmethod
     def of(cls, case: Case, mesh: MeshFile, program: MotionProgram) -> Prediction:
-        """Prepare what every step needs; errors are those of opening a session."""
+        """Prepare the data for all steps; errors are the same as when a session is opened."""
         patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
         method = case.content.method.to_method()
         return cls(MotionModel.build(mesh.points, mesh.cell_table, patches, method), program, mesh.points)
 
     def targets(self, step: int) -> Floats:
-        """(k, d) where the moving nodes shall be."""
+        """(k, d) prescribed positions of the moving nodes."""
         return self.reference[self.program.nodes] + self.program.displacement(step)
 
     def steps(self) -> Iterator[Motion]:
-        """The motion of one step after the other, each from the one before.
+        """Yield the motion of each step, starting from the step before.
 
         Raises
         ------
         NumericalError
-            Where one is refused.
+            If a step is refused.
         """
         committed, model = self.reference, self.model.without_distributions()
         for step in range(1, self.program.count + 1):
@@ -56,12 +56,12 @@ class Prediction:
             committed = motion.points
 
     def trial(self, committed: Floats, step: int) -> Floats:
-        """The mesh (n, d) that one step makes, be it invalid: uncorrected where no correction comes to an end.
+        """The mesh (n, d) after one step, even if it is invalid; without a correction if no correction succeeds.
 
         Raises
         ------
         MeshMotionError
-            Where there is none at all.
+            If no mesh can be computed.
         """
         kept = self.model.with_method(allow_invalid=True, refuse_below_threshold=False, sub_steps="never")
         targets = self.targets(step)
@@ -73,7 +73,7 @@ class Prediction:
     def worst(self, points: Floats) -> list[dict[str, Any]]:
         """The worst cells of the mesh at ``points`` (n, d), the worst first.
 
-        Each with type, cell (its number in the type), number (in the mesh), centre (mesh length unit) and size_skew.
+        Keys: type, cell (its number in the type), number (in the mesh), centre (mesh length unit) and size_skew.
         """
         found = []
         for cell in self.model.summary(points).worst:
@@ -84,5 +84,5 @@ class Prediction:
 
 
 def named(cell: dict[str, Any]) -> str:
-    """One of the worst cells, in words."""
+    """A text that describes one of the worst cells."""
     return f"the worst cell is {cell['type']} {cell['cell']} near ({', '.join(f'{x:.4g}' for x in cell['centre'])})"

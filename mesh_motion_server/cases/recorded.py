@@ -1,4 +1,4 @@
-"""What a stored session's folder has for a replay: mesh, settings, what the boundary did, and what came of it."""
+"""Read what a replay needs from a stored session's folder: mesh, settings, boundary motion and results."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ FloatArray = NDArray[np.float64]
 
 @dataclass
 class StepFigures:
-    """What a step came to, as it was recorded or replayed.
+    """The results of a step, recorded or replayed.
 
     Attributes
     ----------
     step : int
     min_quality, mean_quality : float
-        Size-skew of the committed coordinates; NaN where it was not told.
+        Size-skew of the committed coordinates; NaN if not recorded.
     standard_min, predicted_min : float
-        The session's metric, as predicted without and with the correction, of the Move that was committed.
+        Minimum of the session's metric, predicted without and with the correction for the committed Move.
     moves, refusals : int
-        Of the step.
+        Numbers of Moves and refusals in the step.
     corrected : bool
-        Whether the Move that was committed was.
+        Whether the committed Move was corrected.
     enrichment_points, freed_nodes : int
     seconds : dict
-        By phase, of all its Moves.
+        Seconds by phase, summed over all Moves of the step.
     seconds_total : float
-        Of all its Moves, in the server.
+        Server seconds, summed over all Moves of the step.
     digest : bytes
-        Of the committed state, empty where it is not known.
+        Digest of the committed state; empty if unknown.
     """
 
     step: int
@@ -68,7 +68,7 @@ class StepFigures:
     digest: bytes = b""
 
     def take_motion(self, quality: dict[str, Any], correction: dict[str, Any], seconds: dict[str, float]) -> None:
-        """One more Move of the step, as MOVED tells of it."""
+        """Add a Move of the step, as reported by MOVED."""
         self.moves += 1
         self.standard_min = _number(quality["standard"].get("metric", {}).get("min"))
         self.predicted_min = _number(quality["corrected"].get("metric", {}).get("min"))
@@ -79,7 +79,7 @@ class StepFigures:
         self.seconds_total += seconds.get("total", sum(seconds.get(phase, 0.0) for phase in PHASES))
 
     def take_commit(self, quality: dict[str, Any], digest: bytes) -> None:
-        """Its commit, as COMMITTED tells of it."""
+        """Add the commit of the step, as reported by COMMITTED."""
         distribution = quality.get("size_skew", quality.get("metric", {}))
         self.min_quality, self.mean_quality = _number(distribution.get("min")), _number(distribution.get("mean"))
         self.digest = digest
@@ -97,13 +97,13 @@ class Recorded:
         Nodes ascending by global id, as one partition.
     log : BoundaryLog
     figures : dict
-        Step → what it came to, of the steps whose events are still there.
+        Results by step, for the steps whose events still exist.
     makers : list of (int, str)
-        From which step on what computed it, versions and processor; empty text where it is not known.
+        First step, and the versions and processor that computed from it on; an empty text if unknown.
     notes : list of str
-        What of it cannot be replayed, and why.
+        What cannot be replayed, and why.
     stored : (int, (n, d) array) or None
-        The step whose coordinates are stored, and these; mesh length unit.
+        The step whose coordinates are stored, and the coordinates; mesh length unit.
     """
 
     folder: Path
@@ -116,19 +116,19 @@ class Recorded:
     stored: tuple[int, FloatArray] | None
 
     def digest(self, step: int) -> bytes:
-        """State digest of a recorded step, empty where it is not known."""
+        """State digest of a recorded step; empty if unknown."""
         return self.log.digest(step) or self.figures.get(step, StepFigures(step)).digest
 
 
 def read_recorded(folder: Path) -> Recorded:
-    """Read a session's folder, or a copy of one; nothing is changed.
+    """Read a session's folder or a copy of it, without changing it.
 
     Raises
     ------
     InvalidInput
-        If what the boundary did is not recorded from step 1 on.
+        If the boundary motion is not recorded from step 1 on.
     JournalError
-        If the folder is no session's, or what a replay needs does not verify.
+        If the folder is not a session folder, or the data for a replay does not verify.
     """
     spec = _spec(folder)
     log = BoundaryLog(folder)
@@ -138,9 +138,7 @@ def read_recorded(folder: Path) -> Recorded:
             hint="the server's setting history_bytes must not be 0 when a session is opened",
         )
     files = PosixFileSystem()
-    ledger = read_ledger(
-        folder, files
-    )  # the chain alone: a copy of a session at work may end in the middle of a commit
+    ledger = read_ledger(folder, files)  # only the chain: a copy of an active session may end in the middle of a commit
     notes = list(_cut(log, ledger))
     if not log.steps:
         raise InvalidInput(f"{folder}: nothing can be replayed: {notes[-1]}")
@@ -167,7 +165,7 @@ def _spec(folder: Path) -> StoredSpec:
 
 
 def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, FloatArray] | None:
-    """The stored coordinates, None where they do not verify: they say how far apart two runs are, no more."""
+    """The stored coordinates; None if they do not verify. They only serve to measure the distance of two runs."""
     try:
         return read_stored_state(folder, files, ledger)
     except JournalError:
@@ -175,7 +173,7 @@ def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, 
 
 
 def _cut(log: BoundaryLog, ledger: Ledger) -> Iterator[str]:
-    """Let the log end where the session's own, verified steps do; says why it is shorter than it looks."""
+    """Cut the log after the last verified step of the session; yield the reasons for the cut."""
     log.cut(max(log.committed, ledger.step))
     known = [entry for entry in ledger.commits if log.digest(entry.step)]
     wrong = next((n for n, entry in enumerate(known) if log.digest(entry.step) != entry.digest), None)
@@ -189,7 +187,7 @@ def _cut(log: BoundaryLog, ledger: Ledger) -> Iterator[str]:
 
 
 def _figures(folder: Path) -> dict[int, StepFigures]:
-    """What the events say of each committed step."""
+    """The figures of each committed step, from the events."""
     found: dict[int, StepFigures] = {}
     current, fold = StepFigures(1), StepFold()
     for event in read_events(folder):

@@ -1,4 +1,4 @@
-"""What each step of a played case has to say, computed from coordinates or told by the server."""
+"""The results of each step of a played case: computed from coordinates, or reported by the server."""
 
 from __future__ import annotations
 
@@ -30,27 +30,28 @@ class StepRecord:
     ----------
     step : int
     min_size, min_skew, min_size_skew, mean_size_skew, min_relative_size_skew, mean_relative_size_skew : float
-        Of the mesh after the step, computed from its coordinates; size and relative skew against the mesh at opening.
+        Quality of the mesh after the step, from its coordinates; size and relative skew refer to the mesh at opening.
     inverted_cells : int
     predicted_min : float
-        The server's prediction of the case's quality metric for the motion it made, before any node moved.
+        The server's prediction of the case's quality metric for its motion, before any node moved.
     predicted_standard : float
         Its prediction for the plain motion, without correction.
     enrichment_points, freed_nodes : int
-        What the correction used.
+        Numbers that the correction used.
     iterations : int
         Coupling iterations.
     boundary_error : float
-        Largest distance between a moving or fixed node and where it should be, mesh length unit.
+        Largest distance between a moving or fixed node and its prescribed position, mesh length unit.
     seconds : float
-        Wall time of the step as the driver sees it: all iterations, the wire and the commit.
+        Wall time of the step in the driver: all iterations, the wire and the commit.
     seconds_solve, seconds_predict, seconds_correct, seconds_displace : float
-        The server's phases, all iterations together.
+        Time of the server's phases, summed over all iterations.
     sub_steps : int
-        Legs in which the server led the mesh there in the last iteration; 1 for a single step.
+        Number of sub-steps that the server used in the last iteration; 1 for a single step.
     faces : dict of str to dict
-        What a finite-volume code sees ``before`` (the mesh at opening) and ``after`` the step: :data:`~.faces.FACES`,
-        which steps.csv has after the step as its last columns, and the worst face. Empty in one dimension.
+        Face quality for finite-volume codes, ``before`` (the mesh at opening) and ``after`` the step:
+        :data:`~.faces.FACES` and the worst face. The last columns of steps.csv are the values after the step.
+        Empty in one dimension.
     """
 
     step: int
@@ -76,7 +77,7 @@ class StepRecord:
     faces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def shown(self, metric: str) -> tuple[float, float]:
-        """Minimum and mean of what is :func:`drawn` for a metric."""
+        """Minimum and mean of the quality that :func:`drawn` names for a metric."""
         if drawn(metric) == "size-skew":
             return self.min_size_skew, self.mean_size_skew
         return self.min_relative_size_skew, self.mean_relative_size_skew
@@ -91,7 +92,7 @@ class StepRecord:
         return asdict(self)
 
     def as_row(self) -> dict[str, Any]:
-        """The columns of steps.csv, NaN for faces that are not known."""
+        """The columns of steps.csv; NaN for unknown faces."""
         after = self.faces.get("after", {})
         return {name: getattr(self, name) for name in self.columns()} | {
             name: after.get(name, math.nan) for name in FACES
@@ -99,7 +100,7 @@ class StepRecord:
 
 
 def drawn(metric: str) -> str:
-    """The quality that pictures show where a case is judged by a metric."""
+    """The quality that pictures show for a case with this metric."""
     return metric if metric == "relative-size-skew" else "size-skew"
 
 
@@ -118,5 +119,5 @@ def quality_numbers(quality: CellQuality) -> dict[str, Any]:
 
 
 def add_seconds(total: Mapping[str, float], more: Mapping[str, float]) -> dict[str, float]:
-    """The seconds of each phase of two motions together."""
+    """The sum of two motions' seconds for each phase."""
     return {phase: float(total.get(phase, 0.0)) + float(more.get(phase, 0.0)) for phase in PHASES}

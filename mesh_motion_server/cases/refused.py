@@ -1,4 +1,4 @@
-"""The mesh that a refused step would have made, to be looked at: refused.vtu, and where its worst cells are."""
+"""Write the mesh of a refused step for inspection: refused.vtu, and its worst cells."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ def write_refused(
     Parameters
     ----------
     path : path
-        Of a VTU file.
+        Path of the VTU file.
     prediction : Prediction
     committed : (n, d) array
         Coordinates before the step, mesh length unit.
     step : int
     cells : CellTable
     sizes : AtRest
-        Of the cells at opening.
+        Sizes of the cells at opening.
 
     Returns
     -------
     points : (n, d) array or None
-        None where no mesh was found at all.
+        Coordinates of the refused mesh; None if no mesh was found.
     worst : list of dict
-        As of :meth:`.Prediction.worst`.
+        As returned by :meth:`.Prediction.worst`.
     """
     try:
         points = prediction.trial(committed, step)

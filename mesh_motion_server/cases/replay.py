@@ -1,8 +1,8 @@
-"""Replay a stored session: its boundary's motion from its reference mesh, with its own settings or others.
+"""Replay a stored session: its boundary motion from its reference mesh, with its own or other settings.
 
-Of each step the Move that was committed is made again, in its own frame, and committed. Coupling iterations before it,
-trials that were rolled back and restarts do not matter for what is committed; with the same settings and the same
-version on the same machine the state digests are equal, bit for bit.
+For each step, the replay makes the committed Move again, in its own frame, and commits it. Earlier coupling iterations,
+trials that were rolled back and restarts do not affect the committed state: with the same settings and the same version
+on the same machine, the state digests are equal, bit for bit.
 """
 
 from __future__ import annotations
@@ -51,32 +51,32 @@ class Runner(Protocol):
     """An open session, as a client has it."""
 
     def move(self, displacements: Any, *, frame: Any, report: Any) -> Any:
-        """MOVED to the boundary's displacements (k, d)."""
+        """Move the boundary by displacements (k, d); return MOVED."""
 
     def commit(self) -> Any:
-        """COMMITTED."""
+        """Commit the step; return COMMITTED."""
 
 
-#: Settings → an open session of the recorded mesh.
+#: Opens a session of the recorded mesh with the given settings.
 Opener = Callable[[Mapping[str, Any]], AbstractContextManager[Runner]]
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A replay's name, and the settings in which it differs from the recorded session."""
+    """A replay's name, and its settings that differ from the recorded session."""
 
     name: str
     changes: Mapping[str, Any]
 
 
 def variant_of(changes: Mapping[str, Any]) -> Variant:
-    """A variant named by its changes."""
+    """A variant whose name lists its changes."""
     return Variant(", ".join(f"{key} = {value}" for key, value in changes.items()) or "replayed", changes)
 
 
 @contextmanager
 def over_the_wire(recorded: Recorded, endpoint: str | None, keys: Keys | None = None) -> Iterator[Opener]:
-    """Opens sessions on a running server, or on a private one that ends with the block."""
+    """Open sessions on a running server, or on a private one that ends with the block."""
     view = recorded.mesh
     mesh = Mesh(
         view.points,
@@ -109,18 +109,18 @@ def replay(
     every: int = 1,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Replay a stored session in each of the variants and compare them with what was recorded.
+    """Replay a stored session with each variant and compare the replays with the recorded session.
 
     Parameters
     ----------
     session_folder : Path
-        Of a stored session, or a copy.
+        Folder of a stored session, or a copy of it.
     folder : Path
-        Receives ``comparison.json``, ``comparison.csv`` and the results of a played case; with several variants those
-        are in ``variant-1``, ….
+        Receives ``comparison.json``, ``comparison.csv`` and the results of a played case; several variants have their
+        results in ``variant-1``, ….
     variants : sequence of Variant
     until : int, optional
-        The last step; by default the last one of which the boundary is recorded.
+        The last step; by default the last step with a recorded boundary.
     endpoint, keys, every, progress
         As for :func:`~mesh_motion_server.cases.play.play`.
 
@@ -129,9 +129,9 @@ def replay(
     InvalidInput
         If there is nothing to replay, or a setting is wrong.
     JournalError
-        If the folder is no session's, or does not verify.
+        If the folder is not a session folder, or does not verify.
     MeshMotionError
-        If there is no server.
+        If no server is available.
     """
     recorded = read_recorded(session_folder)
     last = _last_step(recorded, until)
@@ -154,11 +154,11 @@ def replay(
 
 
 def _clear(folder: Path) -> None:
-    """Remove what earlier replays have left, of however many variants, and nothing else."""
+    """Remove the results of earlier replays, for any number of variants, and nothing else."""
     remove_results(folder)
     for target in folder.glob("variant-[0-9]*"):
         remove_results(target)
-        with suppress(OSError):  # there is something else in it
+        with suppress(OSError):  # the folder has other files
             target.rmdir()
 
 
@@ -169,12 +169,12 @@ def replay_variant(
     last: int,
     seen: Callable[[BoundaryStep, Any, StepFigures, FloatArray], None],
 ) -> Replayed:
-    """Play the steps 1 … ``last``; a step that is refused is the end.
+    """Play the steps 1 … ``last``; stop at a refused step.
 
     Parameters
     ----------
     seen : callable
-        Is told each step: what the boundary did, MOVED, what it came to, and the coordinates (n, d).
+        Called for each step with the boundary motion, MOVED, the figures and the coordinates (n, d).
     """
     reference = points = recorded.mesh.points
     figures: list[StepFigures] = []
@@ -209,14 +209,14 @@ def _last_step(recorded: Recorded, until: int | None) -> int:
 
 
 def _changed(recorded: Recorded, variant: Variant) -> dict[str, Any]:
-    """The recorded settings with the variant's, checked; what is left to the server is left out."""
+    """The recorded settings with the variant's changes, checked; settings that the server chooses are omitted."""
     values = recorded.spec.settings.model_dump() | dict(variant.changes)
     checked = MethodSettings.from_mapping(values).model_dump()
     return {key: value for key, value in checked.items() if value is not None}
 
 
 class _Output:
-    """The results of a played case, made of a replay."""
+    """Writes the results of a replay like those of a played case."""
 
     def __init__(
         self, recorded: Recorded, series: VtuSeries, every: int, last: int, progress: Progress | None, metric: str
@@ -234,7 +234,7 @@ class _Output:
         self._write(0)
 
     def take(self, boundary: BoundaryStep, moved: Any, found: StepFigures, points: FloatArray) -> None:
-        """One more step."""
+        """Add a step."""
         base = self._reference if boundary.frame == "reference" else self._points
         target = base[self._moving] + boundary.rows
         self._points = points
@@ -266,7 +266,7 @@ class _Output:
             self._progress(found.step, self._last, record)
 
     def write(self, work: Path, run: Replayed, settings: Mapping[str, Any]) -> None:
-        """All but the series."""
+        """Write all results except the series."""
         summary = {
             "replay_of": str(self._recorded.folder),
             "version": __version__,

@@ -1,4 +1,4 @@
-"""What happened at a step and why, in words: from the events of a history to lines that an engineer reads."""
+"""Describe what happened at a step and why: turns the events of a history into lines of text."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Story", "reason_of_move", "tell_step"]
 
 Event = dict[str, Any]
 
-#: Worst cells that are named for each motion; ``--json`` has all ten.
+#: Number of worst cells in the text for each motion; ``--json`` has all ten.
 _NAMED_CELLS = 3
 
 
@@ -31,11 +31,11 @@ class Story:
     ----------
     step : int
     outcome : {"committed", "lost", "open"}
-        Lost: a crash took the session back before it (durability ``relaxed``), and it was not begun again.
+        Lost: a crash reset the session to an earlier step (durability ``relaxed``), and the step was not begun again.
     why : list of str
-        One sentence for each thing that was decided.
+        One sentence for each decision.
     lines : list of str
-        All of it, in the order in which it happened.
+        All events as text, in time order.
     events : list of dict
         As recorded.
     """
@@ -71,7 +71,7 @@ def tell_step(session_folder: Path, step: int) -> Story:
 
 
 def reason_of_move(event: Event, settings: dict[str, Any]) -> str:
-    """Why a motion was corrected or not, and what came of it."""
+    """Why a motion was corrected or not, and the result."""
     quality, correction = event["quality"], event["correction"]
     metric, threshold = quality["metric"], quality["threshold"]
     before, after = _lowest(quality["standard"]), _lowest(quality["corrected"])
@@ -91,7 +91,7 @@ def reason_of_move(event: Event, settings: dict[str, Any]) -> str:
 
 
 def _settings(session_folder: Path) -> dict[str, Any]:
-    """The session's settings: as stored, for BUILT may be of the events that went; else as BUILT told them."""
+    """The session's settings: as stored, because the BUILT event may be deleted; otherwise from BUILT."""
     try:
         return dict(StoredSpec.from_bytes((session_folder / SPEC).read_bytes()).settings.model_dump())
     except (OSError, JournalError):
@@ -104,7 +104,7 @@ def _settings(session_folder: Path) -> dict[str, Any]:
 
 
 def _outcome(events: Sequence[Event], step: int) -> str:
-    """What has become of the step in the end."""
+    """The final outcome of the step."""
     outcome = "open"
     for event in events:
         if event["event"] == "committed" and event["step"] == step:
@@ -129,7 +129,7 @@ def _headline(events: Sequence[Event], step: int, outcome: str) -> str:
 
 
 def _told(event: Event, was_committed: bool) -> list[str]:
-    """What an event says, the first line without its time."""
+    """The text lines of an event, the first line without its time."""
     tell: Callable[[Event], list[str]] | None = {
         "moved": _told_move,
         "committed": _told_commit,
@@ -196,7 +196,7 @@ def _told_resumption(event: Event, was_committed: bool) -> list[str]:
 
 
 def _reasons(events: Sequence[Event], step: int, settings: dict[str, Any]) -> Iterator[str]:
-    """What was decided: of motions the last one that counted, each refusal, what a crash cost, the outcome."""
+    """The decisions: the last motion that counted, each refusal, the steps lost in a crash, and the outcome."""
     for number, event in enumerate(events):
         if event["event"] == "refused":
             yield f"refused: {event['code']}: {event['message']}"
@@ -209,7 +209,7 @@ def _reasons(events: Sequence[Event], step: int, settings: dict[str, Any]) -> It
     if moves:
         yield reason_of_move(moves[-1], settings)
     predicted = _lowest(moves[-1]["quality"]["corrected"]) if moves else None
-    is_last = bool(made) and made[-1]["event"] == "committed"  # or it is being made again after a crash
+    is_last = bool(made) and made[-1]["event"] == "committed"  # otherwise it is made again after a crash
     if is_last and predicted is not None and (found := _lowest(made[-1]["quality"])) is not None:
         gap = found - predicted
         yield "committed as predicted" if abs(gap) < 1e-6 else f"committed {abs(gap):.2g} {_side(gap)} than predicted"

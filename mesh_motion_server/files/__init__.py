@@ -1,4 +1,4 @@
-"""Mesh files: one reader for every format, and the writers of the results.
+"""Mesh files: one reader for all formats, and the writers of the results.
 
 ================  ======================================================================================
 ``.npz``          ``points``, ``cells_<type>``, ``patch_<name>`` (:mod:`.npz`); read and written

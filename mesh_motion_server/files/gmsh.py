@@ -42,7 +42,7 @@ class _Block:
 
 @dataclass(eq=False)
 class _Content:
-    """What the sections gave so far."""
+    """The content of the sections read so far."""
 
     names: dict[tuple[int, int], str] = field(default_factory=dict)  # (dimension, tag) of a physical group
     groups: dict[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)  # physical tags of an entity (4.1)
@@ -57,7 +57,7 @@ def read_gmsh(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        On other versions, partitioned meshes, cells of higher order, and malformed sections.
+        For other versions, partitioned meshes, cells of higher order, and malformed sections.
     """
     try:
         content = _read_sections(path.read_bytes())
@@ -69,7 +69,7 @@ def read_gmsh(path: Path) -> MeshFile:
 
 
 def _read_sections(data: bytes) -> _Content:
-    """Walk through the file."""
+    """Read all sections of the file."""
     header = _HEADER.match(data)
     if header is None:
         raise ValueError("it does not begin with $MeshFormat")
@@ -167,7 +167,7 @@ def _read_elements_22(content: _Content, values: Values) -> None:
 
 
 def _runs_22(values: Values, count: int) -> Iterator[tuple[int, int, IntArray]]:
-    """Type, physical group and (m, k) node tags of elements that follow each other."""
+    """Type, physical group and (m, k) node tags of each run of consecutive elements."""
     done = 0
     while done < count:
         code, n_tags, rows = values.element_run(lambda code: _element_type(code)[1])
@@ -195,7 +195,7 @@ def _element_type(code: int) -> tuple[str, int]:
 
 @dataclass(frozen=True, eq=False)
 class _NodeRows:
-    """Where the node of each tag stands in $Nodes; tags may be sparse and in any order."""
+    """The row in $Nodes of each node tag; tags may be sparse and in any order."""
 
     tags: IntArray  # (n,) ascending
     rows: IntArray  # (n,)

@@ -1,4 +1,4 @@
-"""The numbers of one section of a Gmsh file, in the order of the format, whether it is ASCII or binary."""
+"""The numbers of one section of a Gmsh file, ASCII or binary, in the order of the format."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Values(Protocol):
     Raises
     ------
     ValueError
-        When the section ends early or holds something that is no number.
+        When the section ends early or has something that is not a number.
     """
 
     @property
     def end(self) -> int:
-        """Position in the file behind the values taken so far, before the section's end mark."""
+        """Position in the file after the values taken so far, before the section's end mark."""
 
     def ints(self, count: int) -> IntArray:
         """The next C ``int`` values."""
@@ -36,13 +36,13 @@ class Values(Protocol):
         """The next ``double`` values."""
 
     def text_count(self) -> int:
-        """A count that is text in both forms (version 2.2)."""
+        """A count, which is text in ASCII and in binary files (version 2.2)."""
 
     def numbered_points(self, count: int) -> tuple[IntArray, FloatArray]:
         """``count`` nodes of version 2.2: tags (count,) and coordinates (count, 3)."""
 
     def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, IntArray]:
-        """Elements of version 2.2 that follow each other with one type and number of tags.
+        """Consecutive elements of version 2.2 with the same type and number of tags.
 
         ``nodes_of`` gives the number of nodes of a type. Returns the type, the number of tags, and one row for each
         element: its tags, then its nodes.
@@ -84,7 +84,7 @@ class AsciiValues:
         _, code, n_tags = (int(v) for v in self.ints(3))
         width = 3 + n_tags + nodes_of(code)
         window, run = 32, 0
-        while run == window // 2 or run == 0:  # the run filled the last window: look further
+        while run == window // 2 or run == 0:  # the run filled the last window: continue
             rows = self._values[first : first + window * width]
             rows = rows[: len(rows) // width * width].reshape(-1, width)
             run = _leading((rows[:, 1] == code) & (rows[:, 2] == n_tags))

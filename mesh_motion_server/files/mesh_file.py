@@ -1,4 +1,4 @@
-"""A mesh as a file gives it, in the file's node order, checked for what every reader must guarantee."""
+"""A mesh as read from a file, in the file's node order, with the checks that apply to every reader."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class MeshFile:
     patches : dict of str to (p,) int64 arrays
         Node ids of each patch, ascending, each once.
     path : Path
-        Where it was read from.
+        The file that it was read from.
     periodic : tuple of str
-        Patches that the file says are one side of a period.
+        Patches that the file marks as one side of a periodic pair.
     zone : str
-        Which of the file's zones it is; "" in formats without zones.
+        The zone of the file; "" in formats without zones.
     notes : tuple of str
-        What was left out or named, a line each.
+        One line for each thing that the reader left out or named.
     halo : dict of str to (h, k) int64 arrays
-        Cells beyond periodic sides, images of others, that are left out.
+        Cells beyond periodic sides (images of other cells), which are left out of the mesh.
     """
 
     points: FloatArray
@@ -63,11 +63,11 @@ class MeshFile:
 
     @property
     def cell_table(self) -> CellTable:
-        """The cells as the numerics take them."""
+        """The cells as a table for the numerics."""
         return CellTable.from_arrays(self.cells)
 
     def with_halo(self) -> MeshFile:
-        """The mesh with its halo: cells like others, behind sides that are not periodic but fixed."""
+        """The mesh with its halo as normal cells; the sides are then fixed, not periodic."""
         cells = {
             name: np.concatenate([of[name] for of in (self.cells, self.halo) if name in of])
             for name in {**self.cells, **self.halo}
@@ -87,15 +87,14 @@ def assemble(
     cells: Mapping[str, IntArray],
     patches: Mapping[str, IntArray],
 ) -> MeshFile:
-    """Make a mesh of a foreign file's content: cells of all dimensions, always three coordinates.
+    """Make a mesh from the content of a foreign file: cells of all dimensions, always three coordinates.
 
-    The cells of the highest dimension are the mesh. Coordinates beyond that dimension are dropped, which needs them to
-    be constant.
+    The mesh has the cells of the highest dimension. Coordinates beyond it must be constant; they are dropped.
 
     Raises
     ------
     InvalidInput
-        Without cells, for varying coordinates beyond the cells' dimension, and as :class:`MeshFile` does.
+        Without cells, if coordinates beyond the cells' dimension vary, and as :class:`MeshFile` does.
     """
     used = {name: np.asarray(nodes, dtype=np.int64) for name, nodes in cells.items() if len(nodes)}
     if not used:
@@ -110,12 +109,12 @@ def assemble(
 
 
 def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
-    """The zone of a file that is asked for, by its name or its number from 1; of an only one nothing has to be said.
+    """The requested zone of a file, by its name or its number from 1; "" selects a single zone.
 
     Raises
     ------
     InvalidInput
-        Naming the zones that there are.
+        If there is no such zone; names the zones of the file.
     """
     if not zone and len(names) == 1:
         return names[0]
@@ -148,7 +147,7 @@ def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatAr
 
 
 def _check_points(points: FloatArray, path: Path) -> None:
-    """Refuse anything but finite coordinates of 1 to 3 dimensions."""
+    """Check that the coordinates are finite and have 1 to 3 dimensions."""
     if points.ndim == 2 and not len(points):
         raise InvalidInput(f"{path}: the mesh is empty: it has no nodes", code="INVALID_ARGUMENT.SHAPE")
     if points.ndim != 2 or points.shape[1] not in (1, 2, 3):
@@ -167,7 +166,7 @@ def _check_points(points: FloatArray, path: Path) -> None:
 
 
 def _check_cells(cells: Mapping[str, IntArray], shape: tuple[int, ...], path: Path) -> None:
-    """Refuse no cells, cells of another dimension than the points, and node ids that do not exist."""
+    """Refuse a mesh without cells, cells of another dimension than the points, and node ids that do not exist."""
     try:
         table = CellTable.from_arrays(cells)
     except InvalidInput as error:

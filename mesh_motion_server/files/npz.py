@@ -1,7 +1,7 @@
 """The mesh format of this project: a NumPy archive, strict, without pickles.
 
 ``points`` (n, d) float64; ``cells_<type>`` (m, k) int64 for line, triangle, quad, tetra, hexahedron, wedge, pyramid;
-``patch_<name>`` (p,) int64 node ids, 0-based. Nothing else may be in it. Narrower floats and integers are widened.
+``patch_<name>`` (p,) int64 node ids, 0-based. Other arrays are refused. Narrower floats and integers are widened.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mesh_motion_server.files.replace import replacing
 __all__ = ["read_archive", "read_npz", "read_points", "write_npz"]
 
 _T = TypeVar("_T", bound=np.generic)
-#: RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than there is room for.
+#: RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than fit in memory.
 _DAMAGED = (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 _EXPECTED = "expected 'points', 'cells_<type>' and 'patch_<name>'"
 
@@ -32,7 +32,7 @@ def read_npz(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        If the file is no such archive, has other keys, or arrays of another kind or shape.
+        If the file is not such an archive, or has other keys or arrays of another kind or shape.
     """
     arrays = read_archive(path)
     unknown = [key for key in arrays if key != "points" and not key.startswith(("cells_", "patch_"))]
@@ -63,7 +63,7 @@ def read_points(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
     Raises
     ------
     InvalidInput
-        If it is no such file, or holds something else than finite numbers of this shape.
+        If it is not such a file, or has other content than finite numbers of this shape.
     """
     try:
         with path.open("rb") as file:
@@ -79,12 +79,12 @@ def read_points(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
-    """All arrays of a ``.npz`` file, without unpickling anything.
+    """Read all arrays of a ``.npz`` file without unpickling.
 
     Raises
     ------
     InvalidInput
-        If it is no archive of plain arrays.
+        If it is not an archive of plain arrays.
     """
     try:
         with path.open("rb") as file:
@@ -97,7 +97,7 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def _as(array: NDArray[np.generic], kinds: str, dtype: type[_T], what: str) -> NDArray[_T]:
-    """The array as ``dtype``; only kinds that fit without loss of meaning are taken."""
+    """The array as ``dtype``; refuse kinds that do not fit without loss."""
     if array.dtype.kind not in kinds:
         wanted = "integers" if "f" not in kinds else "real numbers"
         raise InvalidInput(f"{what}: expected {wanted}, got dtype {array.dtype}", code="INVALID_ARGUMENT.DTYPE")

@@ -1,4 +1,4 @@
-"""The packages that some formats need (extra ``mesh``): found when they are needed; what they say of damaged files."""
+"""The optional packages of some formats (extra ``mesh``): imported on demand; the text of their errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def load_meshio(path: Path) -> Any:
 
 
 def reason_of(error: BaseException) -> str:
-    """One line of what a package raised."""
+    """One line for an error that a package raised."""
     return next(iter(str(error).splitlines()), "") or type(error).__name__
 
 

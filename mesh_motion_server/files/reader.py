@@ -26,12 +26,12 @@ READERS: dict[str, Callable[[Path], MeshFile]] = {
     ".foam": read_polymesh,
 }
 
-#: Those whose files may have several zones.
+#: Formats whose files may have several zones.
 _ZONED: dict[str, Callable[[Path, str], MeshFile]] = {".su2": read_su2, ".cgns": read_cgns}
 
 
 def is_mesh(path: Path) -> bool:
-    """Whether the name is that of a mesh, rather than of a case file: a known suffix, or a folder."""
+    """Whether the path is a mesh and not a case file: a known suffix, or a folder."""
     return path.suffix.lower() in READERS or path.is_dir()
 
 
@@ -44,7 +44,7 @@ def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
         ``.npz``, ``.msh`` (Gmsh 2.2, 4.1), ``.su2``, ``.vtk``, ``.vtu`` or ``.cgns``; an OpenFOAM case, its ``.foam``
         file or a polyMesh folder.
     zone : str
-        The name or number of a zone, where the file has several.
+        The name or number of a zone, if the file has several.
 
     Raises
     ------

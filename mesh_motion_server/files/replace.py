@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all; and whether they can, asked before the work that they are to hold."""
+"""Write files that appear complete or not at all, and check before the work that they can be written."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ __all__ = ["replaced_by_name", "replacing", "require_file_place", "require_folde
 
 
 def require_file_place(path: Path) -> None:
-    """Say before any work that a file could not be written there.
+    """Check before any work that a file can be written at this path.
 
     Raises
     ------
     InvalidInput
         If its folder is missing, or it is a folder itself.
     ResourceError
-        If nothing may be written there.
+        If the folder is not writable.
     """
-    folder = path.resolve().parent  # a link stays one, and what it leads to is replaced
+    folder = path.resolve().parent  # a link stays a link; its target is replaced
     if path.is_dir():
         raise InvalidInput(f"{path}: a folder, where a file is to be written", hint="name a file in it")
     if not folder.is_dir():
@@ -32,7 +32,7 @@ def require_file_place(path: Path) -> None:
 
 
 def require_folder_place(path: Path) -> None:
-    """The same of a folder that is made if it is missing, with those above it."""
+    """The same check for a folder; missing folders will be created, including parents."""
     place = path.resolve()
     while not os.path.lexists(place):
         place = place.parent
@@ -50,14 +50,14 @@ def _require_writable(path: Path, folder: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """Open a neighbour of ``path`` for writing; it takes the name when the block ends well, and vanishes otherwise."""
+    """Open a temporary file beside ``path``; rename it when the block ends without an error, else remove it."""
     with replaced_by_name(path) as partial, partial.open("wb") as file:
         yield file
 
 
 @contextmanager
 def replaced_by_name(path: Path) -> Iterator[Path]:
-    """The same for libraries that open files themselves: the neighbour's name. A link stays one to the new file."""
+    """The same for libraries that open files themselves: yields the temporary name. A link stays a link."""
     path = path.resolve()
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -1,7 +1,7 @@
 """SU2's native mesh format: ``KEY= value`` lines, each followed by its rows. Markers become patches by their names.
 
-Read as SU2 itself and its older releases do: blanks anywhere, comments after ``%``, names of markers without blanks or
-empty, rows with or without their number at the end, two counts of points, keys that say nothing about a mesh.
+The reader accepts the same files as SU2 and its older releases: blanks anywhere, comments after ``%``, marker names
+without blanks or empty, rows with or without their number at the end, two counts of points, keys unrelated to the mesh.
 
 https://su2code.github.io/docs_v7/Mesh-File/
 """
@@ -24,10 +24,10 @@ from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["read_su2"]
 
-#: Name and number of nodes of SU2's numbers of types, which are VTK's; a marker may have vertices, too.
+#: Name and number of nodes of each SU2 type number (the same as in VTK); a marker may also have vertices.
 _CELLS = {cell_type.vtk: (cell_type.name, cell_type.n_nodes) for cell_type in CELL_TYPES.values()}
 _FACETS = {1: ("", 1), **_CELLS}
-#: Markers of nodes that another processor or a period owns; old releases write them.
+#: Markers of nodes that belong to another processor or a periodic side; old releases write them.
 _HALO = "SEND_RECEIVE"
 _UNNAMED = "unnamed"
 
@@ -36,9 +36,9 @@ _Rows = list[str]
 
 @dataclass(eq=False)
 class _Zone:
-    """What the sections of one zone gave so far.
+    """The content of the sections of one zone read so far.
 
-    physical : number of points that are none of the halo
+    physical : number of points outside the halo
     markers : {name: {type: [(m, k) nodes]}}, vertices with the type ""
     """
 
@@ -49,13 +49,13 @@ class _Zone:
     markers: dict[str, dict[str, list[IntArray]]] = field(default_factory=dict)
 
     def add_marker(self, name: str, rows: _Rows) -> None:
-        """Vertices and facets of a marker."""
+        """Add the vertices and facets of a marker."""
         marker = self.markers.setdefault(name, defaultdict(list))
         for kind, nodes in _elements(rows, _FACETS).items():
             marker[kind].append(nodes)
 
     def mesh(self, path: Path, zone: str) -> MeshFile:
-        """The mesh, its halo apart, without markers that have no elements."""
+        """The mesh, with the halo kept separately, without markers that have no elements."""
         points = _columns(self.points, range(self.dimension), np.float64)
         markers = {
             name or _UNNAMED: {kind: np.concatenate(parts) for kind, parts in of.items()}
@@ -79,10 +79,10 @@ _Markers = dict[str, dict[str, IntArray]]
 def _without_halo(
     cells: dict[str, IntArray], markers: _Markers, physical: int, count: int
 ) -> tuple[dict[str, IntArray], dict[str, IntArray], _Markers]:
-    """Cells without those of the halo, those, and markers without them.
+    """Cells outside the halo, cells of the halo, and markers without the halo.
 
-    The halo begins behind the ``physical`` ones of ``count`` nodes. Its cells have such a node that no marker has; a
-    periodic marker has the nodes on its side.
+    Of ``count`` nodes, those after the first ``physical`` ones are the halo nodes. A halo cell has a halo node that is
+    in no marker; a periodic marker has the nodes on its side.
     """
     halo = np.arange(count) >= physical
     for of in markers.values():
@@ -102,7 +102,7 @@ def _without_halo(
 
 
 def _touching(nodes: IntArray, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(m,) whether a row of nodes (m, k) has a marked one; numbers of no node are left to the mesh's own check."""
+    """(m,) whether a row of nodes (m, k) has a marked node; the mesh's own check refuses invalid node numbers."""
     known = (nodes >= 0) & (nodes < len(marked))
     return np.asarray((known & marked[np.where(known, nodes, 0)]).any(axis=1))
 
@@ -114,7 +114,7 @@ def read_su2(path: Path, zone: str = "") -> MeshFile:
     ----------
     path : path
     zone : str
-        The number after ``IZONE=``; needed where there are several.
+        The number after ``IZONE=``; required if there are several.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def read_su2(path: Path, zone: str = "") -> MeshFile:
 
 
 def _read_zones(text: str) -> dict[str, _Zone]:
-    """Go through the sections in whatever order they come."""
+    """Read the sections, in any order."""
     zone, marker = _Zone(), ""
     zones: dict[str, _Zone] = {}
     for key, value, rows in _sections(text):
@@ -153,12 +153,12 @@ def _read_zones(text: str) -> dict[str, _Zone]:
                 if marker != _HALO:
                     zone.add_marker(marker, elements)
             case _:
-                continue  # counts that the rows repeat (NMARK), and keys that say nothing about a mesh (FFD_NBOX, …)
+                continue  # redundant counts (NMARK), and keys that do not describe the mesh (FFD_NBOX, …)
     return zones or {"1": zone}
 
 
 def _sections(text: str) -> Iterator[tuple[str, str, _Rows]]:
-    """Key, value and the lines of numbers that follow; what a halo's marker says before them (SEND_TO) is left out."""
+    """Key, value and the lines of numbers that follow; the key SEND_TO of halo markers is skipped."""
     lines = text.splitlines()
     if "%" in text:
         lines = [line.partition("%")[0] for line in lines]
@@ -184,7 +184,7 @@ def _counted(rows: _Rows, count: int, key: str) -> _Rows:
 
 
 def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, IntArray]:
-    """{type: (m, k)} node ids; a row is the VTK type, the nodes, and perhaps the element's number."""
+    """{type: (m, k)} node ids; a row is the VTK type, the nodes, and optionally the element's number."""
     codes = _columns(rows, range(1), np.int64)[:, 0]
     known, first = np.unique(codes, return_index=True)
     found = {}
@@ -200,12 +200,12 @@ def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, In
 
 def _columns(rows: _Rows, columns: Sequence[int], dtype: type[np.generic]) -> NDArray[Any]:
     """(m, k) some columns of lines of numbers."""
-    if not rows or not columns:  # loadtxt warns of either
+    if not rows or not columns:  # loadtxt warns in both cases
         return np.empty((len(rows), len(columns)), dtype=dtype)
     try:
         return np.loadtxt(rows, dtype=dtype, comments=None, usecols=columns, ndmin=2)
     except ValueError as error:
-        for row in rows if len(rows) > 1 else ():  # which one it is
+        for row in rows if len(rows) > 1 else ():  # find the wrong row
             _columns([row], columns, dtype)
         given, needed = len(rows[0].split()), max(columns) + 1
         reason = f"{given} numbers, expected {needed}" if given < needed else str(error).partition(" at row")[0]

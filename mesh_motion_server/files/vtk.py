@@ -2,7 +2,7 @@
 
 These formats have no patches. They are taken from arrays with agreed names:
 
-- ``patch_<name>`` on points or cells: nonzero marks the patch ``<name>`` (what this project's writer leaves);
+- ``patch_<name>`` on points or cells: nonzero marks the patch ``<name>`` (this project's writer uses it);
 - ``patch`` (or Gmsh's ``gmsh:physical``, ``CellEntityIds``), an integer array on points or cells: each value v > 0 is
   the patch ``"v"``.
 
@@ -59,9 +59,9 @@ def read_vtk(path: Path) -> MeshFile:
 
 
 def read_with_meshio(path: Path) -> Any:
-    """The file as meshio's mesh."""
+    """Read the file as a mesh of meshio."""
     meshio = load_meshio(path)
-    chatter = io.StringIO()  # meshio prints its warnings; ours are raised
+    chatter = io.StringIO()  # meshio prints its warnings; this reader raises errors
     try:
         with contextlib.redirect_stdout(chatter), contextlib.redirect_stderr(chatter):
             return _read(meshio, path)
@@ -72,7 +72,7 @@ def read_with_meshio(path: Path) -> Any:
 
 
 def _reason(error: BaseException, chatter: str) -> str:
-    """What meshio raised; where it exits, the first line that it printed."""
+    """The error of meshio; if it exits, the first line that it printed."""
     if isinstance(error, KeyError):
         return f"meshio does not know {error}"
     printed = [line.strip() for line in chatter.splitlines() if line.strip()]
@@ -80,7 +80,7 @@ def _reason(error: BaseException, chatter: str) -> str:
 
 
 def _read(meshio: Any, path: Path) -> Any:
-    """The file, or a copy of it without appended data."""
+    """Read the file, or a copy of it without appended data."""
     copied = inlined(path) if path.suffix.lower() == ".vtu" else None
     if copied is None:
         return meshio.read(path)

@@ -1,7 +1,7 @@
 """Results for ParaView: VTK's XML unstructured grids with raw appended data, and ``.pvd`` collections of them.
 
-Arrays are written as they lie in memory behind 8-byte lengths. Cells keep their node order: what VTK measures a
-positive volume for is the order used here, wedges included (older VTK documents say otherwise; a test asks VTK).
+Arrays are written as in memory, after an 8-byte length each. Cells keep their node order: VTK measures positive volumes
+for this order, also for wedges (older VTK documents say otherwise; a test checks it with VTK).
 
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
@@ -41,11 +41,11 @@ def write_vtu(
     ----------
     path : path
     points : (n, d) array
-        d < 3 is filled up with zeros, as VTK's points have three coordinates.
+        For d < 3, zeros are added, because VTK's points have three coordinates.
     cells : CellTable
     point_data, cell_data : dict of str to (n,) | (n, d), (m,) | (m, d) arrays, optional
-        Vectors with d = 2 are filled up to three components. The array ``cell`` has each cell's row among those of its
-        type, as messages name it.
+        Vectors with d = 2 get a third component of zero. The array ``cell`` has each cell's row in its type, as used in
+        messages.
     """
     body = _Appended()
     rows = np.concatenate([np.arange(len(block), dtype=np.int64) for block in cells])
@@ -82,7 +82,7 @@ class VtuSeries:
     name : str
         Stem of all files.
     written : sequence of float
-        Times whose files are there: the series goes on behind them.
+        Times whose files exist; the series continues after them.
     """
 
     def __init__(self, folder: Path, name: str, written: Sequence[float] = ()) -> None:
@@ -115,7 +115,7 @@ class VtuSeries:
 
 
 class _Appended:
-    """Arrays of the appended section: declared one after the other, then written in that order."""
+    """Arrays of the appended section: declare them one after the other, then write them in this order."""
 
     def __init__(self) -> None:
         self._arrays: list[NDArray[np.generic]] = []
@@ -134,14 +134,14 @@ class _Appended:
         return element
 
     def write(self, file: BinaryIO) -> None:
-        """Write all arrays, each behind its length."""
+        """Write all arrays, each after its length."""
         for values in self._arrays:
             file.write(np.array(values.nbytes, dtype="<u8").tobytes())
             file.write(values.data if values.size else b"")
 
 
 def _three_components(values: NDArray[np.generic], *, vector: bool = False) -> NDArray[np.generic]:
-    """Fill vectors up to three components; scalars and booleans become what VTK knows."""
+    """Extend vectors to three components; convert scalars and booleans to types that VTK knows."""
     if values.dtype == np.bool_:
         values = values.astype(np.uint8)
     if values.ndim == 2 and (vector or values.shape[1] == 2):

@@ -1,7 +1,7 @@
-"""VTU files with raw appended data, each array moved into its own element, as meshio reads them rightly.
+"""VTU files with raw appended data, with each array moved into its own element, because meshio reads these correctly.
 
-meshio 5.3 finds the arrays of raw appended data by their offsets, and writes other offsets into the same elements as it
-goes along: where an old and a new one are equal, it takes one array for another.
+meshio 5.3 finds the arrays of raw appended data by their offsets, and writes new offsets into the same elements while
+it reads: if an old and a new offset are equal, it confuses the two arrays.
 
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
@@ -22,12 +22,12 @@ _END = b"</AppendedData>"
 
 
 def inlined(path: Path) -> bytes | None:
-    """The same file without appended data; None if it has none that is raw.
+    """The same file without appended data; None if it has no raw appended data.
 
     Raises
     ------
     ValueError
-        If an array reaches beyond the file, and what XML raises.
+        If an array reaches beyond the file; XML errors pass through.
     """
     raw = path.read_bytes()
     begin = _APPENDED.search(raw)
@@ -35,7 +35,7 @@ def inlined(path: Path) -> bytes | None:
         return None
     end = raw.rfind(_END)
     root = ElementTree.fromstring(raw[: begin.start()] + raw[end + len(_END) :])
-    line = raw.rfind(b"\n", 0, end)  # the last one is no data
+    line = raw.rfind(b"\n", 0, end)  # the last line is not data
     data = raw[: line if raw[line:end].isspace() else end]
     order = ">" if root.get("byte_order") == "BigEndian" else "<"
     integer = np.dtype(order + ("u8" if root.get("header_type") == "UInt64" else "u4"))
@@ -49,9 +49,9 @@ def inlined(path: Path) -> bytes | None:
 
 
 def _encoded(data: bytes, place: int, integer: np.dtype[np.generic], *, is_compressed: bool) -> str:
-    """An array in base64: head and values together, or apart if they are compressed; empty for an empty one.
+    """An array in base64: header and values together, or separate if compressed; empty for an empty array.
 
-    Of a compressed array the head has the number of its blocks, their length, that of the last, and what each takes.
+    The header of a compressed array has the number of blocks, their length, that of the last, and each stored size.
     """
     count = int(np.frombuffer(data, integer, 1, place)[0])
     if not is_compressed:
@@ -64,7 +64,7 @@ def _encoded(data: bytes, place: int, integer: np.dtype[np.generic], *, is_compr
 
 
 def _cut(data: bytes, place: int, count: int) -> bytes:
-    """So many bytes from a place on."""
+    """``count`` bytes from ``place`` on."""
     if place + count > len(data):
         raise ValueError(f"an array of {count} bytes at {place} goes beyond the data")
     return data[place : place + count]

@@ -23,9 +23,9 @@ def check_target(path: Path) -> None:
     Raises
     ------
     InvalidInput
-        For other formats than ``.npz`` and ``.vtu``, and a place that is taken or missing.
+        For formats other than ``.npz`` and ``.vtu``, and a path that is a folder or has no folder.
     ResourceError
-        If nothing may be written there.
+        If the folder is not writable.
     """
     if path.suffix.lower() not in (".npz", ".vtu"):
         raise InvalidInput(
@@ -54,7 +54,7 @@ def write_mesh(path: Path, mesh: MeshFile) -> None:
 
 
 def patch_marks(mesh: MeshFile) -> dict[str, NDArray[np.uint8]]:
-    """Arrays ``patch_<name>`` (n,) of a mesh's nodes: 1 on the patch, else 0. Who reads the file finds its patches."""
+    """Arrays ``patch_<name>`` (n,) of a mesh's nodes: 1 on the patch, else 0. Readers find the patches by them."""
     marks = {PATCH_PREFIX + name: np.zeros(len(mesh.points), dtype=np.uint8) for name in mesh.patches}
     for name, nodes in mesh.patches.items():
         marks[PATCH_PREFIX + name][nodes] = 1

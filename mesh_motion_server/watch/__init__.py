@@ -1,1 +1,1 @@
-"""Looking at sessions: what their folders say, the page, the terminal, pictures."""
+"""Views of sessions: reading their folders, the monitor page, the terminal, pictures."""

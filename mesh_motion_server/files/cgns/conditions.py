@@ -1,4 +1,4 @@
-"""The boundary conditions of a CGNS zone: which patch each is, and which nodes or elements it lists."""
+"""The boundary conditions of a CGNS zone: the patch of each, and the nodes or elements that it lists."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Condition:
     node : Node
     patch : str
     location : str
-        Where it is said to be; Gmsh writes CellCenter for faces, too.
+        The grid location in the file; Gmsh writes CellCenter for faces, too.
     of_nodes : bool
-        Whether it lists nodes, and not elements.
+        Whether it lists nodes (otherwise elements).
     values : (k,) array
-        Numbers from 1 on, or the first and the last of a range.
+        Numbers counted from 1, or the first and the last of a range.
     is_range : bool
     """
 
@@ -41,7 +41,7 @@ class Condition:
     is_range: bool
 
     def elements(self, numbers: IntArray) -> NDArray[np.bool_]:
-        """Which of the elements with these numbers it lists."""
+        """Mask of the elements with these numbers that it lists."""
         if self.of_nodes:
             return np.zeros(len(numbers), dtype=bool)
         if self.is_range:
@@ -50,12 +50,12 @@ class Condition:
         return np.isin(numbers, self.values)
 
     def check(self, facets: IntArray, cells: IntArray, what: str) -> None:
-        """See that all elements it lists are among those numbered ``facets``; or, of a volume, all among the ``cells``.
+        """Check that all listed elements are among the ``facets`` or, for a volume, among the ``cells`` (numbers).
 
         Raises
         ------
         InvalidInput
-            Naming the first that is no such element.
+            If an element is not among them; names the first one.
         """
         unknown = None if self.of_nodes else self._first_unknown(facets)
         of_a_volume = self.location not in _OF_FACETS and self._first_unknown(cells) is None
@@ -63,7 +63,7 @@ class Condition:
             raise self.node.refused(f"it names element {unknown}, which is no {what}")
 
     def _first_unknown(self, numbers: IntArray) -> int | None:
-        """The first element it lists that none of the numbers is; a range may be longer than any array."""
+        """The first listed element that is not among the numbers; a range may be longer than any array."""
         if not self.is_range:
             wrong = self.values[~np.isin(self.values, numbers)]
             return int(wrong[0]) if len(wrong) else None
@@ -75,7 +75,7 @@ class Condition:
 
     @property
     def nodes(self) -> IntArray:
-        """The nodes it lists, from 0 on."""
+        """The listed nodes, counted from 0."""
         if not self.of_nodes:
             return np.empty(0, dtype=np.int64)
         return np.arange(self.values[0] - 1, self.values[1]) if self.is_range else self.values - 1
@@ -87,13 +87,13 @@ def read_conditions(base: Node, zone: Node, n_points: int) -> list[Condition]:
     Raises
     ------
     InvalidInput
-        If one lists nothing, or nodes that do not exist.
+        If a condition lists nothing, or nodes that do not exist.
     """
     return [_read(base, node, n_points) for group in zone.children("ZoneBC_t") for node in group.children("BC_t")]
 
 
 def _read(base: Node, node: Node, n_points: int) -> Condition:
-    """One of them; ``ElementList`` and ``ElementRange`` are those of old versions."""
+    """Read one boundary condition; old versions of CGNS use ``ElementList`` and ``ElementRange``."""
     place = node.child("GridLocation")
     location = place.text() if place is not None else ""
     for name in ("PointList", "PointRange", "ElementList", "ElementRange"):
@@ -112,7 +112,7 @@ def _read(base: Node, node: Node, n_points: int) -> Condition:
 
 
 def _patch_name(base: Node, condition: Node) -> str:
-    """The family, or what the family in turn is named after, or the condition's own name."""
+    """The family name that the condition's family refers to, else the family, else the condition's own name."""
     node = condition.child("FamilyName")
     family = node.text() if node is not None else ""
     if not family:

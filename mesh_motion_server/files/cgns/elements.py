@@ -1,7 +1,7 @@
 """The element sections of a CGNS zone: fixed types, MIXED, and polyhedra by NGON_n and NFACE_n.
 
-Elements are numbered through all sections. Before version 4 (in fact 3.4) MIXED and NGON_n sections had no
-``ElementStartOffset``: a type or a count then stands before each element's nodes and says where the next begins.
+Element numbers continue through all sections. Before version 4 (in fact 3.4) MIXED and NGON_n sections had no
+``ElementStartOffset``: a type or a count before each element's nodes then tells where the next element begins.
 
 https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
 """
@@ -19,9 +19,9 @@ from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 __all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elements"]
 
 NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
-#: CGNS' number of each type that is read; its name for others.
+#: Our type for each CGNS type number that is read; the CGNS name for other numbers.
 TYPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
-#: Single nodes are elements too, which boundary conditions may list.
+#: Single nodes are also elements: boundary conditions may list them.
 VERTEX = "vertex"
 _NAMES = TYPES | {NODE: VERTEX}
 _WIDTHS = {kind: CELL_TYPES[name].n_nodes for kind, name in TYPES.items()} | {NODE: 1}
@@ -29,7 +29,7 @@ _WIDTHS = {kind: CELL_TYPES[name].n_nodes for kind, name in TYPES.items()} | {NO
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Elements of one type: nodes (m, k) from 0 on, and their numbers (m,) in the zone."""
+    """Elements of one type: nodes (m, k) counted from 0, and element numbers (m,) in the zone."""
 
     name: str
     nodes: IntArray
@@ -39,9 +39,9 @@ class Elements:
 
 @dataclass(frozen=True, eq=False)
 class ListedElements:
-    """Elements of changing length, NGON_n or NFACE_n: (m + 1,) where each begins, its entries, as the file has them.
+    """Elements of variable length, NGON_n or NFACE_n: (m + 1,) where each begins, and the entries as in the file.
 
-    ``parents`` (m, 2): the cells on both sides, if the section says so.
+    ``parents`` (m, 2): the cells on both sides, if the section has them.
     """
 
     kind: int
@@ -58,12 +58,12 @@ class ListedElements:
 
 
 def read_elements(section: Node) -> list[Elements | ListedElements]:
-    """What one section holds.
+    """Read the elements of one section.
 
     Raises
     ------
     InvalidInput
-        On types of higher order, and counts that do not fit.
+        For types of higher order, and counts that do not fit.
     """
     kind = int(_first(section, section.integers(), 2)[0])
     low, high = (int(v) for v in _first(section, _array(section, "ElementRange"), 2))
@@ -88,7 +88,7 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
 
 
 def _array(section: Node, name: str) -> IntArray:
-    """An array that the section must have."""
+    """Read an array that the section must have."""
     found = section.child(name)
     if found is None:
         raise section.refused(f"it has no {name}")
@@ -96,7 +96,7 @@ def _array(section: Node, name: str) -> IntArray:
 
 
 def _first(section: Node, values: IntArray, count: int) -> IntArray:
-    """The first values of an array that must have so many."""
+    """The first ``count`` values of an array; refuse a shorter array."""
     if len(values) < count:
         raise section.refused(f"an array of {len(values)} values, expected {count}")
     return values[:count]
@@ -113,7 +113,7 @@ def _offsets(section: Node, size: int, count: int) -> IntArray | None:
 
 
 def _listed(section: Node, connectivity: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Starts and entries of elements of changing length."""
+    """Starts and entries of elements of variable length."""
     starts = _offsets(section, len(connectivity), count)
     if starts is not None:
         return starts, connectivity
@@ -131,7 +131,7 @@ def _listed(section: Node, connectivity: IntArray, count: int) -> tuple[IntArray
 
 
 def _mixed(section: Node, connectivity: IntArray, low: int, count: int) -> list[Elements | ListedElements]:
-    """Elements whose type stands before their nodes."""
+    """Elements of a MIXED section: the type precedes the nodes."""
     starts = _offsets(section, len(connectivity), count)
     if starts is None:
         starts = _walked(section, connectivity, count)
@@ -152,7 +152,7 @@ def _mixed(section: Node, connectivity: IntArray, low: int, count: int) -> list[
 
 
 def _walked(section: Node, connectivity: IntArray, count: int) -> IntArray:
-    """(count + 1,) where the elements of a MIXED section begin, from the types that stand before them."""
+    """(count + 1,) where the elements of a MIXED section begin, found from the types before their nodes."""
     starts = np.empty(count + 1, dtype=np.int64)
     place, values = 0, connectivity.tolist()
     for element in range(count):

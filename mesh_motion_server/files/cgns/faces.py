@@ -16,9 +16,9 @@ __all__ = ["NumberedFaces", "join_faces"]
 
 @dataclass(frozen=True, eq=False)
 class NumberedFaces:
-    """A mesh by faces, and which element of the zone each face is.
+    """A mesh by faces, and the element number of each face in the zone.
 
-    ``numbers`` (f,): the element that each face is.
+    ``numbers`` (f,): element number of each face.
     """
 
     mesh: FaceMesh
@@ -50,9 +50,9 @@ def join_faces(zone: Node, points: FloatArray, sections: list[ListedElements]) -
 def _sides(
     zone: Node, cells: list[ListedElements], polygons: list[ListedElements], numbers: IntArray, rows: IntArray
 ) -> IntArray:
-    """(f, 2) the cell that each face's normal points out of, and the one it points into; -1 for none.
+    """(f, 2) for each face the cell that its normal points out of and the cell that it points into; -1 for none.
 
-    ``numbers`` (f,) are the faces' in ascending order, ``rows`` (f,) the faces that have them.
+    ``numbers`` (f,) are the element numbers of the faces, ascending; ``rows`` (f,) are the corresponding faces.
     """
     if not cells:
         if any(part.parents is None for part in polygons):

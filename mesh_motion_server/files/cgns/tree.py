@@ -1,4 +1,4 @@
-"""The nodes of a CGNS file in HDF5: each is a group with a label, and perhaps an array, or a link to such a group.
+"""The nodes of a CGNS file in HDF5: each is a group with a label and an optional array, or a link to such a group.
 
 https://cgns.github.io/CGNS_docs_current/hdf5/index.html
 """
@@ -22,7 +22,7 @@ __all__ = ["Node", "open_cgns"]
 
 _ADF = b"\xc0\xa8\xa3\xa9ADF"  # "@(#)ADF" with high bits
 _DATA = " data"
-#: CGNS' own links are nodes of this type, with HDF5's link under this name.
+#: CGNS links are nodes of this type; they have the HDF5 link under this name.
 _LINK, _LINK_DATA = b"LK", " link"
 
 
@@ -33,7 +33,7 @@ def open_cgns(path: Path) -> Iterator[Node]:
     Raises
     ------
     InvalidInput
-        If it is no HDF5 file, and for whatever h5py raises on a damaged one.
+        If it is no HDF5 file, or if h5py raises an error because the file is damaged.
     """
     h5py = load_h5py(path)
     with path.open("rb") as file:
@@ -49,7 +49,7 @@ def open_cgns(path: Path) -> Iterator[Node]:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One node; ``group`` is h5py's."""
+    """One node; ``group`` is the group of h5py."""
 
     path: Path
     name: str
@@ -61,7 +61,7 @@ class Node:
 
     @property
     def label(self) -> str:
-        """What the node is: ``Zone_t`` or the like."""
+        """The label (type) of the node, such as ``Zone_t``."""
         value = self.group.attrs.get("label", b"")
         text = value.decode("ascii", errors="replace") if isinstance(value, bytes) else str(value)
         return text.rstrip("\0 ")
@@ -82,7 +82,7 @@ class Node:
         return Node(self.path, name, found) if hasattr(found, "keys") else None
 
     def _followed(self, group: Any, name: str) -> Any:
-        """What a name in a group of HDF5 stands for, which may be in another file."""
+        """The object with a name in an HDF5 group; links to other files are followed."""
         found, link = group.get(name), group.get(name, getlink=True)
         if found is None and hasattr(link, "path"):
             place = f" in {link.filename}" if hasattr(link, "filename") else ""
@@ -108,7 +108,7 @@ class Node:
         return self._array("iuS").tobytes().decode("utf-8", errors="replace").rstrip("\0 ") if self._has_data else ""
 
     def integers(self) -> IntArray:
-        """(k,) the array, in the order in which it lies in the file."""
+        """(k,) the array, in the order of the file."""
         return self._array("iu").astype(np.int64).ravel()
 
     def reals(self) -> FloatArray:
@@ -120,7 +120,7 @@ class Node:
         return _DATA in self.group
 
     def _array(self, kinds: str) -> NDArray[Any]:
-        """The array, if its numbers are of one of these kinds and it lies in the file."""
+        """The array; refuse it if its numbers are of other kinds or it is not in the file."""
         data = self.group.get(_DATA)
         if data is None or not hasattr(data, "dtype"):
             raise self.refused("it has no data")

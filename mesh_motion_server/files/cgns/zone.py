@@ -1,8 +1,8 @@
-"""CGNS files in HDF5, an unstructured zone of them, read by h5py (extra ``mesh``).
+"""Read an unstructured zone of a CGNS file in HDF5 with h5py (extra ``mesh``).
 
-Boundary conditions become patches by the names of their families; where Gmsh wrote the file, a family in turn names its
-physical group. A zone without boundary conditions has its sections of lower dimension as patches, by their names, of
-polyhedra those NGON_n sections that have no face between two cells.
+Boundary conditions become patches with the names of their families; in files from Gmsh, a family refers to the name of
+its physical group. In a zone without boundary conditions, the sections of lower dimension become patches with their
+names; for polyhedra, these are the NGON_n sections that have no face between two cells.
 
 https://cgns.github.io/CGNS_docs_current/sids/index.html
 """
@@ -30,13 +30,13 @@ _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 
 def read_cgns(path: Path, zone: str = "") -> MeshFile:
-    """Read a mesh from ``.cgns``; of several zones one by its name or number.
+    """Read a mesh from ``.cgns``; ``zone`` selects one of several zones by its name or number.
 
     Raises
     ------
     InvalidInput
-        Without h5py, for ADF files, several bases, several zones of which none is chosen, structured zones, other
-        elements, and damaged files.
+        Without h5py; for ADF files, several bases, several zones if none is chosen, structured zones, other elements,
+        and damaged files.
     """
     with open_cgns(path) as root:
         base, node = _the_zone(root, zone)
@@ -53,7 +53,7 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
 
 
 def _the_zone(root: Node, name: str) -> tuple[Node, Node]:
-    """The only base and its zone with a name, which must be unstructured; none is needed for an only one."""
+    """The only base and its zone with this name, which must be unstructured; a single zone needs no name."""
     base = root.only("CGNSBase_t", "bases")
     zones = {zone.name: zone for zone in base.children("Zone_t")}
     zone = zones[chosen_zone(root.path, list(zones), name)]
@@ -134,7 +134,7 @@ def _patches(nodes_of: dict[str, list[IntArray]]) -> dict[str, IntArray]:
 def _polyhedral(
     path: Path, base: Node, zone: Node, points: FloatArray, listed: list[ListedElements], fixed: list[Elements]
 ) -> MeshFile:
-    """A zone of polyhedra, in pieces where they are no simple cells."""
+    """A zone of polyhedra; cells that are not simple are divided into pieces."""
     single = [part for part in fixed if part.name == VERTEX]
     if len(single) < len(fixed) or points.shape[1] != 3:
         raise zone.refused("NGON_n faces beside other elements, or in a plane; they are read as polyhedra of a 3D zone")

@@ -1,4 +1,4 @@
-"""Files in OpenFOAM's format: a header that says how, then a list; ASCII or binary, perhaps compressed by gzip.
+"""Files in OpenFOAM's format: a header with the encoding, then a list; ASCII or binary, optionally gzipped.
 
 The header's ``arch`` tells the width of labels and scalars of a binary file ("LSB;label=32;scalar=64").
 
@@ -38,14 +38,14 @@ class FoamFile:
     Attributes
     ----------
     path : Path
-        With ``.gz``, if it is compressed.
+        The path, with ``.gz`` if compressed.
     kind : str
-        ``class`` of the header.
+        Value of ``class`` in the header.
     binary : bool
     label, scalar : dtype
-        Of a binary file.
+        Types of labels and scalars in a binary file.
     header : bytes
-        All before the content.
+        Everything before the content.
     body : bytes
     """
 
@@ -64,7 +64,7 @@ class FoamFile:
         Raises
         ------
         InvalidInput
-            If there is none, or what there is has no such header.
+            If there is no such file, or it has no valid header.
         """
         path = folder / name
         if not path.is_file():
@@ -103,7 +103,7 @@ class FoamFile:
         return InvalidInput(f"{self.path}: {reason}")
 
     def labels(self, *, at_most: int) -> IntArray:
-        """The list of labels that the file is; no longer than ``at_most``."""
+        """The content as a list of labels, at most ``at_most`` long."""
         if self.binary:
             return self._binary(0, self.label, 1, at_most)[0][:, 0].astype(np.int64)
         count, values, uniform = self._ascii()
@@ -113,14 +113,14 @@ class FoamFile:
         return self._counted(np.repeat(found, count) if uniform and len(found) == 1 else found, count)
 
     def vectors(self) -> FloatArray:
-        """(n, 3) the list of vectors that the file is."""
+        """(n, 3) the content as a list of vectors."""
         if self.binary:
             return self._binary(0, self.scalar, 3, len(self.body))[0].astype(np.float64)
         count, values, _ = self._ascii()
         return self._counted(self._numbers(values, np.float64), 3 * count).reshape(count, 3)
 
     def faces(self) -> tuple[IntArray, IntArray]:
-        """(f + 1,) where the points of each face begin, and the points of all faces."""
+        """The content as faces: (f + 1,) where the points of each face begin, and the points of all faces."""
         if self.kind == "faceCompactList":
             return self._compact_faces()
         if self.binary:
@@ -157,7 +157,7 @@ class FoamFile:
         return self._checked_starts(first, second)
 
     def _checked_starts(self, starts: IntArray, nodes: IntArray) -> tuple[IntArray, IntArray]:
-        """The two lists fit together."""
+        """Check that the two lists fit together."""
         short = np.flatnonzero(np.diff(starts) < 3)
         if not len(starts) or starts[0] != 0 or starts[-1] != len(nodes):
             raise self.refused(f"the faces' offsets do not run from 0 to {len(nodes)}, the number of their points")
@@ -168,7 +168,7 @@ class FoamFile:
     def _binary(
         self, start: int, dtype: np.dtype[np.generic], width: int, at_most: int
     ) -> tuple[NDArray[np.generic], int]:
-        """(n, width) the binary list at or behind ``start``, and where it ends."""
+        """(n, width) the binary list at or after ``start``, and where it ends."""
         gap = _GAP.match(self.body, start)
         found = _COUNT.match(self.body, gap.end() if gap else start)
         if found is None:
@@ -188,7 +188,7 @@ class FoamFile:
         return values.reshape(count, width), end + 1
 
     def _ascii(self) -> tuple[int, bytes, bool]:
-        """The count of the list, what stands between its brackets, and whether it is one value for all entries."""
+        """The count of the list, the text between its brackets, and whether one value applies to all entries."""
         text = _COMMENT.sub(b"", self.body).strip()
         found = re.match(rb"(\d{1,18})\s*([({])", text)
         if found is None:
@@ -198,7 +198,7 @@ class FoamFile:
         return int(found[1]), text[found.end() : -1], found[2] == b"{"
 
     def _numbers(self, text: bytes, dtype: type[_T]) -> NDArray[_T]:
-        """All numbers of a text, whatever brackets stand around them."""
+        """All numbers of a text; brackets are ignored."""
         try:
             return np.array(text.translate(_BLANKS).split(), dtype=dtype)
         except (ValueError, OverflowError) as error:
@@ -206,7 +206,7 @@ class FoamFile:
             raise self.refused(f"not a list of numbers: {reason[:70]}{'…' * (len(reason) > 70)}") from None
 
     def _counted(self, values: NDArray[_T], count: int) -> NDArray[_T]:
-        """The values, which must be as many as the list says."""
+        """The values; refuse them if their number differs from the count of the list."""
         if len(values) != count:
             raise self.refused(f"{count} numbers were announced, {len(values)} follow")
         return values
@@ -227,7 +227,7 @@ _BLANKS = bytes.maketrans(b"()", b"  ")
 
 
 def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
-    """The named dictionaries of a list ``n ( name { key value; … } … )``, the count optional; nested ones are dropped.
+    """The named dictionaries of a list ``n ( name { key value; … } … )``. The count is optional; nested ones drop out.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Two-dimensional meshes of OpenFOAM: one layer of cells between empty patches becomes a mesh in the plane.
 
 As in the motion solver for OpenFOAM (adapters/openfoam): the points of the plane with the larger coordinate are the
-nodes, its faces are the cells, and each point of the other plane has the node that it shares an edge with. Faces of
-more than four points are triangles about a node in the middle.
+nodes, and its faces are the cells. A point of the other plane belongs to the node that it shares an edge with. A face
+of more than four points becomes triangles around a node in its middle.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
 
 __all__ = ["Plane", "plane_axes", "project"]
 
-#: A component of the empty patches' normals up to this is none, as OpenFOAM has it.
+#: A component of the empty patches' normals up to this value counts as zero, as in OpenFOAM.
 _NO_COMPONENT = 1e-6
 
 
@@ -29,7 +29,7 @@ class Plane:
     Attributes
     ----------
     points : (n, 2) array
-        Nodes that are points of the mesh, then middles of its faces.
+        First the nodes that are points of the mesh, then the middles of its faces.
     cells : dict of str to (m, k) arrays
     node_of : (p,) array
         The node of each point of the mesh.
@@ -40,7 +40,7 @@ class Plane:
     node_of: IntArray
 
     def edges(self, mesh: FaceMesh, patch: FacePatch) -> IntArray:
-        """(m, 2) the edges that the faces of a patch are seen as."""
+        """(m, 2) the edges in the plane that represent the faces of a patch."""
         short = mesh.short[mesh.boundary_faces(patch)]
         nodes = np.sort(np.where(short >= 0, self.node_of[short], -1), axis=1)
         return np.unique(nodes[:, [0, 3]][nodes[:, 0] >= 0], axis=0) if len(nodes) else np.empty((0, 2), dtype=np.int64)
@@ -48,7 +48,7 @@ class Plane:
 
 @np.errstate(all="ignore")
 def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
-    """The coordinates that points may move in: (0, 1, 2), or the two of a plane.
+    """The coordinates in which points may move: (0, 1, 2), or the two of a plane.
 
     Raises
     ------
@@ -76,12 +76,12 @@ def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
 
 
 def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
-    """See the one layer of cells as a mesh in the plane of two axes.
+    """Project the layer of cells to a mesh in the plane of two axes.
 
     Raises
     ------
     InvalidInput
-        If it is not one layer with every point on either side.
+        If it is not one layer of cells, with every point on one of its two sides.
     """
     (thin,) = {0, 1, 2} - set(axes)
     kinds = [mesh.boundary_faces(patch) for patch in mesh.patches if patch.kind == "empty"]

@@ -1,8 +1,8 @@
 """OpenFOAM's polyMesh: a case, its ``constant/polyMesh``, or any folder with points, faces, owner, neighbour, boundary.
 
-Cells are found again from their faces (``polyhedra.cells``), polyhedra are divided (``polyhedra.pieces``), one layer of
-cells between empty patches is a mesh in the plane (:mod:`.plane`), all as the motion solver for OpenFOAM
-does it. Patches keep their names; empty ones and those without faces are no patches here.
+The reader identifies the cells from their faces (``polyhedra.cells``) and divides polyhedra (``polyhedra.pieces``). One
+layer of cells between empty patches becomes a mesh in the plane (:mod:`.plane`). The motion solver for OpenFOAM does
+the same. Patches keep their names; empty patches and patches without faces are dropped.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def read_polymesh(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        Without such a mesh, for damaged files, decomposed cases, axisymmetric meshes, and cells that cannot be divided.
+        Without such a mesh; for damaged files, decomposed cases, axisymmetric meshes, and cells that cannot be divided.
     """
     mesh = read_face_mesh(_polymesh_folder(path))
     axes = plane_axes(mesh)
@@ -51,13 +51,13 @@ def _mesh(
     nodes: dict[str, IntArray],
     cyclic: tuple[str, ...],
 ) -> MeshFile:
-    """The mesh; ``nodes`` are those of the faces of each patch, with repeats."""
+    """The mesh; ``nodes`` has the face nodes of each patch, with repeats."""
     patches = {name: np.unique(of) for name, of in nodes.items()}
     return MeshFile(points, cells, patches, path, cyclic)
 
 
 def _polymesh_folder(path: Path) -> Path:
-    """The folder with points and faces of a case, or of a folder that may be it.
+    """The folder with points and faces: that of a case, or the given folder itself.
 
     Raises
     ------

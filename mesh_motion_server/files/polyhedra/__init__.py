@@ -1,1 +1,1 @@
-"""Meshes given by their faces: the cells found again, and polyhedra divided into pieces."""
+"""Meshes given by their faces: identify the simple cells, and divide polyhedra into pieces."""

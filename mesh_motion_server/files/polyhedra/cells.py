@@ -1,8 +1,8 @@
-"""The cells of a mesh that is given by its faces: hexahedra, wedges, pyramids and tetrahedra are found again.
+"""Identify hexahedra, wedges, pyramids and tetrahedra in a mesh that is given by its faces.
 
-How many triangles and quadrilaterals a cell has says what it may be. One face is its base; the nodes above are the
-other ends of the edges that leave the base's nodes. It is taken for what it may be if its faces then are those of
-:data:`~mesh_motion_server.numerics.mesh.local_facets.LOCAL_FACETS`; if not, it is a polyhedron, as any other cell is.
+The numbers of triangles and quadrilaterals of a cell give its candidate type. One face is its base; the nodes above are
+the other ends of the edges that leave the base's nodes. The cell has the candidate type if its faces are those of
+:data:`~mesh_motion_server.numerics.mesh.local_facets.LOCAL_FACETS`; otherwise it is a polyhedron, like all other cells.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["FoundCells", "find_cells"]
 
-#: Triangles, quadrilaterals, and how many points the base has.
+#: Number of triangles, number of quadrilaterals, number of points of the base.
 _SHAPES = {"hexahedron": (0, 6, 4), "wedge": (2, 3, 3), "pyramid": (4, 1, 4), "tetra": (4, 0, 3)}
-#: Cells at a time: what is compared takes a few hundred bytes for each.
+#: Number of cells per chunk: the comparison takes a few hundred bytes for each cell.
 _CHUNK = 50_000
 
 
 @dataclass(frozen=True, eq=False)
 class FoundCells:
-    """What the cells of a mesh are.
+    """The types of the cells of a mesh.
 
     Attributes
     ----------
     nodes : dict of str to (m, k) arrays
         Nodes of the cells of each type.
     numbers : dict of str to (m,) arrays
-        Which of the mesh's cells these are, ascending.
+        Cell numbers in the mesh, ascending.
     others : (p,) array
-        The polyhedra.
+        Cell numbers of the polyhedra.
     """
 
     nodes: dict[str, IntArray]
@@ -69,7 +69,7 @@ def find_cells(mesh: FaceMesh) -> FoundCells:
 
 
 def _shaped(mesh: FaceMesh, name: str, base: int, cells: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
-    """(m, k) nodes of the cells as cells of one type, and (m,) which of them are."""
+    """(m, k) nodes of the cells if they had this type, and (m,) whether they have it."""
     n_faces = len(LOCAL_FACETS[name])
     faces = mesh.cell_faces[mesh.cell_starts[cells, None] + np.arange(n_faces)]
     first = np.argmax(mesh.sizes[faces] == base, axis=1)

@@ -1,6 +1,6 @@
-"""A mesh that is given by its faces: what OpenFOAM's polyMesh and CGNS' NGON_n sections say.
+"""A mesh that is given by its faces, as in OpenFOAM's polyMesh and CGNS' NGON_n sections.
 
-Each face has an owner cell, which its normal points out of, and the inner ones, which come first, a neighbour.
+Each face has an owner cell, which its normal points out of. Inner faces come first and also have a neighbour cell.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["FaceMesh", "FacePatch"]
 
 @dataclass(frozen=True)
 class FacePatch:
-    """Boundary faces ``start`` … ``start + count - 1``, of a type as OpenFOAM names them."""
+    """Boundary faces ``start`` … ``start + count - 1``; the type is named as in OpenFOAM."""
 
     name: str
     kind: str
@@ -30,25 +30,25 @@ class FacePatch:
 
 @dataclass(frozen=True, eq=False)
 class FaceMesh:
-    """A mesh by its faces, checked to be one.
+    """A mesh by its faces, checked for consistency.
 
     Attributes
     ----------
     path : Path
-        Where it was read from.
+        The path that it was read from.
     points : (n, 3) array
     starts : (f + 1,) array
         Where the points of each face begin in ``nodes``.
     nodes : (k,) array
     owner : (f,) array
     neighbour : (i,) array
-        Of the inner faces.
+        Neighbour cells of the inner faces.
     patches : tuple of FacePatch
 
     Raises
     ------
     InvalidInput
-        Naming the first face, cell or patch that does not fit.
+        If the data are inconsistent; names the first face, cell or patch that does not fit.
     """
 
     path: Path
@@ -73,7 +73,7 @@ class FaceMesh:
         self._check_patches()
 
     def _check_cells(self) -> None:
-        """Cells are numbered from 0 without gaps, each with four faces at least."""
+        """Check that cells are numbered from 0 without gaps, each with at least four faces."""
         most = (self.n_faces + self.n_inner) // 4
         for what, cells in (("owner", self.owner), ("neighbour", self.neighbour)):
             wrong = np.flatnonzero((cells < 0) | (cells >= max(most, 1)))
@@ -90,7 +90,7 @@ class FaceMesh:
             raise self._refused(f"cell {int(few[0])} has {count} faces; at least 4 enclose a volume")
 
     def _check_patches(self) -> None:
-        """Each patch consists of boundary faces; if there are any, each of these is in one of them."""
+        """Check that patches have only boundary faces, and, if there are patches, that each boundary face is in one."""
         for patch in self.patches:
             if not (self.n_inner <= patch.start and patch.count >= 0 and patch.start + patch.count <= self.n_faces):
                 raise self._refused(
@@ -113,22 +113,22 @@ class FaceMesh:
 
     @property
     def n_faces(self) -> int:
-        """All faces."""
+        """Number of all faces."""
         return len(self.starts) - 1
 
     @property
     def n_inner(self) -> int:
-        """Those between two cells."""
+        """Number of faces between two cells."""
         return len(self.neighbour)
 
     @property
     def n_cells(self) -> int:
-        """Cells."""
+        """Number of cells."""
         return len(self.cell_starts) - 1
 
     @cached_property
     def sizes(self) -> IntArray:
-        """(f,) points of each face."""
+        """(f,) number of points of each face."""
         return np.diff(self.starts)
 
     @cached_property

@@ -1,8 +1,9 @@
-"""Polyhedra in pieces, as the motion solver for OpenFOAM divides them (adapters/openfoam).
+"""Divide polyhedra into pieces, as the motion solver for OpenFOAM does (adapters/openfoam).
 
-A polyhedron is divided about a node at its centre: a tetrahedron for each triangle, a pyramid for each quadrilateral,
-and for a face of more points tetrahedra about a node in the face's middle. The neighbour of such a face is a polyhedron
-too, and divided alike, so that the cells fit. The mesh's own points keep their numbers; middles and centres follow.
+A polyhedron is divided around a node at its centre: one tetrahedron for each triangle, one pyramid for each
+quadrilateral, and for a face with more points tetrahedra around a node in the middle of the face. The neighbour of such
+a face is also a polyhedron and is divided in the same way, so the cells fit. The mesh's own points keep their numbers;
+middles and centres follow.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ class Pieces:
     Attributes
     ----------
     points : (n, 3) array
-        The mesh's own, then the middles of faces, then the centres of cells.
+        First the points of the mesh, then the middles of faces, then the centres of cells.
     cells : dict of str to (m, k) arrays
-        Of each type first the mesh's own, then pieces.
+        For each type, first the cells of the mesh, then the pieces.
     middles : (f,) array
         The node in the middle of each face, or -1.
     """
@@ -39,7 +40,7 @@ class Pieces:
     middles: IntArray
 
     def facets(self, mesh: FaceMesh, faces: IntArray) -> dict[str, IntArray]:
-        """{type: (m, k)} what these faces have become."""
+        """{type: (m, k)} the facets that these faces are divided into."""
         found = {name: mesh.short[faces[mesh.sizes[faces] == k], :k] for name, k in (("triangle", 3), ("quad", 4))}
         fans = [_fan(mesh.face(int(face)), self.middles[face]) for face in faces[mesh.sizes[faces] > 4]]
         found["triangle"] = np.concatenate([found["triangle"], *fans])
@@ -52,10 +53,10 @@ def divide(mesh: FaceMesh, found: FoundCells) -> Pieces:
     Raises
     ------
     InvalidInput
-        If a face is not seen as a whole from the centre of its cell: a piece would be turned inside out.
+        If part of a face is not visible from the centre of its cell: a piece would be inverted.
     """
     middles = np.full(mesh.n_faces, -1, dtype=np.int64)
-    cells = np.repeat(found.others, np.diff(mesh.cell_starts)[found.others])  # of each of their faces
+    cells = np.repeat(found.others, np.diff(mesh.cell_starts)[found.others])  # the cell of each face
     spans = [mesh.cell_faces[mesh.cell_starts[c] : mesh.cell_starts[c + 1]] for c in found.others]
     faces = np.concatenate(spans) if spans else np.empty(0, dtype=np.int64)
     long = np.unique(faces[mesh.sizes[faces] > 4])
@@ -94,7 +95,7 @@ def _pieces(
 
 @np.errstate(all="ignore")
 def _check_seen(mesh: FaceMesh, points: FloatArray, pieces: Mapping[str, tuple[IntArray, IntArray]]) -> None:
-    """Each corner of each base sees the centre on its inner side."""
+    """Check that, at each corner of each base, the centre is on the inner side."""
     for nodes, rows in pieces.values():
         corners, tip = points[nodes[:, :-1]], points[nodes[:, -1]]
         first, second = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
@@ -118,6 +119,6 @@ def _fan(nodes: IntArray, middle: np.int64) -> IntArray:
 
 
 def _joined(first: dict[str, IntArray], second: dict[str, IntArray]) -> dict[str, IntArray]:
-    """{type: nodes} of both, none empty."""
+    """{type: nodes} of both; empty types are left out."""
     both = {name: np.concatenate([part[name] for part in (first, second) if name in part]) for name in first | second}
     return {name: nodes for name, nodes in both.items() if len(nodes)}

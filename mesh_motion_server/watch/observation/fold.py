@@ -1,8 +1,8 @@
-"""Which step an event belongs to, and which steps a crash has taken back: told once, for all who read a history.
+"""Which step an event belongs to, and which steps a crash has undone: one place for all readers of a history.
 
-A history may begin anywhere, the oldest segments being removed, and may lack steps in between, having ended for a
-while. So no step is counted: each is taken from the events that name it. A ``resumed`` takes back the steps above its
-own, which a crash may have cost (durability ``relaxed``), and whatever was begun and not committed.
+A history may begin at any step, because the oldest segments are removed, and may lack steps if recording stopped for a
+while. So steps are not counted; the step comes from the events that name it. A ``resumed`` event undoes the later
+steps, which a crash may have lost (durability ``relaxed``), and everything that was begun and not committed.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ __all__ = ["Place", "StepFold", "is_corrected"]
 
 @dataclass(frozen=True)
 class Place:
-    """Where an event stands.
+    """The step of an event, and its effect on other steps.
 
     Attributes
     ----------
     step : int
-        The step that was being made; 0: the history does not tell.
+        The step that was in progress; 0: unknown.
     undone : int
-        The steps from this one on do not count any more; 0: all go on to count.
+        The steps from this one on are undone; 0: none.
     is_fresh : bool
-        Whether what was told before of a step that is not committed belongs to another one, or was dropped.
+        Whether earlier events of an uncommitted step belong to another step, or were dropped.
     """
 
     step: int
@@ -34,13 +34,13 @@ class Place:
 
 
 class StepFold:
-    """Follows the events, oldest first."""
+    """Processes the events, oldest first."""
 
     def __init__(self) -> None:
         self._working = 0
 
     def take(self, event: Mapping[str, Any]) -> Place:
-        """Where the next event stands."""
+        """Take the next event; return its place."""
         name, before = event["event"], self._working
         if name == "built" and not (event.get("recovered") or event.get("kept")):
             self._working = 1

@@ -1,4 +1,4 @@
-"""A session's events as they come: survives the change of segments, their removal, and torn lines."""
+"""Read a session's events as they are written; handles new segments, removed segments and incomplete lines."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from mesh_motion_server.session.history.segments import list_segments
 
 __all__ = ["EventTail", "events_in_brief", "events_naming", "last_event"]
 
-#: A line begins with when and what.
+#: A line begins with its time and kind.
 _HEAD = 80
-#: A table of cells: objects that hold none themselves.
+#: A table of cells: objects without nested objects.
 _WORST = re.compile(rb'"worst": ?\[(?:\{[^{}]*\},? ?)*\]')
 
 
@@ -27,7 +27,7 @@ class EventTail:
     session_folder : Path
         Need not exist yet.
     last_bytes : int, optional
-        Begin so far before the end of what is there now, at a line; without it at the beginning.
+        Begin at a line, at most this many bytes before the current end; if omitted, at the beginning.
     """
 
     def __init__(self, session_folder: Path, last_bytes: int | None = None) -> None:
@@ -41,15 +41,15 @@ class EventTail:
                 break
 
     def behind(self) -> int:
-        """How many bytes there are that were not read yet."""
+        """Number of bytes that are not read yet."""
         left = [path for path in self._segments() if self._path is None or path >= self._path]
         return sum(map(_size, left)) - (self._offset if self._path in left else 0)
 
     def read(self, most_bytes: int = 16 << 20, *, brief: bool = False) -> list[dict[str, Any]]:
-        """The next events, oldest first, of so many bytes at most or one line; none when there is nothing new.
+        """The next events, oldest first: at most this many bytes, or one line; empty if there is nothing new.
 
-        ``brief`` leaves the worst cells' tables empty but in the latest ``moved`` and ``committed`` of those that are
-        returned: they are two thirds of a history, and cost more than half the time that it takes to be read.
+        ``brief`` empties the worst cells' tables, except in the latest returned ``moved`` and ``committed``: the tables
+        are two thirds of a history, and take more than half the time to read it.
         """
         events: list[dict[str, Any]] = []
         while most_bytes > 0 and (path := self._current()) is not None:
@@ -62,10 +62,10 @@ class EventTail:
         return events
 
     def _current(self) -> Path | None:
-        """The segment that is being read: the oldest one that is left of those not read."""
+        """The segment to read: the oldest remaining one that is not read."""
         if self._path is None or not self._path.exists():
             segments = self._segments()
-            # the newest is never taken away alone: where only lower numbers are there, the history was begun anew
+            # the newest segment is never removed alone: if only lower numbers exist, the history has restarted
             later = [path for path in segments if self._path is None or path > self._path] or segments
             if not later:
                 return None
@@ -76,7 +76,7 @@ class EventTail:
         """Whole lines from the offset on."""
         try:
             with path.open("rb") as file:
-                if file.seek(0, 2) < self._offset:  # another file of the same name: the history was begun anew
+                if file.seek(0, 2) < self._offset:  # another file of the same name: the history has restarted
                     self._offset = 0
                 file.seek(self._offset)
                 data = file.read(most)
@@ -89,7 +89,7 @@ class EventTail:
         return data
 
     def _over(self, path: Path) -> bool:
-        """Whether the segment is read to its end and another one was begun; that one is then the next."""
+        """Whether the segment is read to its end and a newer one exists, which is then the next."""
         later = [other for other in self._segments() if other > path]
         if not later or self._has_more(path):
             return bool(later)
@@ -97,7 +97,7 @@ class EventTail:
         return True
 
     def _has_more(self, path: Path) -> bool:
-        """Whether lines came between the last look and the next segment's beginning."""
+        """Whether lines were added after the last read and before the next segment began."""
         try:
             with path.open("rb") as file:
                 file.seek(self._offset)
@@ -110,7 +110,7 @@ class EventTail:
 
 
 def _in_brief(lines: list[bytes]) -> list[bytes]:
-    """The lines with empty tables of worst cells, the last of each kind as it is."""
+    """The lines with empty tables of worst cells; the last line of each kind is unchanged."""
     whole = {
         next((k for k in range(len(lines) - 1, -1, -1) if kind in lines[k][:_HEAD]), -1)
         for kind in (b'"moved"', b'"committed"')
@@ -122,11 +122,11 @@ def _size(path: Path) -> int:
     try:
         return path.stat().st_size
     except FileNotFoundError:
-        return 0  # the oldest is removed at any time
+        return 0  # the oldest may be removed at any time
 
 
 def _line_before_end(path: Path, most: int) -> int:
-    """Where a line begins, so many bytes at most before the file's end."""
+    """Start of a line that is at most this many bytes before the file's end."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -147,7 +147,7 @@ def events_in_brief(session_folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def events_naming(session_folder: Path, step: int) -> Iterator[dict[str, Any]]:
-    """The events whose step this is, oldest first: found in the bytes, for to parse a long history takes a minute."""
+    """The events of this step, oldest first: found in the raw bytes, because parsing a long history takes a minute."""
     wanted = re.compile(rb'^.*"step": ?%d[,}].*$' % step, re.MULTILINE)
     for path in list_segments(session_folder / FOLDER, EVENTS):
         with suppress(FileNotFoundError):
@@ -156,7 +156,7 @@ def events_naming(session_folder: Path, step: int) -> Iterator[dict[str, Any]]:
 
 
 def last_event(session_folder: Path, kinds: Container[str] | None = None) -> dict[str, Any] | None:
-    """The latest event that is whole, of certain kinds if they are given; None without any."""
+    """The latest complete event, optionally only of these kinds; None if there is none."""
     for path in reversed(list_segments(session_folder / FOLDER, EVENTS)):
         with suppress(FileNotFoundError), path.open("rb") as file:
             for line in lines_backwards(file):

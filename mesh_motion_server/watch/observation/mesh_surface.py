@@ -1,6 +1,6 @@
-"""What is drawn of a mesh: in 2D the cells themselves, in 3D its boundary and all sides of chosen cells.
+"""The drawn part of a mesh: in 2D the cells, in 3D the boundary and all sides of chosen cells.
 
-Everything is named by numbers of nodes and cells, so that coordinates and colours may change under it.
+All arrays have numbers of nodes and cells, so they stay valid when coordinates and colours change.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Surface:
     triangles : (t, 3) int64 array
         Node numbers.
     owners : (t,) int64 array
-        The cell of each triangle, -1 where it is not known.
+        The cell of each triangle; -1: unknown.
     edges : (e, 2) int64 array
         Each once, lower node first.
     outline : (b, 2) int64 array
@@ -65,9 +65,9 @@ def sides_surface(cells: CellTable, chosen: Ints, most: int, near: NDArray[np.fl
     cells : CellTable
     chosen : (s,) int64 array
     most : int
-        Facets of the boundary at most.
+        Maximum number of boundary facets.
     near : (n,) array, optional
-        What nodes are ranked by where there are more: those with the smallest values stay.
+        Rank of the nodes: if there are more facets, those with the smallest values stay.
     """
     boundary = [
         (kept, _owners(cells, kept))
@@ -170,7 +170,7 @@ def _owners(cells: CellTable, facets: Ints) -> Ints:
 
 
 def _hashed(facets: Ints) -> NDArray[np.uint64]:
-    """(f,) keys of facets (f, k) with their order of nodes; what has the same key is compared."""
+    """(f,) keys of facets (f, k), which depend on the node order; facets with equal keys are then compared."""
     keys = np.zeros(len(facets), dtype=np.uint64)
     for column, factor in zip(facets.T, _MIX, strict=False):
         keys = (keys ^ column.astype(np.uint64)) * factor

@@ -1,11 +1,11 @@
-"""The committed mesh of a stored session for drawing: coordinates, what is drawn, the quality of each cell.
+"""The committed mesh of a stored session for drawing: coordinates, drawn surface, quality of each cell.
 
-Nothing is changed and no lock is taken, so it may be a live session: two slots hold the latest states in turn, and a
-state that is overwritten while it is read does not match its digest and is read again. With durability ``replay`` and
-``relaxed`` not every committed state is stored: what is shown is the last one that is.
+Reading changes nothing and takes no lock, so the session may be live: two slots hold the latest states in turn. A state
+that is overwritten during reading does not match its digest and is read again. With durability ``replay`` and
+``relaxed``, not every committed state is stored: the view shows the last stored one.
 
 Of a mesh of more than :data:`MOST_CELLS` cells only the surroundings of its worst cell are shown in 2D; in 3D it is
-always the boundary and the worst cells. Quality is judged of all cells.
+always the boundary and the worst cells. Quality is computed for all cells.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ __all__ = ["MOST_CELLS", "CellNames", "MeshView", "StoredMesh"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Cells, or facets of a boundary, that a browser draws at ease.
+#: Number of cells or boundary facets that a browser draws without difficulty.
 MOST_CELLS = 200_000
-#: Cells shown whole in 3D: those below the threshold, or so many of the worst.
+#: Maximum and minimum number of cells below the threshold (or the worst) that are shown with all sides in 3D.
 _MOST_INNER, _LEAST_INNER = 2000, 60
 _TRIES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class CellNames:
-    """Cells as their senders call them.
+    """The clients' names of cells.
 
     Attributes
     ----------
     types : tuple of str
     kind : (c,) int64 array
-        Place of each cell's type in ``types``.
+        Index of each cell's type in ``types``.
     partition, local : (c,) int64 arrays
     """
 
@@ -66,28 +66,28 @@ class MeshView:
     Attributes
     ----------
     step : int
-        Whose coordinates these are.
+        The step of the coordinates.
     committed : int
         The last committed step, which may be later.
     dimension : int
     points : (n, d) array, mesh length unit
-        Of all nodes.
+        Coordinates of all nodes.
     box : (2, d) array, mesh length unit
-        Bounding box of the mesh as it was uploaded: a view that stays where it is shows the motion.
+        Bounding box of the uploaded mesh: it fixes the view, so the motion is visible.
     surface : Surface
-        Numbers nodes and cells of the whole mesh.
+        The drawn surface, with node and cell numbers of the whole mesh.
     cells : (c,) int64 array
-        The cells that are shown, ascending.
+        The shown cells, ascending.
     names : CellNames
-        Theirs.
+        Names of the shown cells.
     quality : (m,) array
-        Of all cells, in the session's metric.
+        Quality of all cells, in the session's metric.
     metric : str
     threshold : float
     inverted : (m,) bool array
-        Of all cells; the metric alone does not tell, for a partly inverted cell may have 0 or more.
+        For all cells, because the metric of a partly inverted cell may be 0 or more.
     whole : bool
-        Whether nothing was left out.
+        Whether the view has all cells.
     """
 
     step: int
@@ -106,7 +106,7 @@ class MeshView:
 
 
 class StoredMesh:
-    """The mesh of one session; what does not change is kept between looks.
+    """The mesh of one session; constant data are kept between calls.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class StoredMesh:
         self._surface: Surface | None = None
 
     def look(self) -> MeshView:
-        """The state that is stored last.
+        """View the last stored state.
 
         Raises
         ------
@@ -167,11 +167,11 @@ class StoredMesh:
 
     @property
     def mesh(self) -> MergedMesh:
-        """The mesh as it was uploaded; its coordinates are the reference."""
+        """The uploaded mesh; its coordinates are the reference."""
         return self._mesh
 
     def coordinates(self) -> tuple[int, int, Floats]:
-        """The step that is stored last, the last committed step, and the former's coordinates (n, d).
+        """The last stored step, the last committed step, and the coordinates (n, d) of the stored step.
 
         Raises
         ------
@@ -191,7 +191,7 @@ class StoredMesh:
                 points = np.empty_like(self._mesh.points)
                 points[self._mesh.id_order] = verified_state(self._slot(ledger, snapshot.slot), ledger)
                 return snapshot.step, ledger.step, points
-            except JournalError:  # overwritten by the next commits meanwhile, unless it stays so
+            except JournalError:  # overwritten by later commits; an error that persists is real
                 if not left:
                     raise
         raise AssertionError("unreachable")
@@ -204,9 +204,9 @@ class StoredMesh:
             self._files.close(handle)
 
     def _drawn(self, points: Floats, quality: Floats, threshold: float) -> tuple[Surface, bool]:
-        """What is drawn, and whether nothing is left out; of a 2D mesh that is drawn whole it never changes.
+        """The drawn surface, and whether it is complete; for a 2D mesh that is drawn completely, it never changes.
 
-        ``quality`` (m,) ranks the cells: the inverted ones are to lie below all others.
+        ``quality`` (m,) ranks the cells: inverted cells must have lower values than all others.
         """
         cells, flat = self._cells, self._cells.dimension < 3
         whole = len(cells) <= MOST_CELLS
@@ -222,14 +222,14 @@ class StoredMesh:
 
 
 def _worst(quality: Floats, threshold: float) -> Ints:
-    """Ascending numbers of the cells that are shown from all sides."""
+    """Ascending numbers of the cells that are shown with all sides."""
     below = int(np.count_nonzero(quality < threshold))
     count = min(len(quality), max(_LEAST_INNER, min(below, _MOST_INNER)))
     return np.sort(np.argpartition(quality, count - 1)[:count])
 
 
 def _names(mesh: MergedMesh, cells: Ints) -> CellNames:
-    """What the cells with these ascending numbers (c,) are called."""
+    """The names of the cells with these ascending numbers (c,)."""
     kind, partition, local = (np.empty(len(cells), dtype=np.int64) for _ in range(3))
     types = tuple(origin.type_name for origin in mesh.cell_origins)
     bounds = zip(mesh.cell_origins, mesh.cells.offsets, mesh.cells.offsets[1:], strict=False)

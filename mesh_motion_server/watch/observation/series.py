@@ -1,4 +1,4 @@
-"""A session's history as columns by step: what charts show."""
+"""A session's history as columns by step, for charts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mesh_motion_server.watch.observation.fold import Place, StepFold
 
 __all__ = ["PHASES", "QUALITY", "Series"]
 
-#: What is told of a distribution.
+#: Statistics of a distribution.
 QUALITY = ("min", "p1", "p5", "p50", "mean")
 #: The phases of a Move.
 PHASES = ("solve", "predict", "correct", "displace")
@@ -38,8 +38,8 @@ _COLUMNS = (
     "seconds_total",
     "non_orthogonality",
 )
-#: What stands for a group of steps where they are thinned out: counts are added up, of others the worst one counts, or
-#: a step of forty iterations would be seen by chance only.
+#: How thinning combines a group of steps: counts are summed, other columns take the worst value; otherwise a step of
+#: forty iterations would be visible only by chance.
 _SUMS = ("refusals", "rollbacks")
 _LARGEST = ("iterations", "inverted", *(f"seconds_{name}" for name in PHASES), "seconds_total", "non_orthogonality")
 _LEAST = ("predicted_min", "standard_min", "reached")
@@ -51,20 +51,20 @@ class Series:
     """Columns by committed step, filled with events.
 
     ``predicted_*`` is the corrected mesh's quality metric as the step's last Move predicted it, ``standard_min`` the
-    minimum that it predicted without a correction, ``actual_*`` that of the committed coordinates; NaN where it was not
-    told. Percentiles are those of the first Move of a step where ``quality_report`` is "first-and-commit", so that
+    minimum that it predicted without a correction, ``actual_*`` that of the committed coordinates; NaN if not recorded.
+    Percentiles are those of the first Move of a step where ``quality_report`` is "first-and-commit", so that
     ``predicted_p1`` may lie below the ``predicted_min`` of a later one. ``iterations``, ``seconds_*``, ``refusals`` (of
     Moves) and ``rollbacks`` are of all Moves of the step together, those rolled back included. ``at`` is Unix time,
     ``reached`` 1 or 0, ``non_orthogonality`` the largest of the faces, degrees, where the step's last Move asked.
 
-    Steps that a crash has taken back (``relaxed``) are taken out when the session is resumed before them.
+    Steps that were lost in a crash (``relaxed``) are removed when the session resumes before them.
 
     Attributes
     ----------
     metric : str
-        Name of the quality metric, empty as long as none was told.
+        Name of the quality metric; empty until it is known.
     enrichment_points : list
-        Rows of coordinates, of the last Move.
+        Rows of coordinates, from the last Move.
     """
 
     def __init__(self, events: Iterable[Mapping[str, Any]] = ()) -> None:
@@ -81,7 +81,7 @@ class Series:
         return self._count
 
     def add(self, event: Mapping[str, Any]) -> None:
-        """Take an event in; unknown ones are passed over, and what lacks a part, as another version may write it."""
+        """Add an event; skip unknown events, and incomplete ones, which another version may have written."""
         with suppress(KeyError, TypeError, ValueError, AttributeError):
             self._add(event)
 
@@ -102,11 +102,11 @@ class Series:
         Parameters
         ----------
         first, last : int, optional
-            Steps before and behind these are left out.
+            Steps outside this range are left out.
         most : int, optional
-            With more steps than this, of as many groups of consecutive steps the one with the lowest actual minimum
-            (else predicted) stands for its group; refusals and rollbacks are the group's sums, iterations, seconds and
-            inverted cells its largest, predicted minima its least. So nothing that sticks out is lost.
+            If there are more steps, they form ``most`` groups of consecutive steps. The step with the lowest
+            actual (else predicted) minimum represents its group; refusals and rollbacks are summed over the group;
+            iterations, seconds and inverted cells are its maxima, predicted minima its lowest. Extremes stay visible.
         """
         steps = self._table[: self._count, 0]
         begin = 0 if first is None else int(np.searchsorted(steps, first))
@@ -119,7 +119,7 @@ class Series:
     # --- events ----------------------------------------------------------------------------------------------------
 
     def _turn(self, place: Place) -> None:
-        """Drop what does not count any more."""
+        """Drop the data that are no longer valid."""
         if place.is_fresh:
             self._open = _empty_step()
         if place.undone:
@@ -164,7 +164,7 @@ class Series:
 
 
 def _empty_step() -> dict[str, float]:
-    """A step of which nothing is known yet: qualities are NaN, counts 0."""
+    """A step without data: qualities are NaN, counts 0."""
     counted = ("iterations", "refusals", "rollbacks")
     return {name: 0.0 if name in counted or name.startswith("seconds_") else math.nan for name in _COLUMNS}
 
@@ -174,7 +174,7 @@ def _number(value: float | None) -> float:
 
 
 def _thinned(table: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """(most, columns): of each group of rows the one with the lowest minimum, and what sticks out of the others."""
+    """(most, columns): for each group of rows the one with the lowest minimum, with the extremes of the others."""
     actual, predicted = (table[:, _COLUMNS.index(f"{kind}_min")] for kind in ("actual", "predicted"))
     lowest = np.where(np.isnan(actual), predicted, actual)
     lowest = np.where(np.isnan(lowest), np.inf, lowest)

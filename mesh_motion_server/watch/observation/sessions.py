@@ -1,4 +1,4 @@
-"""The sessions of a state folder and where they stand, from their folders alone."""
+"""The sessions of a state folder and their states, from their folders alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mesh_motion_server.watch.observation.follow import last_event
 
 __all__ = ["SessionView", "Sessions", "rests"]
 
-#: What a session is after its last event.
+#: The state of a session after its last event.
 _STATES = {
     "built": State.READY,
     "moved": State.TRIAL,
@@ -31,18 +31,18 @@ _STATES = {
 }
 #: Events of the step after the committed one; the others name the committed one, or none.
 _AHEAD = ("moved", "rolled_back")
-#: After these a session that nobody holds can be resumed: a trial ends with its worker.
+#: In these states a session that no process holds can be resumed: a trial ends with its worker.
 _WITHOUT_WORKER = (State.READY, State.TRIAL, State.COMMITTING)
 
 
 def rests(state: str, held: bool | None) -> bool:
-    """Whether a session is at rest: nobody holds it (``held`` False), and it was not suspended, closed or failed."""
+    """Whether a session is at rest: no process holds it (``held`` False), and it is not suspended, closed or failed."""
     return held is False and state in _WITHOUT_WORKER
 
 
 @dataclass(frozen=True)
 class SessionView:
-    """A session as its folder shows it.
+    """The state of a session, read from its folder.
 
     Attributes
     ----------
@@ -50,19 +50,19 @@ class SessionView:
     folder : str
     dimension, partitions : int
     step : int
-        The last committed one, of the journal; of the history where that is further (``relaxed``) and not lost in a
-        crash: a process holds the session.
+        The last committed step in the journal, or in the history if that is later (``relaxed``) and not lost in a crash
+        (a process still holds the session).
     state : str
         After the last event: READY, TRIAL, SUSPENDED, FROZEN, CLOSED or FAILED; of a session without events READY, or
         FAILED where its files do not verify.
     held : bool or None
-        Whether a process holds it; None where the system does not tell.
+        Whether a process holds it; None if the system does not report it.
     changed_at : float
-        Unix time of the last event, else of the folder's last change.
+        Unix time of the last event, or of the folder's last change if there is no event.
     recorded : bool
         Whether it has a history.
     owner : str
-        Public key of who opened it, empty without keys.
+        Public key of the client that opened it; empty without keys.
     """
 
     session: str
@@ -84,7 +84,7 @@ class SessionView:
 
 
 class Sessions:
-    """The sessions of a state folder; what is asked again and again is read again only where it has changed.
+    """The sessions of a state folder; repeated calls read only what has changed.
 
     Parameters
     ----------
@@ -98,11 +98,11 @@ class Sessions:
 
     @property
     def folder(self) -> Path:
-        """The folder with one folder a session."""
+        """The folder that has one folder per session."""
         return self._store.root / "sessions"
 
     def views(self) -> list[SessionView]:
-        """All sessions that were built, the last changed first."""
+        """All built sessions, the last changed first."""
         held = _held_inodes()
         found = [self._view(stored.session, held) for stored in self._store.sessions()]
         return sorted((view for view in found if view is not None), key=lambda view: -view.changed_at)
@@ -120,7 +120,7 @@ class Sessions:
             changed_at = float(event["at"]) if event else folder.stat().st_mtime
             inode = (folder / "lock").stat().st_ino
         except OSError:
-            return None  # it was discarded meanwhile
+            return None  # it was discarded in the meantime
         is_held = None if held is None else inode in held
         told = 0 if event is None or is_held is False else event.get("step", 0) - (event["event"] in _AHEAD)
         return SessionView(
@@ -146,7 +146,7 @@ class Sessions:
 
 
 def _held_inodes(locks: Path = Path("/proc/locks")) -> set[int] | None:
-    """Inodes of files that a process has locked as a whole; None where the system does not tell."""
+    """Inodes of files that a process has locked completely; None if the system does not report them."""
     try:
         lines = locks.read_text(encoding="ascii").splitlines()
     except OSError:

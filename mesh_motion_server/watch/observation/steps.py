@@ -1,4 +1,4 @@
-"""What a history has: its steps in short, and all that happened while one of them was made."""
+"""Summarize the steps of a history, and list all events of one step."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ Event = dict[str, Any]
 
 @dataclass(frozen=True)
 class HistoryDigest:
-    """A history in short.
+    """Summary of a history.
 
     Attributes
     ----------
     first_step, last_step : int
-        The committed steps that are recorded; 0 and 0: none.
+        First and last recorded committed step; 0 and 0: none.
     spans : list of (int, int)
-        First and last of each row of them without a gap.
+        First and last step of each range without a gap.
     open_step : int
-        The step that something was asked of after the last commit; 0: none.
+        The step that has requests after the last commit; 0: none.
     worst_step : int
-        Of the recorded ones, that with the lowest committed minimum; 0: none.
+        The recorded step with the lowest committed minimum; 0: none.
     worst_quality : float or None
-        That minimum, of the session's quality metric.
+        The minimum of that step, in the session's quality metric.
     metric : str
     corrected_steps : int
-        Of the recorded ones, those whose committed motion was corrected.
+        Number of recorded steps whose committed motion was corrected.
     refusals, rollbacks, resumptions, warnings : int
-        Of all that is told, steps that a crash took back included.
+        Counts over the whole history, including steps that were lost in a crash.
     boundary_steps : int
         A replay is possible from step 1 up to this one.
     """
@@ -62,14 +62,14 @@ class HistoryDigest:
 
     @property
     def recorded(self) -> str:
-        """Which steps there are, in words."""
+        """A text that names the recorded steps."""
         spans = ", ".join(f"{first} to {last}" if last > first else f"{first}" for first, last in self.spans)
         committed = f"steps {spans}" if spans else "no committed step"
         return committed + (f", and step {self.open_step} that is not committed" if self.open_step else "")
 
 
 def digest_of_history(session_folder: Path) -> HistoryDigest:
-    """A history in short; all zeros where there is none."""
+    """Summarize a history; all zeros if there is none."""
     tally = _Tally()
     for event in read_events(session_folder):
         tally.take(event)
@@ -93,7 +93,7 @@ def digest_of_history(session_folder: Path) -> HistoryDigest:
 
 
 class _Tally:
-    """What the events so far come to; ``lowest`` is ascending by step."""
+    """Totals of the events so far; ``lowest`` is ascending by step."""
 
     def __init__(self) -> None:
         self.lowest: dict[int, float] = {}
@@ -123,7 +123,7 @@ class _Tally:
 
 
 def _spans(steps: list[int]) -> list[tuple[int, int]]:
-    """Rows without a gap of ascending steps."""
+    """Ranges without a gap of ascending steps."""
     spans: list[tuple[int, int]] = []
     for step in steps:
         if spans and spans[-1][1] == step - 1:
@@ -134,14 +134,14 @@ def _spans(steps: list[int]) -> list[tuple[int, int]]:
 
 
 def events_of_step(session_folder: Path, step: int) -> list[Event]:
-    """All that happened while a step was made, and whatever was asked of it at other times; oldest first.
+    """All events during a step, and other events that name it, oldest first.
 
-    A step that a crash has taken back has what took it back, and if it was made again both lives.
+    A step that was lost in a crash includes the event that reset it, and all attempts if it was made again.
 
     Raises
     ------
     InvalidInput
-        If it is not recorded; names what is.
+        If it is not recorded; names the recorded steps.
     """
     fold, found, counts = StepFold(), [], False
     for event in read_events(session_folder):

@@ -1,4 +1,4 @@
-"""One line on how a session stands, from the end of its history: the same in the list, the page and the terminal."""
+"""One line on the state of a session, from the end of its history: the same in the list, the page and the terminal."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ __all__ = ["Latest", "Recent", "Verdict", "duration", "server_gone", "verdict"]
 
 Tone = Literal["good", "warn", "bad", ""]
 
-#: Commits that are kept: those of a trend, and those whose minimum a list shows as a line.
+#: Number of commits that are kept for a trend, and for the line of minima in a list.
 _TREND, _KEPT = 16, 32
-#: A trend needs so many commits, and is told if it meets the threshold within so many steps.
+#: A trend needs this many commits; it is reported if it reaches the threshold within this many steps.
 _FEWEST, _HORIZON = 6, 100
-#: The trend must be this much of what the minimum does (squared correlation); the rest is noise.
+#: The trend must explain this share of the minimum's variation (squared correlation); the rest is noise.
 _SHARE = 0.5
-#: A session is stalled after so many usual pauses between commits, but never within so many seconds.
+#: A session is stalled after this many usual pauses between commits, but not before this many seconds.
 _PAUSES, _PATIENCE = 10.0, 30.0
-#: So much of the end of a history is read at first.
+#: Bytes at the end of a history that are read first.
 _TAIL_BYTES = 512 << 10
 
 _ENDS_A_TRIAL = ("committed", "rolled_back", "resumed", "suspended", "closed", "failed")
 _BEGINS = ("built", "resumed", "joined")
-#: After these nothing is expected of the client.
+#: In these states no action of the client is expected.
 _RESTS = ("suspended", "closed", "failed", "frozen")
 
 
@@ -39,23 +39,23 @@ _RESTS = ("suspended", "closed", "failed", "frozen")
 class _Commit:
     at: float
     step: int
-    minimum: float  # NaN where it was not told
+    minimum: float  # NaN if not recorded
 
 
 class Recent:
-    """The end of one session's history; bounded, whatever comes.
+    """The end of one session's history, with bounded size.
 
     Attributes
     ----------
     events : int
-        How many were taken in.
+        Number of events added.
     changed_at : float
-        Unix time of the latest; 0 without one.
+        Unix time of the latest event; 0 if there is none.
     iteration : int
-        Of the trial that stands; 0 without one.
+        Iteration of the current trial; 0 if there is none.
     threshold : float or None
     commits : deque of (at, step, minimum)
-        The latest, oldest first.
+        The latest commits, oldest first.
     """
 
     def __init__(self) -> None:
@@ -76,11 +76,11 @@ class Recent:
 
     @property
     def hourly(self) -> float | None:
-        """Steps an hour at the usual pause; None where it is not known."""
+        """Steps per hour at the usual pause; None if unknown."""
         return 3600.0 / self.pause if 0.0 < self.pause < math.inf else None
 
     def take(self, event: Mapping[str, Any]) -> None:
-        """The next event; one that lacks what its kind has is passed over, another version may have written it."""
+        """Add the next event; skip incomplete events, which another version may have written."""
         with suppress(KeyError, TypeError, ValueError, AttributeError):
             self._take(event)
 
@@ -102,7 +102,7 @@ class Recent:
             self.iteration, self.threshold = event["iteration"], event["quality"]["threshold"]
         elif kind == "resumed":
             while self.commits and self.commits[-1].step > event["step"]:
-                self.commits.pop()  # a crash has taken them back
+                self.commits.pop()  # they were lost in a crash
         elif kind == "refused":
             fraction = event.get("details", {}).get("fraction")
             passes = f"; {math.floor(100.0 * fraction)} % of the motion would pass" if fraction else ""
@@ -122,13 +122,13 @@ class Recent:
 
 
 class Latest:
-    """The end of the history in one session's folder, read as it grows."""
+    """The end of the history in one session's folder, read while it grows."""
 
     def __init__(self, folder: Path) -> None:
         self._tail, self._recent = EventTail(folder, last_bytes=_TAIL_BYTES), Recent()
 
     def read(self) -> Recent:
-        """What is known by now."""
+        """Read new events; return the current summary."""
         while events := self._tail.read():
             for event in events:
                 self._recent.take(event)
@@ -137,7 +137,7 @@ class Latest:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a session stands.
+    """The state of a session in one line.
 
     Attributes
     ----------
@@ -145,11 +145,11 @@ class Verdict:
         running, degrading, refused, stalled, suspended, frozen, failed, closed, at rest, worker fell, server gone or
         no mesh yet.
     tone : str
-        good, warn, bad, or empty where nothing runs.
+        good, warn, bad, or empty if nothing runs.
     why : str
         The rest of the line; does not change while nothing happens.
     since : float
-        Unix time since when it is so; of a running session its last commit. 0: not known.
+        Unix time when this state began; for a running session, its last commit. 0: unknown.
     """
 
     kind: str
@@ -158,7 +158,7 @@ class Verdict:
     since: float
 
     def line(self, now: float) -> str:
-        """The whole line at a time."""
+        """The complete line at this time."""
         begin = self.kind
         if self.since:
             passed = duration(now - self.since)
@@ -167,7 +167,7 @@ class Verdict:
 
 
 def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
-    """How a session stands at a time.
+    """The verdict on a session at a time.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
     now : float
         Unix time.
     worker : str
-        alive, dead, or none: nobody holds the session.
+        alive, dead, or none (no process holds the session).
     """
     return (
         _fell(recent, worker)
@@ -188,12 +188,12 @@ def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
 
 
 def server_gone(since: float) -> Verdict:
-    """Of any session whose server does not answer since a Unix time."""
+    """The verdict for sessions of a server that has not answered since a Unix time."""
     return Verdict("server gone", "bad", "what is shown is as it was then", since)
 
 
 def _stands(recent: Recent) -> str:
-    """Step, minimum and pace."""
+    """Text with step, minimum and steps per hour."""
     if not recent.commits:
         return f"trial {recent.iteration} of step 1" if recent.iteration else "no step yet"
     latest = recent.commits[-1]
@@ -206,7 +206,7 @@ def _stands(recent: Recent) -> str:
 
 
 def _fell(recent: Recent, worker: str) -> Verdict | None:
-    """Its worker or its disk failed, or it was closed."""
+    """The verdict if the worker or the disk failed, or the session was closed."""
     end = recent.rests.get("event", "")
     if end == "closed":
         return Verdict("closed", "", _stands(recent), recent.changed_at)
@@ -217,7 +217,7 @@ def _fell(recent: Recent, worker: str) -> Verdict | None:
 
 
 def _refused(recent: Recent) -> Verdict | None:
-    """How often in a row, and why."""
+    """The verdict if Moves were refused: how often in a row, and why."""
     if not recent.refusals:
         return None
     often = f"{recent.refusals} times in a row, " if recent.refusals > 1 else ""
@@ -225,7 +225,7 @@ def _refused(recent: Recent) -> Verdict | None:
 
 
 def _left(recent: Recent, worker: str) -> Verdict | None:
-    """Nobody works with it."""
+    """The verdict if no client uses the session."""
     if recent.rests.get("event") == "suspended":
         return Verdict("suspended", "warn", f"its client is gone; {_stands(recent)}", recent.changed_at)
     if worker == "none":
@@ -234,7 +234,7 @@ def _left(recent: Recent, worker: str) -> Verdict | None:
 
 
 def _stalled(recent: Recent, now: float) -> Verdict | None:
-    """No commit for many times the usual."""
+    """The verdict if there was no commit for many usual pauses."""
     since = max(recent.begun_at, recent.commits[-1].at if recent.commits else 0.0)
     if now - since <= max(_PATIENCE, _PAUSES * recent.pause):
         return None
@@ -243,7 +243,7 @@ def _stalled(recent: Recent, now: float) -> Verdict | None:
 
 
 def _degrading(recent: Recent) -> Verdict | None:
-    """Below the threshold, or at a new low on a line that meets the threshold soon."""
+    """The verdict if the minimum is below the threshold, or at a new low with a trend that soon reaches it."""
     if recent.threshold is None or not recent.commits:
         return None
     latest = recent.commits[-1]
@@ -251,7 +251,7 @@ def _degrading(recent: Recent) -> Verdict | None:
         why = f"minimum {latest.minimum:.3f} is below the threshold {recent.threshold:g} since step {recent.below.step}"
         return Verdict("degrading", "warn", why, recent.below.at)
     last = [commit for commit in list(recent.commits)[-_TREND:] if not math.isnan(commit.minimum)]
-    # A motion that comes and goes is at no new low on its second way down.
+    # In a periodic motion, the second decrease does not reach a new low.
     if len(last) < _FEWEST or min(recent.lowest_before, *(c.minimum for c in last[:-1])) <= last[-1].minimum:
         return None
     slope, share = _line([commit.step for commit in last], [commit.minimum for commit in last])
@@ -275,7 +275,7 @@ def _line(steps: list[int], values: list[float]) -> tuple[float, float]:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them."""
+    """A duration as readable text."""
     if seconds < 1.0:
         return f"{1e3 * max(0.0, seconds):.0f} ms"
     if seconds < 10.0:

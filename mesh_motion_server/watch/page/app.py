@@ -1,4 +1,4 @@
-"""The pages: the page and its files, what it asks for, the stream of what changes."""
+"""The web application: the page and its files, its data requests, and the stream of changes."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ __all__ = ["STATIC", "Page"]
 STATIC = Path(__file__).with_name("static")
 _JSON = "application/json"
 _POINTS = 1500
-#: A longer answer goes compressed, at the level that costs least: a long history's is a quarter then, for who looks
-#: from elsewhere through a tunnel. A mesh is not: its coordinates hardly get smaller.
+#: Longer answers are compressed at the cheapest level: a long history shrinks to a quarter, which helps remote users
+#: behind a tunnel. A mesh is not compressed: its coordinates hardly get smaller.
 _COMPRESSED_BYTES = 16 << 10
-#: Answers of one kind that are being made at a time; each kind has one thread.
+#: Maximum number of pending answers of one kind; each kind has one thread.
 _WAITING = 24
 _STATUS = {"NOT_FOUND": 404, "INVALID_ARGUMENT": 400}
 
 
 class Page:
-    """What one server shows.
+    """The pages of one server.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Page:
     build : dict
         Versions.
     insecure : bool
-        Whether it is reached by other addresses than the loopback.
+        Whether other addresses than the loopback may reach it.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Page:
 
     def __init__(self, state_folder: Path, build: dict[str, str], *, insecure: bool = False) -> None:
         for suffix, kind in ((".js", "text/javascript"), (".svg", "image/svg+xml"), (".css", "text/css")):
-            mimetypes.add_type(kind, suffix)  # some systems call scripts by a name that browsers refuse
+            mimetypes.add_type(kind, suffix)  # some systems give scripts a type that browsers refuse
         self._archive = Archive(state_folder)
         self._build = build
         self._news: dict[str, Any] = {"missing": "", "sessions": []}
@@ -80,7 +80,7 @@ class Page:
         self.app = Guard(Starlette(routes=routes, exception_handlers=handlers), insecure=insecure)
 
     def hear(self, news: dict[str, Any]) -> None:
-        """The supervisor's message of this second."""
+        """Take the supervisor's message, sent every second."""
         self._news = news
 
     async def _index(self, _request: Request) -> Response:
@@ -120,7 +120,7 @@ class Page:
         return {"build": self._build, "missing": self._news["missing"], "sessions": listed}
 
     def _unlisted(self, error: Exception) -> dict[str, Any]:
-        """The list as it was, and that it cannot be read; logged once, for it is tried again and again."""
+        """The previous list, with a note that reading failed; logged once, because the read is repeated."""
         said = f"the list cannot be read: {str(error) or type(error).__name__}"
         if said != self._trouble:
             self._trouble = said
@@ -128,7 +128,7 @@ class Page:
         return {"build": self._build, "missing": said, "sessions": self._listed}
 
     async def _json(self, request: Request, thread: Executor, make: Callable[[], bytes]) -> Response:
-        """An answer that is JSON, compressed if it is long and the browser takes it so."""
+        """A JSON answer, compressed if it is long and the browser accepts that."""
         headers = {"cache-control": "no-store", "vary": "accept-encoding"}
         content = await self._made(thread, make)
         if len(content) > _COMPRESSED_BYTES and "gzip" in request.headers.get("accept-encoding", ""):
@@ -137,7 +137,7 @@ class Page:
         return Response(content, media_type=_JSON, headers=headers)
 
     async def _made(self, thread: Executor, make: Callable[[], bytes]) -> bytes:
-        """An answer, made in its thread."""
+        """An answer, computed in its thread."""
         if self._waiting[thread] >= _WAITING:
             raise HTTPException(503, "too many questions at a time")
         self._waiting[thread] += 1
@@ -166,7 +166,7 @@ class _Stream:
 
 
 class _Files(StaticFiles):
-    """The page's files; a browser asks whether they are still the same."""
+    """The page's files; browsers must ask whether they have changed."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         response = await super().get_response(path, scope)
@@ -175,7 +175,7 @@ class _Files(StaticFiles):
 
 
 async def _refused(_request: Request, error: Exception) -> Response:
-    """An error of the layers below: its code, message and way out."""
+    """The answer for an error of the lower layers: its code, message and hint."""
     if not isinstance(error, MeshMotionError):
         raise error
     said = {"code": error.code, "message": error.message, "hint": error.hint}

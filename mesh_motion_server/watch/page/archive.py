@@ -1,7 +1,7 @@
-"""The questions of the page, each kind answered by one thread: a long history keeps no list waiting.
+"""Answers to the page's requests, with one thread for each kind, so that a long history does not delay the list.
 
-Only what somebody looks at is read, and what was read is kept for the next question: the last few sessions' series,
-three meshes, and the answers themselves as long as they are true, so that many pages cost what one does.
+The archive reads only what a page shows, and caches it: the series of the last few sessions, three meshes, and the
+answers as long as they are valid. So many pages cost the same as one.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from mesh_motion_server.watch.page.reading import Reading
 
 __all__ = ["Archive", "as_json"]
 
-#: Sessions whose series are kept.
+#: Number of sessions whose series are cached.
 _FOLLOWED = 16
-#: Answers about series that are kept as long as nothing is added.
+#: Number of series answers that are cached until new events come.
 _ANSWERS = 12
-#: Sessions whose meshes are kept.
+#: Number of sessions whose meshes are cached.
 _DRAWN = 3
-#: A mesh is judged no more often than this, seconds, however many look and however fast it moves.
+#: Minimum seconds between two evaluations of a mesh, for any number of readers and any step rate.
 _MESH_SECONDS = 3.0
-#: And no more of the time than this: what takes a second is not done again for twenty.
+#: Maximum share of the time for evaluations: after one that takes a second, the next waits twenty seconds.
 _MESH_SHARE = 0.05
-#: Keys of readers for which the same bytes are kept.
+#: Number of reader keys for which packed bytes are cached.
 _KEYS = 3
-#: A larger mesh file is not read: it would take the memory of the process.
+#: A larger mesh file is not read: it would exceed the memory of the process.
 _MESH_BYTES = 192 << 20
 _SESSION = re.compile(r"[0-9a-f]{32}")
 
@@ -43,7 +43,7 @@ Value = TypeVar("Value")
 
 
 class Archive:
-    """A state folder.
+    """The data of a state folder.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Archive:
     Attributes
     ----------
     lists, histories, meshes : ThreadPoolExecutor
-        Of one thread each; the methods are to be called there.
+        With one thread each; call the methods in these threads.
     """
 
     def __init__(self, state_folder: Path) -> None:
@@ -68,12 +68,12 @@ class Archive:
         return self._overview.listed(live)
 
     def detail(self, session: str) -> bytes:
-        """A session but its series, JSON; in the thread ``histories``."""
+        """A session without its series, JSON; in the thread ``histories``."""
         followed = self._follow(session)
         return self._answer(followed, (session,), followed.detail)
 
     def step(self, session: str, step: int) -> bytes:
-        """What :meth:`detail` tells, of one step that is over; in the thread ``histories``."""
+        """The same as :meth:`detail` for one past step; in the thread ``histories``."""
         folder, then = self._found(session), Followed()
         then.take(events_naming(folder, step))
         if not then.events:
@@ -93,7 +93,7 @@ class Archive:
             try:
                 return self._draw(session, folder, (have, seen))
             except MemoryError:
-                self._drawn.clear()  # other sessions' meshes may have had what this one needs
+                self._drawn.clear()  # frees the memory of other sessions' meshes
         raise InvalidInput("the mesh is too large to be drawn here")
 
     def _draw(self, session: str, folder: Path, has: tuple[str, str]) -> bytes:
@@ -113,7 +113,7 @@ class Archive:
         return followed
 
     def _answer(self, followed: Reading, asked: tuple[Any, ...], make: Callable[[], Any]) -> bytes:
-        """What was answered before, as long as nothing was added since."""
+        """The cached answer, if no event was added since; otherwise a new one."""
         known = self._answers.pop(asked, None)
         if known is None or known[0] is not followed or known[1] != followed.stamp:
             known = (followed, followed.stamp, as_json(make()))
@@ -133,7 +133,7 @@ class _Drawn:
     """The mesh of a session."""
 
     def __init__(self, folder: Path) -> None:
-        # imported here: the compiled kernels take a second to load, and who looks at no mesh needs none
+        # imported here: the compiled kernels take a second to load, and only the mesh view needs them
         from mesh_motion_server.watch.observation.mesh_view import StoredMesh  # noqa: PLC0415
         from mesh_motion_server.watch.page.drawing import Packer  # noqa: PLC0415
 
@@ -143,13 +143,13 @@ class _Drawn:
         self._due = 0.0
 
     def view(self, has: tuple[str, str]) -> bytes:
-        """The state that is stored now, or was a moment ago."""
+        """The currently stored state, or a recent one."""
         if self._view is None or time.monotonic() >= self._due:
             self._look()
         return self._packed(has)
 
     def _packed(self, has: tuple[str, str]) -> bytes:
-        """For readers that have all of it, all but what moves, or nothing: keys and stamps as the packer takes them."""
+        """Bytes for readers that have everything, the constant part, or nothing: key and stamp as for the packer."""
         known = has in self._answers
         packed: bytes = self._answers[has] if known else self._packer.pack(self._view, *has)
         if not known and len(self._answers) < _KEYS:
@@ -165,14 +165,14 @@ class _Drawn:
 
 def as_json(value: Any) -> bytes:
     """Compact JSON."""
-    # half a character that a damaged history has stays an escape, which JSON allows
+    # a lone surrogate in a damaged history stays an escape sequence, which JSON allows
     return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode(
         errors="backslashreplace"
     )
 
 
 def integer(text: str | None, default: Callable[[], Value]) -> int | Value:
-    """A non-negative whole number of a question, or the default.
+    """A non-negative integer of a request, or the default.
 
     Raises
     ------

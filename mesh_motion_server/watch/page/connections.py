@@ -1,8 +1,8 @@
-"""Connections with a bound on everything: how many, how long a request may take to come, how long an answer to go.
+"""Connections with limits: their number, the time to receive a request, and the time to send an answer.
 
-uvicorn waits for ever for a request's first lines and for a reader that does not read. Here a connection has
-:data:`REQUEST_SECONDS` for each request, an answer that nobody takes is dropped after :data:`ANSWER_SECONDS`, and of
-more than :data:`MOST` connections an idle one is closed, or the oldest.
+uvicorn waits without limit for a request's first lines and for a client that does not read. Here a connection has
+:data:`REQUEST_SECONDS` for each request, an answer that the client does not read is dropped after
+:data:`ANSWER_SECONDS`, and if there are more than :data:`MOST` connections, an idle one or else the oldest is closed.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class BoundedProtocol(H11Protocol):
         return self.cycle is not None and not self.cycle.response_complete
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Make room, and start to wait for the request."""
-        # many are accepted in one turn of the loop: what was ended in it is still listed, and makes no room twice
+        """Close a connection if there are too many, and start to wait for the request."""
+        # one turn of the loop accepts many: connections aborted in this turn are still listed, but count as closed
         known: list[Any] = [each for each in self.connections if isinstance(each, BoundedProtocol)]
         others = [each for each in known if not each.transport.is_closing()]
         super().connection_made(transport)
@@ -43,7 +43,7 @@ class BoundedProtocol(H11Protocol):
         self._await_request()
 
     def data_received(self, data: bytes) -> None:
-        """Part of a request; once it is whole, nothing more is waited for."""
+        """Receive part of a request; stop the timer when the request is complete."""
         if self._request_timer is None and not self.answering:
             self._await_request()
         super().data_received(data)
@@ -52,26 +52,26 @@ class BoundedProtocol(H11Protocol):
             self._request_timer = None
 
     def on_response_complete(self) -> None:
-        """The time for an idle connection is uvicorn's from here on, that for the next request ours."""
+        """From here on, uvicorn's timer applies to the idle connection, and our timer to the next request."""
         _cancel(self._request_timer)
         self._request_timer = None
         super().on_response_complete()
 
     def pause_writing(self) -> None:
-        """The reader is behind."""
+        """Start the timer: the client reads too slowly."""
         super().pause_writing()
         _cancel(self._answer_timer)
         self._answer_timer = None
         self._answer_timer = self.loop.call_later(ANSWER_SECONDS, self.abort)
 
     def resume_writing(self) -> None:
-        """It has caught up."""
+        """Stop the timer: the client has caught up."""
         _cancel(self._answer_timer)
         self._answer_timer = None
         super().resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the timers."""
+        """Cancel the timers."""
         _cancel(self._request_timer)
         self._request_timer = None
         _cancel(self._answer_timer)
@@ -79,7 +79,7 @@ class BoundedProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def abort(self) -> None:
-        """End it at once."""
+        """Close the connection immediately."""
         self.transport.abort()
 
     def _await_request(self) -> None:

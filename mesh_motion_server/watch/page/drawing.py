@@ -1,4 +1,4 @@
-"""A mesh view as bytes that a browser puts on its graphics card as they are.
+"""A mesh view as bytes that a browser copies to its graphics card without conversion.
 
 ::
 
@@ -6,9 +6,9 @@
     4   …     header: JSON, spaces up to a multiple of 4; ``arrays`` lists [name, type, offset behind it, length]
     …   …     the arrays, little-endian: f4, u4, u1
 
-``points`` (n, 3) are in units of half the mesh's extent from its centre, so that 32 bits suffice. What is the same for
-all steps (triangles, edges, names of cells) is left out for a reader that has it, which the ``key`` tells. To a reader
-that has the coordinates too, which the ``stamp`` tells, goes the header alone.
+``points`` (n, 3) are in units of half the mesh's extent from its centre, so that 32 bits suffice. Data that are
+equal for all steps (triangles, edges, names of cells) are left out if the reader's ``key`` shows that it has them. If
+its ``stamp`` shows that it also has the coordinates, only the header is sent.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ __all__ = ["Packer"]
 
 
 class Packer:
-    """Packs the views of one mesh; what is the same for all steps is made once."""
+    """Packs the views of one mesh; data that are equal for all steps are packed once."""
 
     def __init__(self) -> None:
         self._fixed: _Fixed | None = None
 
     def pack(self, view: MeshView, have: str = "", seen: str = "") -> bytes:
-        """The bytes.
+        """Pack a view into bytes.
 
         Parameters
         ----------
         view : MeshView
         have, seen : str
-            The key and the stamp of what the reader has.
+            The key and the stamp of the reader's data.
         """
         if self._fixed is None or self._fixed.surface is not view.surface:
             self._fixed = _Fixed.of(view)
@@ -79,7 +79,7 @@ class Packer:
 
 @dataclass(frozen=True, eq=False)
 class _Fixed:
-    """What belongs to a surface: its nodes (k,) and the arrays that number them."""
+    """The constant data of a surface: its nodes (k,) and the arrays that refer to them."""
 
     surface: Surface
     nodes: NDArray[np.int64]
@@ -105,7 +105,7 @@ class _Fixed:
 
 
 def _owners(view: MeshView) -> NDArray[np.int64]:
-    """Place of each triangle's cell among the shown ones; one behind them where it is not known."""
+    """Index of each triangle's cell among the shown cells; the number of shown cells if unknown."""
     owners = view.surface.owners
     return np.where(owners < 0, len(view.cells), np.searchsorted(view.cells, owners))
 

@@ -1,4 +1,4 @@
-"""What is known of a session from its events."""
+"""The state of a session, collected from its events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mesh_motion_server.watch.observation.series import PHASES, Series
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]
 
 MOST_POINTS = 5000
-#: Warnings, refusals and turns of the session's life that are kept, the latest.
+#: Number of the latest warnings, refusals and state changes that are kept.
 _NOTABLE = 200
 _TOLD = ("refused", "resumed", "suspended", "joined", "closed", "frozen", "failed", "boundary_ended", "built")
 _DIGITS = 5
@@ -27,9 +27,9 @@ class Followed:
     Attributes
     ----------
     events : int
-        How many were taken in.
+        Number of events added.
     built : dict
-        The event that tells of the mesh; empty as long as it is not known.
+        The event that describes the mesh; empty until it is known.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class Followed:
         self._committed: dict[str, Any] = {}
 
     def detail(self) -> dict[str, Any]:
-        """All but the series."""
+        """All data except the series."""
         moved = self._moved
         return {
             "built": self.built,
@@ -62,7 +62,7 @@ class Followed:
         }
 
     def series(self, first: int | None, last: int | None, points: int) -> dict[str, Any]:
-        """Columns of the steps first … last, inclusive, thinned to so many points and the latest step."""
+        """Columns of the steps first … last, inclusive, thinned to ``points`` points and the latest step."""
         found = self._series.columns(min(points, MOST_POINTS), first=first, last=last)
         step = self._committed.get("step", 0)
         if len(found["step"]) and found["step"][-1] < step and (last is None or last >= step):
@@ -71,7 +71,7 @@ class Followed:
         return {"columns": {name: plain_column(column) for name, column in found.items()}, "phases": PHASES}
 
     def take(self, events: Iterable[Mapping[str, Any]]) -> None:
-        """The next events; one that lacks what its kind has is passed over, another version may have written it."""
+        """Add the next events; skip incomplete events, which another version may have written."""
         for event in events:
             self.events += 1
             with suppress(KeyError, TypeError, ValueError, AttributeError):
@@ -81,20 +81,20 @@ class Followed:
         kind = event["event"]
         self._series.add(event)
         if kind == "resumed" and self._committed.get("step", 0) > event["step"]:
-            self._committed = {}  # of a step that a crash has cost
+            self._committed = {}  # its step was lost in a crash
         if kind == "built":
             self.built = dict(event)
         if kind in ("moved", "committed"):
             setattr(self, f"_{kind}", dict(event))
         if kind in ("rolled_back", "resumed"):
-            self._moved = {}  # what was predicted is of a trial that is no more
+            self._moved = {}  # the trial of this prediction no longer exists
         if kind in _TOLD and kind != "built":
             self._note({name: event[name] for name in event if name != "details"})
         for warning in event.get("warnings", ()):
             self._note({"at": event["at"], "event": "warning", "step": event.get("step", 0), "message": warning})
 
     def _note(self, told: dict[str, Any]) -> None:
-        """Keep it; a repeat of the newest one is counted there."""
+        """Keep a message; a repeat of the newest message only increases its count."""
         self._counted += 1
         same = ("event", "code", "message", "request")
         newest = self._notable[-1] if self._notable else {}
@@ -105,13 +105,13 @@ class Followed:
             self._notable.append(told)
 
     def _standing(self) -> list[dict[str, Any]]:
-        """The worst cells of the committed coordinates, where the mesh shows them."""
+        """The worst cells of the committed coordinates, which the mesh view shows."""
         quality = (self._committed or self.built).get("quality") or {}
         cells: list[dict[str, Any]] = quality.get("worst", [])
         return cells
 
     def _worst(self) -> dict[str, Any]:
-        """The worst cells of what was judged last: a trial's prediction, or committed coordinates."""
+        """The worst cells of the last evaluation: a trial's prediction, or the committed coordinates."""
         moved, committed = self._moved, self._committed
         if moved and moved.get("at", 0) > committed.get("at", 0):
             return {"of": "predicted", "step": moved["step"], "cells": moved["quality"]["corrected"].get("worst", [])}
@@ -122,7 +122,7 @@ class Followed:
 
 
 def plain_column(column: NDArray[np.float64]) -> list[float | None]:
-    """Numbers (n,) with as many digits as a chart shows; None for what is no number."""
+    """Numbers (n,) with as many digits as a chart shows; None for NaN and infinity."""
     finite = np.isfinite(column)
     safe = np.where(finite, column, 0.0)
     scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.maximum(np.abs(safe), 1e-12))))

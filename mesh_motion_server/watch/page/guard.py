@@ -1,8 +1,8 @@
-"""Who may ask what: names that a browser was lured to, other sites and other methods are refused before the pages.
+"""Access control of the pages: refuses unknown host names, requests from other sites, and other methods.
 
-A page of another site can make a browser ask servers on its own machine; it may not read the answers unless its name
-leads to this machine (DNS rebinding). So only requests to an address or to ``localhost`` are answered, none that the
-browser says another site has made, and no answer permits other sites anything.
+A page of another site can make a browser send requests to servers on the user's machine. It can read the answers only
+if its name resolves to this machine (DNS rebinding). So the guard accepts only requests to an address or ``localhost``,
+refuses requests that the browser marks as cross-site, and no answer gives permissions to other sites.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ _SEVERAL_SITES = (b"cross-site", b"same-site")
 
 
 class Guard:
-    """Around an application.
+    """Protects an application.
 
     Parameters
     ----------
     app : ASGI application
     insecure : bool
-        Whether addresses of other networks than the loopback are names of this server.
+        Whether addresses outside the loopback are accepted as names of this server.
     """
 
     def __init__(self, app: App, *, insecure: bool = False) -> None:
@@ -49,7 +49,7 @@ class Guard:
         self._insecure = insecure
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer or refuse one request; the answer gets the headers that keep others out."""
+        """Answer or refuse one request; the answer gets the headers that block other sites."""
         if scope["type"] != "http":
             return
         refusal = self._refusal(scope)
@@ -82,14 +82,14 @@ class Guard:
 
 
 def is_allowed_host(host: str, *, insecure: bool) -> bool:
-    """Whether a Host header names this server whatever a name service says.
+    """Whether a Host header names this server, independent of any name service.
 
     Parameters
     ----------
     host : str
         NAME, NAME:PORT or [ADDRESS]:PORT; with a tunnel the port is that of its near end.
     insecure : bool
-        As of :class:`Guard`.
+        As for :class:`Guard`.
     """
     name, separator, port = host.rpartition(":")
     if not separator or host.endswith("]"):
@@ -107,6 +107,6 @@ def is_allowed_host(host: str, *, insecure: bool) -> bool:
 
 
 def _plain(headers: Any) -> list[tuple[bytes, bytes]]:
-    """The application's headers, without any that would be said twice."""
+    """The application's headers, without those that the guard adds."""
     ours = {name for name, _ in _HEADERS}
     return [(name, value) for name, value in headers if name not in ours]

@@ -1,4 +1,4 @@
-"""The list of sessions as server-sent events: one reading for all who look, none while nobody does."""
+"""The list of sessions as server-sent events: one read serves all listeners; without listeners nothing is read."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["MOST_LISTENERS", "Live"]
 
 MOST_LISTENERS = 32
 _SECONDS = 1.0
-#: And no more of the time than this: reading many folders takes its time.
+#: Maximum share of the time spent on reading, because many folders take long to read.
 _SHARE = 0.05
 _BEAT_SECONDS = 5.0
 
@@ -26,9 +26,9 @@ class Live:
     Parameters
     ----------
     read : callable
-        Awaitable with what is sent, without the time.
+        Awaitable that gives the data to send, without the time.
     failed : callable
-        What is sent instead where reading fails, from the error.
+        Makes the data to send from the error if reading fails.
     """
 
     def __init__(
@@ -45,21 +45,21 @@ class Live:
 
     @property
     def full(self) -> bool:
-        """Whether nobody else may listen."""
+        """Whether the maximum number of listeners is reached."""
         return self._listeners >= MOST_LISTENERS
 
     def close(self) -> None:
-        """Let all streams end."""
+        """End all streams."""
         self._over = True
         self._announce()
         if self._reading is not None:
             self._reading.cancel()
 
     async def stream(self, receive: Callable[[], Awaitable[Any]], send: Send) -> None:
-        """Send what changes until the listener goes or all is over."""
+        """Send changes until the listener disconnects or the stream closes."""
         self._listeners += 1
         if self._reading is None:
-            if time.monotonic() >= self._due:  # what was read last is too old to be shown first
+            if time.monotonic() >= self._due:  # the last data are too old to be sent first
                 self._known, self._latest = {}, b""
             self._reading = asyncio.create_task(self._keep_reading())
         gone = asyncio.create_task(_gone(receive))
@@ -74,7 +74,7 @@ class Live:
 
     async def _send_all(self, gone: asyncio.Task[None], send: Send) -> None:
         sent = b""
-        await _beat(send)  # the first list may take long; that there is a server is told at once
+        await _beat(send)  # the first list may take long; the beat shows immediately that the server is alive
         while not (self._over or gone.done()):
             if self._latest and self._latest is not sent:
                 sent = self._latest
@@ -85,20 +85,20 @@ class Live:
                     await _beat(send)
 
     async def _wait(self, gone: asyncio.Task[None]) -> None:
-        """For news, the listener's end or the next beat."""
+        """Wait for news, the listener's end or the next beat."""
         news = asyncio.create_task(self._changed.wait())
         await asyncio.wait({news, gone}, timeout=_BEAT_SECONDS, return_when=asyncio.FIRST_COMPLETED)
         news.cancel()
 
     async def _keep_reading(self) -> None:
-        """Read again and again; the pause holds over listeners, who come and go as they like."""
+        """Read repeatedly; the pause between reads does not depend on when listeners come and go."""
         while True:
             await asyncio.sleep(max(0.0, self._due - time.monotonic()))
             started = time.monotonic()
             try:
                 found = await self._read()
                 told = as_json({"at": time.time()} | found)
-            # whatever it is: a page whose list stands still beside a beating stream would call itself live
+            # any error: otherwise the page would show an old list as live, because the stream still beats
             except Exception as error:
                 found = self._failed(error)
                 told = as_json({"at": time.time()} | found)
@@ -109,7 +109,7 @@ class Live:
             self._due = max(started + _SECONDS, ended + (ended - started) / _SHARE)
 
     def _announce(self) -> None:
-        """Wake all who wait; who comes later waits for the next."""
+        """Wake all waiting listeners; later ones wait for the next announcement."""
         self._changed.set()
         self._changed = asyncio.Event()
 

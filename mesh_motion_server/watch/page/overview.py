@@ -1,4 +1,4 @@
-"""The sessions of the server in a few figures each, for the list: from their folders, and from who has a worker."""
+"""The list of the server's sessions with a few figures each, from their folders and the list of workers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from mesh_motion_server.watch.observation.verdict import Latest, Recent, verdict
 
 __all__ = ["Overview"]
 
-#: Sessions that are listed, the last changed.
+#: Maximum number of listed sessions, the last changed first.
 _LISTED = 200
-#: A session that the supervisor does not know.
+#: Values for a session that the supervisor does not know.
 _NOBODY = ("", "none")
 
 
@@ -30,15 +30,15 @@ class Overview:
     def __init__(self, state_folder: Path) -> None:
         self._sessions = Sessions(state_folder)
         self._latest: dict[str, Latest] = {}
-        self._stored: set[str] = set()  # at the last look, and those that still have a worker
+        self._stored: set[str] = set()  # stored at the last call, and those that still have a worker
 
     def listed(self, live: list[list[Any]]) -> list[dict[str, Any]]:
-        """The sessions, the last changed first; where there are many, those with a worker are among them.
+        """The sessions, the last changed first; if there are too many, those with a worker stay in the list.
 
         Parameters
         ----------
         live : list of [session, worker, state, step, epoch]
-            As the supervisor tells.
+            As reported by the supervisor.
         """
         known = {entry[0]: entry for entry in live}
         stored = self._sessions.views()
@@ -49,8 +49,8 @@ class Overview:
         listed = [self._entry(view, known.get(view.session)) for view in views]
         names = {view.session for view in stored}
         self._stored = names | (self._stored & known.keys())
-        # Of those whose mesh is not built yet nothing is stored that a list could show. Of those that were stored there
-        # is nothing any more: they are being discarded, and their worker ends a moment later.
+        # A session whose mesh is not built yet has no stored data for the list. A session that is no longer stored is
+        # being discarded; its worker ends soon.
         new = [_unbuilt(entry) for name, entry in known.items() if name not in self._stored and entry[1] != "dead"]
         return [*new, *listed]
 
@@ -81,7 +81,7 @@ class Overview:
             "threshold": recent.threshold,
             "spark": minima,
             "recorded": view.recorded,
-            # every event counts, for a refusal changes neither state nor step
+            # compare every event, because a refusal changes neither state nor step
             "version": f"{view.changed_at:.6f}-{view.state}-{view.step}-{recent.events}",
             "changed_at": max(view.changed_at, recent.changed_at),
             "verdict": asdict(verdict(recent, time.time(), worker=worker)),

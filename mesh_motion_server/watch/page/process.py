@@ -1,7 +1,8 @@
 """The process of the page: ``python -m mesh_motion_server.watch.page.process CHANNEL LEVEL``.
 
-Started by the supervisor, ended with it. It hears every second which sessions have a worker and reads everything else
-from their folders. It has the lowest priority, and bounds on memory and descriptors.
+The supervisor starts it, and it ends with the supervisor. Every second the supervisor reports which sessions have a
+worker; the process reads everything else from their folders. It has the lowest priority, and limits on memory and
+descriptors.
 """
 
 from __future__ import annotations
@@ -30,26 +31,26 @@ from mesh_motion_server.watch.page.connections import BoundedProtocol
 
 __all__ = ["main"]
 
-#: Beyond what Python maps: libraries, threads, one mesh.
+#: Memory beyond what Python maps: libraries, threads, one mesh.
 _MEMORY = 3 << 30
 _DESCRIPTORS = 256
 _BACKLOG = 64
 _REQUEST_BYTES = 16384
-#: A tenth of a processor where solvers take all of them: 19 left a hundredth, and a page took minutes to open.
+#: Gives a tenth of a processor when solvers use all of them; 19 gave a hundredth, and a page took minutes to open.
 _NICENESS = 10
 
 
 class _Server(uvicorn.Server):
-    """Signals are the supervisor's matter."""
+    """A server that leaves signals to the supervisor."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave them as they are."""
+        """Do not change the signal handlers."""
         yield
 
 
 def _yield_the_processor() -> None:
-    """Run after those who compute."""
+    """Lower the priority of this process below the solvers."""
     with suppress(OSError):
         os.nice(_NICENESS)
 
@@ -118,7 +119,7 @@ def main(channel: Channel, level: str) -> int:
     limit_address_space(_MEMORY)
     status = asyncio.run(_serve(channel, order))
     log().debug("page_ended", status=status)
-    # threads that still read do not keep the server from ending
+    # threads that are still reading must not delay the end of the server
     os._exit(status)
 
 

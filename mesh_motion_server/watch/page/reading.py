@@ -1,4 +1,4 @@
-"""A session's history, read as it grows, piece by piece: a long one takes a while, its end is shown meanwhile."""
+"""Read a session's history in pieces while it grows; the end of a long history is shown until all is read."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from mesh_motion_server.watch.page.followed import Followed
 
 __all__ = ["Reading"]
 
-#: A question waits for so much reading at most, seconds; others are answered in between.
+#: Maximum seconds of reading for one request; other requests are answered in between.
 _SECONDS = 0.7
 _PIECE = 4 << 20
-#: The end of a history that is longer is read before the whole.
+#: If a history is longer, its end is read first.
 _LATEST = 8 << 20
 
 
 class Reading:
-    """One session.
+    """The history of one session.
 
     Parameters
     ----------
@@ -36,11 +36,11 @@ class Reading:
 
     @property
     def stamp(self) -> tuple[int, int]:
-        """Another one when what is known has changed."""
+        """A stamp that changes when the known data change."""
         return self._whole.events, self._latest.events
 
     def catch_up(self) -> None:
-        """Read what has come, for so long at most."""
+        """Read new events, for a limited time."""
         deadline = time.monotonic() + _SECONDS
         while events := self._end.read(_PIECE, brief=True):
             self._latest.take(events)
@@ -51,11 +51,11 @@ class Reading:
         self._end, self._latest = self._tail, self._whole
 
     def detail(self) -> dict[str, Any]:
-        """All but the series; ``read`` is which part of the history is known, 1 if all of it."""
+        """All data except the series; ``read`` is the share of the history that is known, 1 if complete."""
         whole = self._latest is self._whole
         share = 1.0 if whole else min(0.99, round(1.0 - self._tail.behind() / self._length, 2))
         return self._latest.detail() | {"built": self._whole.built, "read": share}
 
     def series(self, first: int | None, last: int | None, points: int) -> dict[str, Any]:
-        """The steps first … last as columns; as long as not all is read, of the latest steps."""
+        """The steps first … last as columns; until everything is read, only the latest steps."""
         return self._latest.series(first, last, points)

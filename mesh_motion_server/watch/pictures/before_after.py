@@ -1,4 +1,4 @@
-"""A mesh before and after a motion, coloured by quality: both meshes, the worst cell from near, and the distribution.
+"""A mesh before and after a motion, coloured by quality: both meshes, a close-up of the worst cell, the distribution.
 
 A 2D mesh is drawn as it is, a 3D mesh clipped by a plane through its worst cell (:mod:`.clipped`); the close-up of a 3D
 mesh is a cut through that cell.
@@ -36,12 +36,12 @@ class MeshPair:
     ----------
     label : str
     metric : str
-        What the snapshots' quality is of.
+        The quality metric of the snapshots.
     before, after : Snapshot
     enrichment_points : (k, d) array
-        Where enrichment functions were added in the step that ``after`` is of; empty where that is not known.
+        Where enrichment functions were added in the step of ``after``; empty if unknown.
     note : str
-        What there is to say about the step of ``after``, as "the worst".
+        A remark on the step of ``after``, such as "the worst".
     """
 
     label: str
@@ -53,7 +53,7 @@ class MeshPair:
 
 
 def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None) -> Any:
-    """A matplotlib figure of both meshes, to be made and saved within :func:`~.page.styled`.
+    """A matplotlib figure of both meshes; make and save it within :func:`~.page.styled`.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None) -
 
 
 def _draw_meshes(axes: Any, pair: MeshPair, plane: Plane | None, window: FloatArray, look: Look) -> Any:
-    """Both meshes; returns what a colour bar needs."""
+    """Draw both meshes; return the data for a colour bar."""
     titles = _titles(pair)
     box = choose_box(pair.before, pair.after)
     shown = None if plane is None else cells_behind(pair.before, _through_worst(plane, pair), box)
@@ -103,7 +103,7 @@ def _draw_meshes(axes: Any, pair: MeshPair, plane: Plane | None, window: FloatAr
 
 
 def _through_worst(plane: Plane, pair: MeshPair) -> Plane:
-    """The plane across the same axis through the worst cell, as it was before, so that this cell is seen."""
+    """The plane across the same axis through the worst cell in the mesh before, so that this cell is visible."""
     return Plane(plane.axis, float(pair.before.centre(pair.after.worst)[plane.axis]))
 
 
@@ -128,7 +128,7 @@ def _add_bar(figure: Any, axes: list[Any], colours: Any, pair: MeshPair) -> None
 
 
 def _titles(pair: MeshPair) -> dict[str, str]:
-    """Of the two meshes."""
+    """Titles of the two meshes."""
     note = f" ({pair.note})" if pair.note else ""
     before = "at opening" if pair.before.step == 0 else f"after step {pair.before.step}"
     return {
@@ -138,7 +138,7 @@ def _titles(pair: MeshPair) -> dict[str, str]:
 
 
 def _arrangement(window: FloatArray, page: Page, *, is_3d: bool) -> tuple[list[str], list[float], float]:
-    """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, the height that suits, mm."""
+    """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, the suitable height, mm."""
     ratio = 0.85 if is_3d else float((window[1, 1] - window[0, 1]) / (window[1, 0] - window[0, 0]))
     head, text = 34.0 if is_3d else 22.0, 11.0
     if ratio < _LONG:  # one below the other
@@ -150,7 +150,7 @@ def _arrangement(window: FloatArray, page: Page, *, is_3d: bool) -> tuple[list[s
 
 
 def _mark_enrichment(axes: Any, pair: MeshPair, plane: Plane | None, look: Look) -> None:
-    """Crosses where enrichment functions were added, in 2D; in 3D they lie inside, and are counted."""
+    """Crosses where enrichment functions were added, in 2D; in 3D they lie inside, and only their number is shown."""
     places = pair.enrichment_points
     if not len(places):
         return

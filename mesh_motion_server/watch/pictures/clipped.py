@@ -1,4 +1,4 @@
-"""A 3D mesh clipped by a plane, seen from the side that was taken away: whole cells behind it, coloured by quality.
+"""A 3D mesh clipped by a plane, seen from the removed side: whole cells behind it, coloured by quality.
 
 The cells whose centres lie behind the plane, near what moves, keep their shape (no cell is cut, so that a distorted one
 looks distorted); before and after it are the same cells. Of these, the outer facets that face the viewer are projected
@@ -28,10 +28,10 @@ IntArray = NDArray[np.int64]
 _SIDES = (1.0, -1.0, 1.0)
 #: Where the viewer stands, as shares of the plane's normal, the axis to the right and the axis upwards.
 _NORMAL, _RIGHT, _UP = 1.0, 0.55, 0.45
-#: How much darker a facet is that the light only grazes.
+#: How much darker a facet is if the light is parallel to it.
 _SHADE = 0.22
 _NO_NODE = -1
-#: The moving boundary, seen from inside the mesh: what moves has no quality.
+#: Colour of the moving boundary, seen from inside the mesh: it has no quality.
 _BODY = "#b9bdc4"
 
 
@@ -44,7 +44,7 @@ class Facets:
     corners : (f, 4, 2) array
         A triangle repeats its last one.
     cells : (f,) int64 array
-        Whose facets they are.
+        The cell of each facet.
     light : (f,) array
         0 … 1, how much a facet faces the light.
     body : (f,) bool array
@@ -67,7 +67,7 @@ def cells_behind(mesh: Snapshot, plane: Plane, box: FloatArray) -> IntArray:
 
 
 def visible_facets(mesh: Snapshot, chosen: IntArray, axis: int) -> Facets:
-    """The facets that are seen of the chosen cells (s,) along an axis, from the side of :func:`cells_behind`."""
+    """The visible facets of the chosen cells (s,) along an axis, from the side of :func:`cells_behind`."""
     facets, owners = _outer_facets(mesh.cells, chosen)
     towards, right, up = _view(axis)
     places = mesh.points[facets]  # (f, 4, 3); a triangle's last node is repeated
@@ -87,7 +87,7 @@ def visible_facets(mesh: Snapshot, chosen: IntArray, axis: int) -> Facets:
 
 
 def draw_clipped(axes: Any, mesh: Snapshot, chosen: IntArray, axis: int, look: Look) -> Any:
-    """Draw the chosen cells (s,) into matplotlib axes; return what a colour bar needs."""
+    """Draw the chosen cells (s,) into matplotlib axes; return the data for a colour bar."""
     from matplotlib import colormaps  # noqa: PLC0415  (an extra)
     from matplotlib.cm import ScalarMappable  # noqa: PLC0415
     from matplotlib.collections import PolyCollection  # noqa: PLC0415

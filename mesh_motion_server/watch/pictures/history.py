@@ -1,9 +1,9 @@
 """The history of one run, or of several over each other: quality, iterations, seconds, enrichment points, faces.
 
-Of one run the quality panel has the minimum and the mean after each step, the percentiles as bands, what was predicted
-before any node moved as a wide pale line below (where it shows, the prediction was another), what the motion would have
-been without its correction, the threshold, and a mark where a motion was refused. Of several runs it has minimum and
-mean, a colour and a dash a run.
+For one run, the quality panel has the minimum and the mean after each step, the percentiles as bands, the prediction
+before any node moved as a wide pale line below (visible where the prediction differs), the motion without its
+correction, the threshold, and a mark where a motion was refused. For several runs it has minimum and mean, with one
+colour and dash per run.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ __all__ = ["PANELS", "draw_history", "panels_of"]
 
 FloatArray = NDArray[np.float64]
 
-#: More steps than five times this are thinned: beyond it two lie on one pixel of a page.
+#: More steps than five times this are thinned: beyond it, two steps share one pixel of a page.
 _BINS = 1000
-#: So few steps are marked one by one.
+#: Up to this number, each step has its own mark.
 _FEW = 40
-#: What a run of a single step is drawn as: a dash of so many steps to either side.
+#: A run of a single step is drawn as a dash of this many steps to either side.
 _HALF_DASH = 0.25
-#: A first step is cut off if it took so many times what any later one did: it makes the factorizations.
+#: A first step is cut off if it took this many times as long as any later step: it makes the factorizations.
 _TALL = 3.0
 #: Heights, mm: of the quality panel, as a share of the width within limits, and of any other as a share of that.
 _HEIGHT, _LOWEST, _HIGHEST, _SMALL = 0.42, 38.0, 80.0, 0.5
@@ -43,7 +43,7 @@ def panels_of(runs: Sequence[Run]) -> list[str]:
 def draw_history(
     runs: Sequence[Run], page: Page, *, title: str | None = None, panels: Sequence[str] | None = None
 ) -> Any:
-    """A matplotlib figure of the runs' history, to be made and saved within :func:`~.page.styled`.
+    """A matplotlib figure of the runs' history; make and save it within :func:`~.page.styled`.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def draw_history(
     Raises
     ------
     InvalidInput
-        If the runs have not a single step.
+        If the runs have no step.
     """
     if not any(len(run.step) for run in runs):
         raise InvalidInput(
@@ -77,9 +77,7 @@ def draw_history(
     axes[-1].set_xlabel("step")
     axes[-1].xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     low = min(int(run.step[0]) for run in shown if len(run.step))
-    tried = [
-        refused.step for run in shown for refused in run.refused
-    ]  # a step that was refused may not be committed yet
+    tried = [refused.step for run in shown for refused in run.refused]  # a refused step may not be committed yet
     high = max([*(int(run.step[-1]) for run in shown if len(run.step)), *tried])
     axes[-1].set_xlim((low - 0.5, high + 0.5) if low == high else (low, high))
     figure.align_ylabels(list(axes))
@@ -108,7 +106,7 @@ def _draw_quality(axes: Any, runs: Sequence[Run], page: Page) -> None:
 
 
 def _draw_one(axes: Any, run: Run, page: Page) -> None:
-    """Everything that is known of one run."""
+    """Draw all known data of one run."""
     theme, x = page.theme, run.step
     colour, mean = theme.runs[0], theme.runs[2]
     bands = (("p1", "p5", 0.26, "percentiles 1 to 5"), ("p5", "p50", 0.12, "5 to 50"))
@@ -127,7 +125,7 @@ def _draw_one(axes: Any, run: Run, page: Page) -> None:
 
 
 def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
-    """Minimum and mean of each."""
+    """Draw minimum and mean of each run."""
     theme = page.theme
     for number, run in enumerate(runs):
         style = {
@@ -154,20 +152,20 @@ def _draw_refused(axes: Any, runs: Sequence[Run], page: Page) -> None:
 
 
 def _line(axes: Any, x: NDArray[np.int64], y: FloatArray, **style: Any) -> None:
-    """A line of what is known; nothing, and no place in the legend, if that is nothing."""
+    """Draw a line of the known values; without known values no line and no legend entry."""
     if np.isfinite(y).any():
         axes.plot(*_dashed(x, y), **style)
 
 
 def _dashed(x: NDArray[np.int64], *values: FloatArray) -> tuple[FloatArray, ...]:
-    """A single step as three points in a row, since a line through one is not seen; more as they are."""
+    """Return a single step as three points, because a line through one is invisible; more steps unchanged."""
     if len(x) != 1:
         return x.astype(float), *values
     return x + _HALF_DASH * np.array([-1.0, 0.0, 1.0]), *(np.repeat(each, 3) for each in values)
 
 
 def _marks(x: NDArray[np.int64]) -> dict[str, Any]:
-    """How steps are marked one by one where they are few."""
+    """The marker style: each step has a mark if there are few steps."""
     if len(x) > _FEW:
         return {}
     return {"marker": "o", "markersize": 2.5} | ({"markevery": [1]} if len(x) == 1 else {})
@@ -177,7 +175,7 @@ def _marks(x: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _draw_counts(axes: Any, runs: Sequence[Run], page: Page, column: str, name: str) -> None:
-    """A staircase of whole numbers a run."""
+    """Draw integers as a staircase for each run."""
     for number, run in enumerate(runs):
         colour = page.theme.runs[number % len(page.theme.runs)]
         style = page.theme.dashes[number % len(page.theme.dashes)]
@@ -208,7 +206,7 @@ def _draw_orthogonality(axes: Any, runs: Sequence[Run], page: Page) -> None:
 
 
 def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
-    """What the phases of one run took, one on the other; of several runs their sums."""
+    """Draw the phases' seconds: stacked for one run, their sums for several runs."""
     totals = [np.nansum([*run.seconds.values()], axis=0) for run in runs]
     largest = _shown_top(totals)
     unit, factor = ("s", 1.0) if largest >= 1.0 else ("ms", 1e3)
@@ -237,14 +235,14 @@ def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
 
 
 def _shown_top(totals: Sequence[FloatArray]) -> float:
-    """Where the axis ends: at the largest value, or at the largest but the first steps', if those stand far above."""
+    """Upper end of the axis: the largest value, or the largest without the first steps if those are much larger."""
     first = max((float(total[0]) for total in totals if len(total)), default=0.0)
     later = max((float(total[1:].max()) for total in totals if len(total) > 1), default=0.0)
     return later if 0 < later * _TALL < first else max(first, later)
 
 
 _Drawing = Callable[[Any, Sequence[Run], Page], None]
-#: Name of each panel → what draws it, and whether a run has something to show there.
+#: Name of each panel → its drawing function, and whether a run has data for it.
 PANELS: dict[str, tuple[_Drawing, Callable[[Run], bool]]] = {
     "quality": (_draw_quality, lambda _: True),
     "iterations": (_draw_iterations, lambda run: bool(np.any(run.iterations > 1))),

@@ -16,9 +16,9 @@ __all__ = ["Look", "draw_closeup", "draw_mesh", "draw_polygons"]
 
 FloatArray = NDArray[np.float64]
 
-#: Beyond so many polygons the cells become pixels inside SVG and PDF: a polygon takes some 150 bytes there.
+#: Above this number of polygons, the cells become pixels inside SVG and PDF: a polygon takes about 150 bytes there.
 RASTER_ABOVE = 3000
-#: What a close-up shows to each side of the worst cell, in sizes of that cell.
+#: Distance that a close-up shows to each side of the worst cell, in sizes of that cell.
 _AROUND = 3.5
 
 
@@ -32,7 +32,7 @@ class Look:
     title_points, note_points, ring_points : float
         Type of the title and of notes, and diameter of the ring around the worst cell, points.
     notes : bool
-        Whether the worst cell's value is written into the picture; else the ring alone marks it.
+        Whether the picture has the worst cell's value; otherwise only the ring marks the cell.
     """
 
     theme: Theme = LIGHT
@@ -45,7 +45,7 @@ class Look:
 def draw_mesh(
     axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window: FloatArray, look: Look | None = None
 ) -> Any:
-    """Draw a mesh (or its cut) into matplotlib axes and mark the worst cell; return what a colour bar needs.
+    """Draw a mesh (or its cut) into matplotlib axes and mark the worst cell; return the data for a colour bar.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def draw_mesh(
         Where a 3D mesh is cut.
     title : str
     window : (2, 2) array
-        Lower and upper corner of what is shown.
+        Lower and upper corner of the shown part.
     look : Look, optional
     """
     look = look or Look()
@@ -113,7 +113,7 @@ def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, look: Look) -> 
         linewidths=width,
         rasterized=in_pixels,
     )
-    axes.add_collection(colours, autolim=False)  # the window is set, and looking for the extents takes long
+    axes.add_collection(colours, autolim=False)  # the window is set, and computing the extents is slow
     folded = mesh.inverted[polygons.cells]
     if folded.any():
         axes.add_collection(
@@ -136,7 +136,7 @@ def _polygons(mesh: Snapshot, plane: Plane | None) -> Polygons:
 
 
 def _within(polygons: Polygons, window: FloatArray) -> Polygons:
-    """Those that reach into the window, or nearly."""
+    """The polygons that reach into the window, or nearly."""
     margin = 0.05 * (window[1] - window[0])
     low, high = window[0] - margin, window[1] + margin
     corners = polygons.corners
@@ -150,7 +150,7 @@ def _show(axes: Any, window: FloatArray) -> None:
 
 
 def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArray, look: Look) -> None:
-    """A ring around the worst of the cells that are drawn, with its value and, if another one is worse, that one's."""
+    """Draw a ring around the worst drawn cell, with its value and, if another cell is worse, the value of that one."""
     for drawn in np.argsort(mesh.quality[polygons.cells], kind="stable"):
         place = np.unique(polygons.corners[drawn], axis=0).mean(axis=0)
         if ((place >= window[0]) & (place <= window[1])).all():

@@ -1,4 +1,4 @@
-"""The meshes that are drawn before and after, read from where they are stored."""
+"""Read the stored meshes for pictures before and after."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ __all__ = ["pair_of", "played_pair"]
 
 FloatArray = NDArray[np.float64]
 
-#: A boundary node has moved if it is so far from where it was, as a share of the mesh's extent.
+#: A boundary node has moved if its distance from its old position is above this share of the mesh's extent.
 _MOVED = 1e-9
 
 
 def played_pair(folder: Path, metric: str | None = None, first: int | None = None, last: int | None = None) -> MeshPair:
-    """The meshes of a run that ``mesh-motion play`` left in a folder: at opening, and after its worst step.
+    """The meshes of a run that ``mesh-motion play`` wrote to a folder: at opening, and after its worst step.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ def played_pair(folder: Path, metric: str | None = None, first: int | None = Non
     metric : str, optional
         None: size-skew.
     first, last : int, optional
-        Other steps, of those that the series has.
+        Other steps of the series.
 
     Raises
     ------
     InvalidInput
-        If there is no series, or not these steps in it.
+        If there is no series, or it does not have these steps.
     """
     run = read_played(folder, metric)
     series = _series(folder)
@@ -112,6 +112,6 @@ def _file(series: dict[int, Path], step: int, folder: Path) -> Path:
 
 
 def _listed(steps: list[int]) -> str:
-    """Numbers in words, not too many."""
+    """A text with the numbers, shortened if there are many."""
     text = ", ".join(map(str, steps[:8]))
     return text if len(steps) <= 8 else re.sub(r", \d+$", "", text) + f", … {steps[-1]}"

@@ -1,8 +1,8 @@
-"""What makes a figure fit a page: its size in millimetres, its type, and the file that it goes to.
+"""The page of a figure: its size in millimetres, its font size, and its file.
 
-A figure is made at its printed size, so that its type is 7 to 8 points there. Text stays text in SVG and PDF, with the
+A figure is made at its printed size, so that its font has 7 to 8 points there. Text stays text in SVG and PDF, with the
 glyphs that it needs embedded (TrueType in PDF, a subset as a web font in SVG). The file depends on the content alone:
-it has no date, and made again it is the same, byte for byte.
+it has no date, and a new run gives the same bytes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PRESETS: dict[str, tuple[float, float | None]] = {
 _LIMITS_MM = (30.0, 1500.0)
 _MM_PER_INCH = 25.4
 _POINTS = 8.0
-#: A slide is read from afar.
+#: Slides need a larger font, because people read them from a distance.
 _SLIDE_POINTS = 12.0
 
 
@@ -45,12 +45,12 @@ class Page:
     width : float
         mm.
     height : float or None
-        mm; None: what the content asks for.
+        mm; None: the height of the content.
     theme : Theme
     points : float
         Size of the type.
     dpi : int
-        Of PNG, and of what is drawn in pixels inside SVG and PDF.
+        Resolution of PNG, and of pixel images inside SVG and PDF.
     """
 
     width: float = 140.0
@@ -153,7 +153,7 @@ def save(figure: Any, path: Path, page: Page) -> None:
     Raises
     ------
     InvalidInput
-        For another suffix than those of :data:`FORMATS`.
+        For a suffix that is not in :data:`FORMATS`.
     ResourceError
         If the file cannot be written.
     """

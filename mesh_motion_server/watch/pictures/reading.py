@@ -1,4 +1,4 @@
-"""Runs and meshes of whatever folder they are asked for: a session's, or one that ``mesh-motion play`` wrote."""
+"""Read runs and meshes from a session folder, or from a folder that ``mesh-motion play`` wrote."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
     Raises
     ------
     InvalidInput
-        If one is no run.
+        If a folder is not a run.
     """
     _check(metric)
     runs = [_read(folder, metric) for folder in folders]
@@ -51,7 +51,7 @@ def read_pair(folder: Path, metric: str | None = None, first: int | None = None,
     Raises
     ------
     InvalidInput
-        If it is no run, or has not these steps.
+        If it is not a run, or does not have these steps.
     """
     _check(metric)
     if is_played(folder):
@@ -88,5 +88,5 @@ def _check(metric: str | None) -> None:
 
 
 def _distinct(label: str, folder: Path) -> str:
-    """A label that says which of several runs of one name this is."""
+    """A label that distinguishes runs of the same name."""
     return folder.name if folder.name != label else str(folder)

@@ -1,4 +1,4 @@
-"""Runs and meshes of stored sessions: their history, and the state that is stored last."""
+"""Runs and meshes of stored sessions: their history, and the last stored state."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _NAMES = ("min", "mean", "p1", "p5", "p50")
 
 
 def is_session(folder: Path) -> bool:
-    """Whether a session is stored there."""
+    """Whether the folder has a stored session."""
     return (folder / SPEC).is_file()
 
 
 def read_recorded(folder: Path, metric: str | None = None) -> Run:
-    """The run of a stored session, as its history has it.
+    """The run of a stored session, from its history.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def read_recorded(folder: Path, metric: str | None = None) -> Run:
         own = own or event.get("quality", {}).get("metric", "") if event["event"] == "moved" else own
         if event["event"] == "refused" and isinstance(event.get("step"), int):
             refused.append(Refused(event["step"], str(event.get("code", "")), str(event.get("message", ""))))
-        with suppress(KeyError, TypeError, AttributeError):  # as another version may have written it
+        with suppress(KeyError, TypeError, AttributeError):  # another version may have written it
             series.add(_of_metric(event, metric) if metric else event)
     if not len(series):
         raise InvalidInput(
@@ -64,7 +64,7 @@ def read_recorded(folder: Path, metric: str | None = None) -> Run:
 def recorded_pair(
     folder: Path, metric: str | None = None, first: int | None = None, last: int | None = None
 ) -> MeshPair:
-    """The mesh of a stored session as it was uploaded, and as it is stored last.
+    """The uploaded mesh of a stored session, and its last stored state.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def recorded_pair(
     metric : str, optional
         None: the session's own.
     first, last : int, optional
-        No other steps than these two are stored; others are refused.
+        Only these two steps are stored; other steps are refused.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _run(columns: Mapping[str, Any], label: str, metric: str, refused: tuple[Ref
 
 
 def _of_metric(event: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
-    """The event with another metric's numbers in the place of the session's own."""
+    """The event with another metric's numbers instead of those of the session's metric."""
     key = metric.replace("-", "_")
     if event["event"] == "committed":
         return {**event, "quality": {**event["quality"], "metric": event["quality"].get(key, {})}}

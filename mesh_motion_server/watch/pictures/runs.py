@@ -1,4 +1,4 @@
-"""A run's history as columns, whichever folder it is read from."""
+"""A run's history as columns, from any kind of folder."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Refused:
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """What is known of the cells' quality after each step; NaN where it is not.
+    """The cells' quality after each step; NaN where unknown.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Quality:
     p50: FloatArray
 
     def rows(self, chosen: IntArray | slice | NDArray[np.bool_]) -> Quality:
-        """The same of some steps."""
+        """The quality of some steps."""
         return Quality(*(getattr(self, name)[chosen] for name in ("minimum", "mean", "p1", "p5", "p50")))
 
 
@@ -62,21 +62,21 @@ class Run:
     ----------
     label : str
     metric : str
-        What ``actual`` and ``predicted`` are of.
+        The metric of ``actual`` and ``predicted``.
     threshold : float or None
         The quality below which motions are corrected; None: unknown, or of another metric.
     step : (s,) int64 array
         Committed steps, ascending.
     actual, predicted : Quality
-        Of the committed coordinates; told by the server before any node moved.
+        Quality of the committed coordinates; prediction of the server before any node moved.
     standard : (s,) array
         The minimum predicted for the motion without its correction.
     iterations, enrichment_points : (s,) arrays
     seconds : dict of str to (s,) arrays
-        Of each phase, all iterations together.
+        Seconds of each phase, summed over all iterations.
     total_seconds : (s,) array
     non_orthogonality : (s,) array
-        The largest of all faces, degrees; NaN where it is not known.
+        The largest of all faces, degrees; NaN where unknown.
     refused : tuple of Refused
     """
 
@@ -95,7 +95,7 @@ class Run:
     refused: tuple[Refused, ...] = field(default=())
 
     def between(self, first: int | None, last: int | None) -> Run:
-        """The same of the steps ``first`` to ``last`` (None: from the begin, to the end).
+        """The run from step ``first`` to ``last`` (None: from the beginning, to the end).
 
         Raises
         ------
@@ -140,12 +140,12 @@ class Run:
 
 
 def is_played(folder: Path) -> bool:
-    """Whether ``mesh-motion play`` has left its results there."""
+    """Whether the folder has results of ``mesh-motion play``."""
     return (folder / "steps.csv").is_file()
 
 
 def read_played(folder: Path, metric: str | None = None) -> Run:
-    """The run whose results ``mesh-motion play`` left in a folder.
+    """Read the run whose results ``mesh-motion play`` wrote to a folder.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
     Raises
     ------
     InvalidInput
-        If its ``steps.csv`` is not one.
+        If its ``steps.csv`` is not valid.
     """
     metric = metric or METRICS[0]
     table = _read_steps(folder / "steps.csv")
@@ -201,7 +201,7 @@ def _read_steps(path: Path) -> dict[str, FloatArray]:
 
 
 def _read_summary(path: Path) -> Mapping[str, Any]:
-    """summary.json, or nothing: the steps alone make a picture."""
+    """Read summary.json, or return nothing: the steps are enough for a picture."""
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""A mesh at one time, as far as a picture needs it, and which part of it a picture shows."""
+"""A mesh at one time for a picture, and the part of it that a picture shows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MARGIN, _MARGIN_3D = 0.5, 0.2
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A mesh at one time, as far as a picture needs it.
+    """A mesh at one time, with the data that a picture needs.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Snapshot:
     moving : (k,) int64 array
         The moving nodes.
     folded : (m,) bool array, optional
-        Which cells are inverted; without it those of quality 0 or less, as of a metric with the size in it.
+        Which cells are inverted; if omitted, those of quality 0 or less, as for a metric that includes the size.
     """
 
     step: int
@@ -62,7 +62,7 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Plane:
-    """Where a 3D mesh is cut: x[axis] = position. In 2D there is none."""
+    """The cut of a 3D mesh: x[axis] = position. A 2D mesh has no plane."""
 
     axis: int
     position: float

@@ -1,4 +1,4 @@
-"""SVG whose text is text, with the glyphs that it needs inside: it looks the same where the font is not installed.
+"""Write SVG with real text and embedded glyphs: it looks the same on systems without the font.
 
 matplotlib writes either outlines, which nobody can search or edit, or bare text, which needs the font. Here the text
 stays, and a subset of each face in use is embedded as a web font (WOFF), which browsers read; other readers find the
@@ -22,7 +22,7 @@ _DEFS = re.compile(r"<defs>\s*<style type=\"text/css\">")
 
 
 def write_svg(figure: Any, file: BinaryIO, *, dpi: int, metadata: Mapping[str, Any]) -> None:
-    """Write a matplotlib figure as SVG with embedded fonts; ``dpi`` is that of what is drawn in pixels."""
+    """Write a matplotlib figure as SVG with embedded fonts; ``dpi`` applies to pixel images in it."""
     text = io.StringIO()
     figure.savefig(text, format="svg", dpi=dpi, metadata=dict(metadata))
     file.write(embed_fonts(text.getvalue()).encode())
@@ -44,7 +44,7 @@ def _face(bold: bool, letters: set[str]) -> str:
     from matplotlib.font_manager import FontProperties, findfont  # noqa: PLC0415  (an extra)
 
     weight = "bold" if bold else "normal"
-    # the font's own dates and no others: the same picture is the same file
+    # keep the font's own dates: the same picture gives the same file
     options = subset.Options(flavor="woff", layout_features=[], recalc_timestamp=False, notdef_outline=True)
     options.drop_tables += ["FFTM"]
     data = io.BytesIO()

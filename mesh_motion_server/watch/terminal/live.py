@@ -1,4 +1,4 @@
-"""The live view: one look after another on the terminal's other screen, until ``q``."""
+"""The live view: repeats the table on the terminal's alternate screen until ``q``."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ _ROWS_OF_DETAILS = 20
 
 
 def watch(source: Source, session: str | None, every: float) -> int:
-    """Show the sessions every so many seconds; returns the exit status.
+    """Show the sessions every ``every`` seconds; return the exit status.
 
-    A session that is not there yet, and a folder or server that is gone, are waited for.
+    If a session does not exist yet, or the folder or server is gone, the view waits for it.
     """
     console, keyboard = Console(), sys.stdin.fileno()
     look, read_at = Look([]), 0.0
     try:
         with _single_keys(keyboard), Live(console=console, screen=True, auto_refresh=False) as live:
-            signal.signal(signal.SIGTERM, _end)  # Live then leaves the other screen
+            signal.signal(signal.SIGTERM, _end)  # Live then leaves the alternate screen
             while True:
                 trouble = ""
                 try:
@@ -53,7 +53,7 @@ def watch(source: Source, session: str | None, every: float) -> int:
 
 
 def _pressed(keyboard: int) -> bytes:
-    """Keys; ends the process when the terminal is gone, for nothing can be restored on it."""
+    """Read pressed keys; end the process if the terminal is gone, because it cannot be restored."""
     with suppress(OSError):
         if keys := os.read(keyboard, 64):
             return keys

@@ -1,4 +1,4 @@
-"""Where the terminal reads sessions: the folders of a server, which need no server, or a server's own list."""
+"""The terminal's sources of sessions: the folders of a server (without a server), or the list of a running server."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mesh_motion_server.watch.terminal.text import number
 
 __all__ = ["Details", "EndpointSource", "FolderSource", "SessionLine", "Source", "Unreadable"]
 
-#: How much of the end of a history is read: some thousand Moves, in less than a second.
+#: Bytes that are read at the end of a history: some thousand Moves, in less than a second.
 _LATEST_BYTES = 8 << 20
 _MOST_MESSAGES = 100
 _UNKNOWN = Verdict("", "", "", 0.0)
@@ -42,7 +42,7 @@ class Unreadable(Exception):
 @dataclass(frozen=True)
 class SessionLine:
     """A session in the list: the last committed step, its lowest quality, the Unix times of the last event and the last
-    commit, whether a process holds the session, and how it stands. None: not known.
+    commit, whether a process holds the session, and its verdict. None: unknown.
     """
 
     session: str
@@ -71,7 +71,7 @@ class Details:
     lowest : (int, float) or None
         Step and value of the lowest minimum of the steps that were read.
     trial : str
-        The trial since the last commit, in words; empty: none.
+        A text on the trial since the last commit; empty: none.
     worst : list of dict
         The worst cells of the last commit, worst first, as SPEC.md's summaries have them.
     messages : list of dict
@@ -89,7 +89,7 @@ class Details:
 
 
 class Source(Protocol):
-    """Where sessions are read; ``where`` is its address for people."""
+    """A source of sessions; ``where`` is its address as text."""
 
     where: str
 
@@ -200,7 +200,7 @@ def _line(view: SessionView, latest: Latest) -> SessionLine:
 
 
 class _HistoryEnd:
-    """The end of one session's history, read as it grows."""
+    """The end of one session's history, read while it grows."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -255,5 +255,5 @@ class _HistoryEnd:
 
 
 def _in_order(lines: Iterable[SessionLine]) -> list[SessionLine]:
-    """An order that stays while no session comes or goes."""
+    """The lines in an order that is stable while no session is added or removed."""
     return sorted(lines, key=lambda line: (not line.is_live, not line.label, line.label, line.session))

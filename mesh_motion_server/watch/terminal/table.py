@@ -1,4 +1,4 @@
-"""One look at the sessions: a table and the details of one session, for a screen, as text or as JSON values."""
+"""The sessions at one time: a table and the details of one session, for a screen, as text or as JSON values."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MESSAGES = 10
 
 @dataclass(frozen=True)
 class Look:
-    """What was found at one time: the sessions, the place of the chosen one (-1: none), its details."""
+    """The state at one time: the sessions, the index of the chosen one (-1: none), its details."""
 
     lines: list[SessionLine]
     chosen: int = -1
@@ -37,13 +37,13 @@ class Look:
 
 
 def look_at(source: Source, wanted: str | None) -> Look:
-    """Read the sessions, and the details of the one ``wanted`` by label or begin of its id, else of the last changed.
+    """Read the sessions, and the details of ``wanted`` (a label or the beginning of an id), else of the last changed.
 
     Raises
     ------
     Unreadable
     SessionError
-        NOT_FOUND, if no session is the wanted one.
+        NOT_FOUND, if no session matches.
     """
     lines = source.sessions()
     chosen = _place(lines, wanted)
@@ -51,7 +51,7 @@ def look_at(source: Source, wanted: str | None) -> Look:
 
 
 def without_server(look: Look, since: float) -> Look:
-    """The last look, when nothing can be read any more since a Unix time."""
+    """The last look, for a server that has not been readable since a Unix time."""
     return replace(look, lines=[replace(line, verdict=server_gone(since)) for line in look.lines])
 
 
@@ -94,7 +94,7 @@ def _table(look: Look, most_rows: int) -> Table:
     now = time.time()
     for place, line in enumerate(look.lines[first : first + most_rows], start=first):
         stands = line.verdict
-        # of a session that runs it is since when there was no commit, which has a column of its own
+        # for a running session this is the time of the last commit, which has its own column
         since = age(now - stands.since) if stands.since and stands.kind != "running" else ""
         committed = f"{age(now - line.committed_at)} ago" if line.committed_at else ""
         table.add_row(
@@ -134,7 +134,7 @@ def _quality(details: Details) -> list[Text]:
 
 
 def _cell_words(cell: dict[str, Any]) -> str:
-    """A cell's value, its sender's name for it, and its place."""
+    """Text with a cell's value, the client's name for it, and its position."""
     centre = ", ".join(f"{value:.4g}" for value in cell.get("centre") or ())
     partition = f" of partition {cell['partition']}" if cell.get("partition") else ""
     place = f" at ({centre})" if centre else ""

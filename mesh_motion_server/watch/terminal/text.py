@@ -1,4 +1,4 @@
-"""Words and numbers as a terminal may show them."""
+"""Text and numbers that are safe to show on a terminal."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import unicodedata
 
 __all__ = ["age", "number", "plain"]
 
-#: Marks over one letter beyond which more are dropped: towers of them reach into other lines.
+#: Maximum number of combining marks on one letter; more are dropped, because they would overlap other lines.
 _MOST_MARKS = 2
 
 
@@ -27,7 +27,7 @@ def plain(text: object) -> str:
 
 
 def number(value: float | None) -> str:
-    """A quality, or ``–`` where it is not known."""
+    """A quality, or ``–`` if unknown."""
     return "–" if value is None or math.isnan(value) else f"{value:.3f}"
 
 

@@ -1,11 +1,11 @@
-// A chosen session that the list has not: it was discarded, is not opened yet, or others changed later than a list is long.
+// A chosen session that is not in the list: it was discarded, is not opened yet, or is too old for the list.
 
 import { ask } from "./live.js";
 import { byId, clock, element, quality, short } from "./format.js";
 
 const ID = /^[0-9a-f]{32}$/;
 
-/** What a link to a session asks for; nothing where it asks for something else of the page. */
+/** The session that a link names; nothing if the link names another part of the page. */
 export const linked = () => (ID.test(location.hash.slice(1)) ? location.hash.slice(1) : "");
 
 const called = (session) => (session.label ? `“${session.label}” (${short(session.session)})` : `Session ${short(session.session)}`);
@@ -22,20 +22,20 @@ async function has(session) {
 }
 
 export class Absent {
-  /** choose(id) when somebody takes the session that is offered. */
+  /** choose(id) is called when the user accepts the offered session. */
   constructor(choose) {
     this.place = byId("ended");
     this.choose = choose;
     this.leave();
   }
 
-  /** The chosen one is there. */
+  /** The chosen session exists. */
   leave() {
     this.found = "";
     this.place.replaceChildren();
   }
 
-  /** What is with the session `chosen`; asked once. known: as the list had it last, if it ever did; false: nothing new. */
+  /** Find the state of the session `chosen`, with one request. known: its last entry in the list, if any; false: no news. */
   async look(chosen, known, sessions) {
     if (this.found === chosen) return false;
     const there = await has(chosen);

@@ -6,7 +6,7 @@ const WHEEL = 0.0016;
 const CLICK_PIXELS = 4;
 
 export class Camera {
-  /** changed() when the view is another; clicked(x, y) in pixels. */
+  /** changed() is called when the view changes; clicked(x, y) in pixels. */
   constructor(canvas, changed, clicked) {
     this.canvas = canvas;
     this.changed = changed;
@@ -21,7 +21,7 @@ export class Camera {
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
   }
 
-  /** Everything in sight: the mesh lies in −1 … 1. */
+  /** Show everything: the mesh lies in −1 … 1. */
   fit(reach = [1, 1]) {
     this.reach = reach;
     this.target = [0, 0, 0];
@@ -63,7 +63,7 @@ export class Camera {
     this.changed();
   }
 
-  /** Closer by a factor; what is under (x, y) pixels from the centre stays there. */
+  /** Zoom by a factor; the point at (x, y) pixels from the centre stays fixed. */
   zoom(factor, x = 0, y = 0) {
     const half = Math.min(10, Math.max(1e-5, this.half * factor));
     const kept = (1 - half / this.half) * this.pixel;
@@ -103,7 +103,7 @@ export class Camera {
   }
 
   up(event) {
-    if (!this.pointers.delete(event.pointerId)) return; // pressed somewhere else
+    if (!this.pointers.delete(event.pointerId)) return; // pressed outside the canvas
     const moved = Math.hypot(event.offsetX - this.start[0], event.offsetY - this.start[1]);
     if (moved < CLICK_PIXELS) this.clicked(event.offsetX, event.offsetY);
   }
@@ -115,7 +115,7 @@ export class Camera {
     this.zoom(Math.exp(WHEEL * pixels), event.offsetX - width / 2, event.offsetY - height / 2);
   }
 
-  /** Whether the key was one of ours. */
+  /** Handle a key; return whether it was used. */
   key(event) {
     const step = KEY_STEP * this.half;
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };

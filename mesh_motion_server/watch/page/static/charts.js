@@ -1,16 +1,16 @@
-// One chart over steps: uPlot inside, around it a legend of buttons, keys, and a description for those who do not see it.
+// One chart over steps: uPlot inside, around it a legend of buttons, keys, and a text description for screen readers.
 
 import { css, drawing, element } from "./format.js";
 
-// whole pixels: uPlot reads no others where a screen has several to one
+// whole pixels: uPlot needs integers on high-density screens
 const FONT = '12px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 const KEY_SHARE = 0.02;
-/** So few steps are points too: a line through one step cannot be seen. */
+/** Up to this number, steps are also drawn as points: a line through one step is invisible. */
 const FEW = 40;
 
 /**
- * series: [{name, label, colour (a custom property), width, dash}]; stacked: areas upon each other;
- * threshold: () => number; range: of y; value: number → text; zoomed(min, max): somebody has asked for these steps; chosen(step): for this one.
+ * series: [{name, label, colour (a custom property), width, dash}]; stacked: stacked areas;
+ * threshold: () => number; range: of y; value: number → text; zoomed(min, max): the user selects these steps; chosen(step): this step.
  */
 export class Chart {
   constructor(host, options) {
@@ -31,7 +31,7 @@ export class Chart {
     return this.options.series;
   }
 
-  /** Other names to be drawn: phases come to be known as they happen. */
+  /** Set new series names: new phases may appear during the session. */
   setSeries(series) {
     if (series.map((one) => one.name).join() === this.series.map((one) => one.name).join()) return;
     for (const one of series) if (!this.shown.has(one.name)) this.shown.set(one.name, true);
@@ -71,7 +71,7 @@ export class Chart {
     };
   }
 
-  /** Of stacked areas the tallest sum is drawn first and covered by the next. */
+  /** Stacked areas: the largest sum is drawn first, the next one covers it. */
   drawnOrder() {
     return this.options.stacked ? [...this.series].reverse() : this.series;
   }
@@ -92,7 +92,7 @@ export class Chart {
     this.say();
   }
 
-  /** All steps there are, or the asked ones: [first, last]. */
+  /** The requested steps, or all steps: [first, last]. */
   zoom(window) {
     this.window = window ? { min: window[0], max: window[1] } : null;
     this.plot.setScale("x", this.window ?? this.whole());
@@ -148,7 +148,7 @@ export class Chart {
     pen.restore();
   }
 
-  /** A line at the step that is shown; none at the latest (null). */
+  /** Draw a line at the shown step; no line for the latest step (null). */
   mark(step) {
     this.marked = step;
     this.plot.redraw(false);
@@ -161,7 +161,7 @@ export class Chart {
     pen.fillRect(valToPos(step, "x", true) - devicePixelRatio, bbox.top, 2 * devicePixelRatio, bbox.height);
   }
 
-  /** The step under the cursor, unless somebody has drawn over some to come closer. */
+  /** Choose the step under the cursor, unless the user has dragged to zoom. */
   choose() {
     const { cursor, select } = this.plot;
     if (cursor.idx !== null && cursor.idx !== undefined && !select.width) this.options.chosen(this.columns.step[cursor.idx]);

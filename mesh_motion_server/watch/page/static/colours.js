@@ -1,5 +1,6 @@
-// The map "viridis" (van der Walt and Smith, SciPy 2015), as in the pictures of `mesh-motion plot`: even in lightness, in order also
-// without colour and for colour-blind eyes. A quality has one colour, by day and by night, here and there.
+// The map "viridis" (van der Walt and Smith, SciPy 2015), as in the pictures of `mesh-motion plot`: lightness is uniform;
+// the order is visible also without colour and for colour-blind readers. A quality has the same colour
+// in light and dark mode, here and in pictures.
 
 const VIRIDIS = (
   "440154 460c5f 47186a 482273 472c7b 453681 424085 3e4989 3a528b 365a8c 32628d 2f6a8d 2c728e 287a8e 26818e 23898d 20908c " +

@@ -1,13 +1,13 @@
-// Warnings, refusals and turns of a session's life: a list that only changes where there is news, and for those who listen a log
-// in which each piece of news is put once. The list is no log itself: to open another session would read it out from top to end.
+// Warnings, refusals and state changes of a session: a list that changes only for news, and for screen readers a log that
+// gets each message once. The list itself is not a log: a screen reader would read it completely for each opened session.
 
 import { arrange, byId, clock, element } from "./format.js";
 
 const TONES = { warning: "warn", refused: "bad", failed: "bad", boundary_ended: "warn", suspended: "warn", frozen: "bad" };
 const LIFE = { resumed: "resumed", suspended: "suspended: no holder within the lease", joined: "a client joined again", frozen: "frozen: the disk failed", closed: "closed, kept", failed: "failed", boundary_ended: "boundary log ended" };
-/** Of more that come at a time the rest is counted. */
+/** Maximum number of messages announced at a time; the rest is counted. */
 const ANNOUNCED = 3;
-/** What repeats is announced again after so long. */
+/** Time after which a repeated message is announced again. */
 const REPEAT_SECONDS = 60;
 const LOG_LINES = 12;
 
@@ -30,7 +30,7 @@ function content(event) {
   return parts;
 }
 
-/** Names of events, newest first, that stay as more come: several of one moment may say the same. */
+/** Stable names of events, newest first; several events of one moment may have the same text. */
 function named(notable) {
   const seen = new Map();
   const names = notable.toReversed().map((event) => {
@@ -49,7 +49,7 @@ export class Events {
     this.session = "";
   }
 
-  /** notable: newest first; told: how many there were in all. */
+  /** notable: newest first; told: total number of events. */
   show(session, notable, told) {
     const count = told > notable.length ? `${told} in all` : "";
     if (byId("events-count").textContent !== count) byId("events-count").textContent = count;
@@ -78,7 +78,7 @@ export class Events {
     return { key, row };
   }
 
-  /** What has come since the last look; what was there before is read at leisure. */
+  /** Announce the events since the last update; older ones are not announced. */
   announce(notable, names) {
     const news = notable.map((event, k) => [event, names[k]]).filter(([event, name]) => event.at > this.latest && event.at - (this.spokenAt.get(name) ?? -Infinity) > REPEAT_SECONDS);
     for (const [event, name] of news) this.spokenAt.set(name, event.at);

@@ -1,4 +1,4 @@
-// Numbers and times as people read them, and elements made without markup: what a client calls itself stays text.
+// Readable numbers and times, and elements made without markup: the names that clients send stay plain text.
 
 export const quality = (value) => (value === null || value === undefined || Number.isNaN(value) ? "–" : value.toFixed(3));
 
@@ -14,14 +14,14 @@ export function seconds(value) {
 
 export const coordinates = (place) => place.map((x) => (x === null ? "–" : Number(x.toPrecision(4)).toString())).join(", ");
 
-/** The time, and the date where it is not today's. */
+/** The time, and the date if it is not today. */
 export function clock(at) {
   const when = new Date(1000 * at);
   const time = when.toLocaleTimeString("en-GB");
   return when.toDateString() === new Date().toDateString() ? time : `${when.toLocaleDateString("sv")} ${time}`;
 }
 
-/** Seconds as people say them. */
+/** A duration as readable text. */
 export function duration(passed) {
   const [size, unit] = passed < 120 ? [1, "s"] : passed < 7200 ? [60, "min"] : passed < 172800 ? [3600, "h"] : [86400, "days"];
   return `${Math.max(0, passed / size).toFixed(0)} ${unit}`;
@@ -50,14 +50,14 @@ export function drawing(name, attributes, ...children) {
   return made;
 }
 
-/** Make these the children, in this order, and touch none that is in its place: a press, a selection, a focus in it stays. */
+/** Set the children in this order; do not touch those already in place, so that a press, selection or focus in them stays. */
 export function arrange(parent, children) {
   const wanted = new Set(children);
   for (const child of [...parent.children]) if (!wanted.has(child)) child.remove();
   children.forEach((child, k) => parent.children[k] !== child && parent.insertBefore(child, parent.children[k] ?? null));
 }
 
-/** Write where it reads otherwise: what is written anew is read out anew. */
+/** Set the text only if it differs: a screen reader reads new text again. */
 export function write(place, text) {
   if (place.textContent !== text) place.textContent = text;
 }

@@ -1,10 +1,10 @@
-// The charts of a session and the table of their figures; thinned to what a screen shows, closer where somebody zooms.
+// The charts of a session and the table of their figures; thinned to the screen's resolution, finer when the user zooms.
 
 import { ask } from "./live.js";
 import { Chart } from "./charts.js";
 import { byId, element, quality, seconds } from "./format.js";
 
-/** Points asked for: about two a pixel of a wide screen, of which one is the minimum of its neighbours. */
+/** Number of requested points: about two per pixel of a wide screen, one of them the minimum of its neighbours. */
 const POINTS = 1500;
 const TABLE_ROWS = 60;
 const PHASES = ["--phase-0", "--phase-1", "--phase-2", "--phase-3", "--phase-4"];
@@ -28,7 +28,7 @@ function least(columns, name) {
 }
 
 export class History {
-  /** failed(error) when what somebody zoomed to does not come; chosen(step) when somebody picks one, null: the latest. */
+  /** failed(error): the zoomed range cannot be loaded; chosen(step): the user picks a step, null: the latest. */
   constructor(failed, chosen) {
     this.failed = failed;
     this.chosen = chosen;
@@ -101,12 +101,12 @@ export class History {
     );
   }
 
-  /** Another session, or news of this one; series are fetched where they have changed. */
+  /** Show another session, or news of this one; changed series are fetched. */
   async follow(session) {
     const anew = session.session !== this.session?.session || session.whole !== this.session.whole;
     if (session.session !== this.session?.session) this.window = null;
     this.session = session;
-    // steps that are over do not change
+    // past steps do not change
     if (!anew && this.loaded && Array.isArray(this.window) && this.window[1] < (last(this.columns.step) ?? 0)) return;
     if (versioned(session) !== this.loaded) await this.load();
   }
@@ -119,7 +119,7 @@ export class History {
     return this.window;
   }
 
-  /** At most one question at a time; what has changed meanwhile is asked for behind it. */
+  /** At most one request at a time; changes in the meantime are requested after it. */
   async load() {
     if (this.loading) {
       this.again = true;
@@ -175,7 +175,7 @@ export class History {
     await this.load().catch((error) => this.failed(error));
   }
 
-  /** The step that is shown, null: the latest. */
+  /** Set the shown step; null: the latest. */
   at(step) {
     this.step = step;
     const { step: steps } = this.columns;

@@ -1,4 +1,4 @@
-// The list of sessions: a listbox that arrow keys walk through.
+// The list of sessions: a listbox with arrow-key navigation.
 
 import { arrange, byId, drawing, element, quality, short, write } from "./format.js";
 
@@ -19,7 +19,7 @@ function spark(values, threshold) {
 }
 
 export class List {
-  /** choose(id) when one is taken; verdictOf(session): how it stands, {kind, tone, why, since}. */
+  /** choose(id): the user chooses a session; verdictOf(session): its state, {kind, tone, why, since}. */
   constructor(choose, verdictOf) {
     this.verdictOf = verdictOf;
     this.box = byId("sessions");
@@ -55,7 +55,7 @@ export class List {
     for (const known of this.drawn.keys()) if (!sessions.some((session) => session.session === known)) this.drawn.delete(known);
   }
 
-  /** Those that somebody works with first, and else each where it was: rows that change places are missed by the mouse. */
+  /** Sessions in use come first, the others keep their places: users miss rows that move. */
   inOrder(sessions) {
     const places = new Map(this.sessions.map((session, k) => [session.session, k]));
     const place = (session) => places.get(session.session) ?? -1; // new ones come first
@@ -63,7 +63,7 @@ export class List {
     return sessions.toSorted((a, b) => rests(a) - rests(b) || place(a) - place(b));
   }
 
-  /** A session's row, which stays the same as long as it is listed. */
+  /** A session's row; it stays the same element as long as the session is listed. */
   row(session) {
     const drawn = this.drawn.get(session.session) ?? this.made(session.session);
     const { row } = drawn;

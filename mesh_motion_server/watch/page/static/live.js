@@ -1,10 +1,10 @@
-// The line to the server: server-sent events, which reconnect, and a word when nothing has come for too long.
+// The connection to the server: server-sent events, which reconnect, and a message if nothing arrives for too long.
 
 const SILENT_SECONDS = 15;
 const RETRY_SECONDS = 2;
 
 export class Live {
-  /** hear(sessions) for each list; standing(gone, since, why) when the line falls or comes back. */
+  /** hear(sessions): for each list; standing(gone, since, why): when the connection is lost or restored. */
   constructor(hear, standing) {
     this.hear = hear;
     this.standing = standing;
@@ -27,7 +27,7 @@ export class Live {
     this.tried = Date.now();
   }
 
-  /** A page in the background has no line: a browser makes only six to one server, and the server reads for each. */
+  /** A page in the background is not connected: a browser allows only six connections to one server, and each costs reading. */
   turn() {
     if (document.hidden) this.source?.close();
     else if (!this.source || this.source.readyState === EventSource.CLOSED) {
@@ -52,7 +52,7 @@ export class Live {
     }
   }
 
-  /** The line was refused, not cut: a stream tells no reason, another question does. */
+  /** The connection was refused, not lost: a stream gives no reason, so ask with another request. */
   async why() {
     const reply = await fetch("api/live", { method: "HEAD", cache: "no-store" }).catch(() => null);
     if (reply?.status === 503 && this.gone) this.standing(true, this.last, "too many pages listen");
@@ -62,7 +62,7 @@ export class Live {
     if (document.hidden) return;
     const now = Date.now();
     if (now - this.last > 1000 * SILENT_SECONDS) this.fell();
-    // a browser tries again by itself, but gives up after some refusals; a line that is being made is left in peace
+    // a browser reconnects by itself, but stops after some refusals; do not disturb a connection in progress
     const pause = this.source.readyState === EventSource.CLOSED ? RETRY_SECONDS : SILENT_SECONDS;
     if (this.gone && now - this.tried > 1000 * pause) this.connect();
   }

@@ -1,8 +1,8 @@
-// Cells of the mesh that is drawn, which may be of an earlier step than what else is known of the session.
+// Cells of the drawn mesh, which may be from an earlier step than the other data of the session.
 
 const WORST = 10;
 
-/** Numbers of the worst cells that are drawn, the worst first; inverted ones come before all others. */
+/** Numbers of the worst drawn cells, the worst first; inverted cells come before all others. */
 export function worstDrawn({ quality, inverted }) {
   const rank = (cell) => (inverted[cell] ? -10 : 0) + quality[cell];
   const worst = [];
@@ -23,5 +23,5 @@ export function centresDrawn({ triangles, owners, points }, cells) {
   return [...nodes.values()].filter((found) => found.size).map((found) => [0, 1, 2].map((k) => mean([...found], k)));
 }
 
-/** The number of a cell that its sender calls so; -1 where it is not drawn. */
+/** The number of the cell with the client's name; -1 if it is not drawn. */
 export const numberDrawn = ({ types, kind, partition, local }, cell) => local.findIndex((id, k) => id === cell.cell && partition[k] === cell.partition && types[kind[k]] === cell.type);

@@ -1,4 +1,4 @@
-// The mesh and its tools: fetched while somebody can see it, at most every few seconds; cells tell who they are.
+// The mesh and its tools: fetched while it is visible, at most every few seconds; a click on a cell shows its name.
 
 import { ask } from "./live.js";
 import { Camera } from "./camera.js";
@@ -7,15 +7,15 @@ import { paintScale } from "./colours.js";
 import { byId, coordinates, plural, quality, whole, write } from "./format.js";
 
 const SECONDS = 3;
-/** And so many times as long as it takes to come and to be drawn, but not longer than this: a slow line or browser stays free. */
+/** Pause as a multiple of the time to load and draw, and its maximum: a slow connection or browser is not overloaded. */
 const [REST, LONGEST_SECONDS] = [9, 60];
-/** What failed is asked again after so long. */
+/** Time after which a failed request is repeated. */
 const RETRY_SECONDS = 15;
 /** Pixels of the view's height. */
 const [SMALLEST, LARGEST] = [240, 430];
 const VIEWS = { f4: Float32Array, u4: Uint32Array, u1: Uint8Array };
 
-/** A view as drawing.py packs it; what is the same as before is taken from there. */
+/** Unpack a view from drawing.py; unchanged parts come from the previous view. */
 function unpack(buffer, before) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
@@ -81,7 +81,7 @@ export class MeshPanel {
     this.draw();
   }
 
-  /** Another session, or news of this one with what its detail says. */
+  /** Show another session, or news of this one from its detail. */
   follow(session, detail) {
     if (session.session !== this.session?.session) {
       this.mesh = null;
@@ -92,13 +92,13 @@ export class MeshPanel {
     }
     this.session = session;
     this.enrichment = detail.enrichment_points ?? [];
-    this.worst = detail.standing; // a trial's prediction is of other coordinates than those that are drawn
+    this.worst = detail.standing; // a trial's prediction belongs to other coordinates than the drawn ones
     this.stale = true;
     this.marks();
     this.refresh();
   }
 
-  /** There is nothing more to come of it. */
+  /** The session will send no more meshes. */
   leave() {
     this.stale = false;
   }
@@ -120,16 +120,16 @@ export class MeshPanel {
     let pause = SECONDS;
     const { session } = this.session;
     const begun = performance.now();
-    const before = this.mesh; // what the answer leaves out is there, though somebody may look elsewhere meanwhile
+    const before = this.mesh; // has the parts that the answer leaves out, even if the user changes the session in the meantime
     try {
       const reply = await ask(`api/sessions/${session}/mesh?have=${before?.key ?? ""}&seen=${before?.stamp ?? ""}`);
       const mesh = unpack(await reply.arrayBuffer(), before);
       if (session === this.session.session) this.take(mesh);
       pause = Math.min(LONGEST_SECONDS, Math.max(SECONDS, (REST * (performance.now() - begun)) / 1000));
     } catch (error) {
-      this.note(error.status === 404 && this.mesh ? "" : error.message); // the page tells that a session was discarded
+      this.note(error.status === 404 && this.mesh ? "" : error.message); // the page itself reports a discarded session
       pause = RETRY_SECONDS;
-      this.stale = ![400, 404].includes(error.status); // what is refused for what it is, is refused again
+      this.stale = ![400, 404].includes(error.status); // these errors would occur again
     }
     this.waiting = setTimeout(() => {
       this.goOn();
@@ -147,7 +147,7 @@ export class MeshPanel {
   take(mesh) {
     const isDrawn = mesh.key === this.mesh?.key && mesh.stamp === this.mesh.stamp;
     this.mesh = mesh;
-    if (mesh.committed < this.session.step) this.stale = true; // made for somebody else a moment ago
+    if (mesh.committed < this.session.step) this.stale = true; // a recent answer for another reader
     this.note(this.whatIsShown(mesh));
     byId("mesh-inside").hidden = mesh.dimension < 3;
     byId("threshold-mark").style.left = `${100 * Math.min(1, Math.max(0, mesh.threshold))}%`;
@@ -212,7 +212,7 @@ export class MeshPanel {
     this.camera.fit(reach);
   }
 
-  /** As high as the mesh needs at the width there is. */
+  /** Set the height that the mesh needs at the available width. */
   size() {
     const { clientWidth: width } = this.canvas;
     const wanted = this.camera.flat && this.reach ? width * (this.reach[1] / this.reach[0]) * 1.15 : 0.85 * width;

@@ -57,7 +57,7 @@ export class Scene {
   constructor(canvas) {
     this.canvas = canvas;
     this.renderer = new three.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
-    this.renderer.outputColorSpace = three.LinearSRGBColorSpace; // colours are given as they shall be seen
+    this.renderer.outputColorSpace = three.LinearSRGBColorSpace; // colours are already display colours
     this.camera = new three.OrthographicCamera(-1, 1, 1, -1, 0.01, 40);
     this.scene = new three.Scene();
     const map = new three.DataTexture(new Uint8Array(table()), 256, 1);
@@ -104,13 +104,13 @@ export class Scene {
     }
   }
 
-  /** mesh: header and arrays as they came; see drawing.py. */
+  /** mesh: header and arrays as received; see drawing.py. */
   show(mesh, inside) {
     const flat = mesh.dimension < 3;
     this.uniforms.lit.value = flat ? 0 : 1;
     this.fill(this.walls, mesh, 0);
     this.fill(this.inner, mesh, 1);
-    // walls seen from the fluid's side: those in front of it are left out, bodies inside stay
+    // walls are seen from the fluid's side: walls in front of it are left out, bodies inside stay
     this.walls.material.side = flat || !inside ? three.DoubleSide : three.BackSide;
     this.place(this.edges, mesh, mesh.edges);
     this.place(this.outline, mesh, mesh.outline);
@@ -126,7 +126,7 @@ export class Scene {
     const values = new Float32Array(3 * count);
     for (let t = 0, k = 0; t < owners.length; t++) {
       if (mesh.inner[t] !== inner) continue;
-      // an inverted cell may have a quality of 0 or more: what is below 0 is drawn as inverted
+      // an inverted cell may have a quality of 0 or more: values below 0 are drawn as inverted
       const value = owners[t] >= quality.length ? 1 : inverted[owners[t]] ? -1 : quality[owners[t]];
       for (let c = 0; c < 3; c++, k++) {
         const node = 3 * triangles[3 * t + c];
@@ -144,7 +144,7 @@ export class Scene {
     lines.geometry.setAttribute("position", new three.BufferAttribute(positions, 3));
   }
 
-  /** Nodes of the edges around cells that are asked for: those of their triangles which occur once. */
+  /** Nodes of the edges around the requested cells: triangle edges that occur once. */
   around(mesh, wanted) {
     const seen = new Map();
     const base = mesh.points.length;

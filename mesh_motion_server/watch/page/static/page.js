@@ -1,4 +1,4 @@
-// What is shown when: the list as it comes, and of the chosen session what has changed since the last look.
+// Controls the page: shows each new list, and fetches what has changed in the chosen session.
 
 import { Absent, linked } from "./absent.js";
 import { Live, ask } from "./live.js";
@@ -10,9 +10,9 @@ import { showFaces, showWorst } from "./tables.js";
 import { byId, clock, duration, element, plural, quality, seconds, short, whole, write } from "./format.js";
 
 const PAUSE_SECONDS = 2;
-/** How often a history that is being read is looked at. */
+/** Interval of requests while the server reads a history. */
 const READING_SECONDS = 0.5;
-/** What failed is asked again after so long. */
+/** Time after which a failed request is repeated. */
 const RETRY_SECONDS = 5;
 
 class Page {
@@ -21,8 +21,8 @@ class Page {
     this.chosen = linked();
     this.absent = new Absent((session) => this.choose(session));
     this.list = new List((session) => this.choose(session), (session) => this.verdictOf(session));
-    this.step = null; // the one that is shown; null: the latest
-    this.gone = 0; // since when the server is, Unix time
+    this.step = null; // the shown step; null: the latest
+    this.gone = 0; // Unix time since when the server does not answer
     this.history = new History((error) => this.failed(error), (step) => this.at(step));
     this.mesh = new MeshPanel();
     this.events = new Events();
@@ -39,7 +39,7 @@ class Page {
     const said = byId("connection");
     said.dataset.state = "live";
     write(said, missing ? `live; ${missing}` : "live");
-    // another one in the place of the chosen one would be taken for it
+    // users would confuse another session in its place with the chosen one
     this.chosen ||= sessions[0]?.session ?? "";
     this.known = this.session ?? this.known;
     byId("nothing").hidden = this.chosen !== "";
@@ -58,20 +58,20 @@ class Page {
     this.update();
   }
 
-  /** Show a step that is over, or the latest again: null. */
+  /** Show a past step, or the latest again (null). */
   at(step) {
     this.step = step;
     this.history.at(step);
     this.update(true);
   }
 
-  /** The list, and what the tab is called. */
+  /** Update the list and the tab's title. */
   show() {
     this.list.show(this.sessions, this.chosen);
     if (this.session) this.head(this.session);
   }
 
-  /** How a session stands: {kind, tone, why, since}. */
+  /** The state of a session: {kind, tone, why, since}. */
   verdictOf(session) {
     return this.gone ? { kind: "server gone", tone: "bad", why: "what is shown is as it was then", since: this.gone } : session.verdict;
   }
@@ -93,7 +93,7 @@ class Page {
     return this.sessions.find((session) => session.session === this.chosen);
   }
 
-  /** One look at a time; what changed meanwhile is looked at behind it. Nothing is asked for a page in the background. */
+  /** One update at a time; later changes follow after it. A page in the background sends no requests. */
   async update(anew = false) {
     if (this.updating || document.hidden) {
       this.behind = true;
@@ -113,7 +113,7 @@ class Page {
     }
   }
 
-  /** Told in a line of its own, and all is asked again. */
+  /** Show the error in its own line, and repeat all requests. */
   failed(error) {
     this.key = "";
     byId("trouble").textContent = error.message;
@@ -163,7 +163,7 @@ class Page {
     byId("trouble").hidden = true;
   }
 
-  /** What is known of the step that is chosen: of the latest, or of one that is over, which is asked for once. */
+  /** Data of the chosen step: the latest, or a past step, which is requested once. */
   async shown({ session }, detail) {
     const { step } = this;
     if (step === null || !detail.step) return detail;
@@ -174,7 +174,7 @@ class Page {
     return { ...this.then.told, built: detail.built };
   }
 
-  /** Of a session that is not in the list (any more) what is known stays. */
+  /** The data of a session that is not (or no longer) in the list stay visible. */
   async without(chosen) {
     if (!chosen) return;
     const known = this.known && this.detailed === chosen ? { ...this.known, step: this.stepOf(this.known, this.detail), minimum: this.detail.actual.min ?? null } : this.known;
@@ -187,7 +187,7 @@ class Page {
     this.say({ kind: this.absent.discarded ? "discarded" : "not listed", tone: "warn", why: "", since: 0 }, this.known);
   }
 
-  /** A session that steps many times a second is looked at every other second. */
+  /** A session with many steps per second is updated every two seconds. */
   tooSoon() {
     const left = 1000 * PAUSE_SECONDS - (Date.now() - (this.looked ?? 0));
     if (left <= 0) {
@@ -203,7 +203,7 @@ class Page {
     this.about(session);
   }
 
-  /** How it stands, before all else: in a line of the page and in the tab's title. */
+  /** Show the state first: in a line of the page and in the tab's title. */
   say({ kind, tone, why, since }, session) {
     const name = session.label || `session ${short(session.session)}`;
     const passed = since ? duration(this.now() - since) : "";
@@ -254,7 +254,7 @@ class Page {
     byId("figures").replaceChildren(...tiles.map(made));
   }
 
-  /** That of the qualities beside it, or of a moment before; of a session that nobody holds a crash may have cost steps. */
+  /** The step of the qualities shown, or a slightly older one; a session without a process may have lost steps in a crash. */
   stepOf(session, detail) {
     return session.worker === "alive" && detail.step ? detail.step : session.step;
   }

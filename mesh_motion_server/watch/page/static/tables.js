@@ -1,4 +1,4 @@
-// The worst cells as a table, and the faces in a finite-volume solver's words.
+// The worst cells as a table, and the face quality for finite-volume solvers.
 
 import { byId, coordinates, element, quality, whole } from "./format.js";
 
@@ -40,7 +40,7 @@ const FACES = [
   ["least volume ratio", "min_volume_ratio", quality],
 ];
 
-/** Of the last move's mesh, where it asked; of another one nothing is known. */
+/** For the mesh of the last Move, if it requested faces; otherwise unknown. */
 export function showFaces(faces, step) {
   const { before, after } = faces ?? {};
   byId("faces-panel").hidden = !after;
