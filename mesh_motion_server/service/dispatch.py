@@ -103,7 +103,7 @@ class SessionHost:
         build_model: ModelBuilder | None = None,
         progress: Progress = silent,
     ) -> SessionHost:
-        """Open a stored session at its last committed step under a new epoch; ``progress`` is called per recomputed step.
+        """Open a stored session at its last committed step under a new epoch; calls ``progress``.
 
         Raises
         ------
