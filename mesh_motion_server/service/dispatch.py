@@ -103,7 +103,7 @@ class SessionHost:
         build_model: ModelBuilder | None = None,
         progress: Progress = silent,
     ) -> SessionHost:
-        """Open a stored session at its last committed step under a new epoch; calls ``progress``.
+        """Open a stored session at its last committed step under a new epoch; calls ``progress`` per recomputed step.
 
         Raises
         ------
