@@ -1,8 +1,8 @@
-"""Requests and replies: a message in, the messages that are due out, without a socket.
+"""Requests and replies: turns a message into the reply messages that are due, without a socket.
 
-:mod:`.dispatch` is the way in. Each request type has a module with its name (:mod:`.join`, :mod:`.upload`,
+:mod:`.dispatch` is the entry point. Each request type has a module with its name (:mod:`.join`, :mod:`.upload`,
 :mod:`.build`, :mod:`.move`, :mod:`.commit`, :mod:`.rollback`, :mod:`.fetch`, :mod:`.status`, :mod:`.close`), in one of
-the two shapes of :mod:`.commands`. :mod:`.execution` executes each once, :mod:`.gathering` waits until all partitions
-have asked, :mod:`.holders` knows who may. :mod:`.reports` and :mod:`.failures` say what has become of it, and
-:mod:`.counting` counts it.
+the two shapes of :mod:`.commands`. :mod:`.execution` executes each request once, :mod:`.gathering` waits until all
+partitions have sent theirs, :mod:`.holders` checks who may send it. :mod:`.reports` and :mod:`.failures` describe the
+result, and :mod:`.counting` counts it.
 """

@@ -15,13 +15,13 @@ __all__ = ["check", "run"]
 
 
 def check(session: Session, request: Build) -> None:
-    """Whether the state allows it."""
+    """Check that the state allows it."""
     del request
     session.admit(Operation.BUILD)
 
 
 def run(session: Session, requests: Sequence[Build], request_ids: Sequence[RequestId]) -> list[Built]:
-    """Build and tell each partition which of its nodes it has to move."""
+    """Build, and tell each partition which of its nodes it has to move."""
     del request_ids
     session.build()
     settings, mesh = session.model.method.as_dict(), mesh_report(session)

@@ -1,4 +1,4 @@
-"""CLOSE: a partition ends its use; when the last one has, the session is closed and kept, or discarded."""
+"""CLOSE: a partition leaves the session; when the last one has left, the session is closed and kept, or discarded."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ OUTCOMES = ("keep", "discard")
 
 
 def answer(session: Session, request: Close) -> Closed:
-    """Check the request, make durable what is to be kept; the last durable step.
+    """Check the request and make the state durable that is to be kept; this is the last durable step.
 
     Raises
     ------
     JournalError
-        If the disk failed now; the session is then FROZEN, and closes when it is asked again.
+        If the disk fails during the call; the session is then FROZEN, and closes when CLOSE is sent again.
     SessionError
         If the state does not allow it.
     InvalidInput

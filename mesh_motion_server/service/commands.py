@@ -1,4 +1,4 @@
-"""The two shapes a command has, so that :mod:`.dispatch` can hold them in one table."""
+"""The two shapes of a command, so that :mod:`.dispatch` can hold them in one table."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Single:
     answer : callable
         (session, request) → reply.
     executes_once : bool
-        Whether a repeat gets the stored reply; otherwise it changes nothing and is simply answered again.
+        Whether a repeat gets the stored reply. Otherwise the command changes nothing and is executed again.
     """
 
     answer: Callable[[Session, Any], Message]
@@ -37,7 +37,7 @@ class Collective:
     Attributes
     ----------
     check : callable
-        (session, request): raises on the content of one partition's request, before it waits for the others.
+        (session, request): raises if one partition's request is invalid, before it waits for the others.
     run : callable
         (session, requests by partition, their ids) → replies by partition.
     """

@@ -1,4 +1,4 @@
-"""COMMIT: the trial becomes the committed state, durably as the session's level says."""
+"""COMMIT: the trial becomes the committed state, durable as the session's level defines it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["check", "replies_of", "run"]
 
 
 def check(session: Session, request: CommitRequest) -> None:
-    """Step and state: the step first, so that one that is committed already differs from one without a trial."""
+    """Check the step, then the state: a repeated step and a missing trial give different errors."""
     if session.state in (State.READY, State.TRIAL):
         session.require_next_step(request.step)
     session.admit(Operation.COMMIT)
@@ -47,6 +47,6 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
 
 
 def replies_of(commit: Commit) -> list[tuple[RequestId, Committed]]:
-    """What was answered to a journaled commit, by request."""
+    """The replies to a journaled commit, with the request that each one answers."""
     content = msgpack.unpackb(commit.receipt)
     return [(r, Committed(client=r.client, sequence=r.sequence, **content)) for r in commit.requests]

@@ -1,4 +1,4 @@
-"""What of an executed request is counted for the operator: how many, how long, how good; never whose."""
+"""Counts executed requests for the operator: number, duration and quality, without the client's identity."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mesh_motion_server.operation.tally import TALLY
 
 __all__ = ["count_executed"]
 
-#: The operation's name by its reply: what the metrics are called.
+#: Name of the operation in the metrics, by the type of its reply.
 _NAMES = {Built.type: "build", Moved.type: "move", Committed.type: "commit"}
 
 
@@ -33,7 +33,7 @@ def count_executed(reply: Message, seconds: float) -> None:
 
 
 def _count_motion(moved: Moved) -> None:
-    """Predicted quality, and what the correction did."""
+    """Count the predicted quality and what the correction did."""
     inverted = moved.quality["standard"]["inverted"]
     if inverted:
         TALLY.count("predicted_inverted_cells", inverted)

@@ -1,12 +1,12 @@
-"""A request in, its replies out: the whole server without a socket.
+"""Takes a request and returns its replies: the whole server without a socket.
 
 :class:`SessionHost` holds one session in one worker process. Transport hands it each decoded request as an
 :class:`Envelope` and sends the envelopes it returns; in-process users call :meth:`SessionHost.handle` themselves.
-Single-threaded: one call at a time.
+It is single-threaded: one call at a time.
 
-A request passes these gates, in this order: session, partition and epoch (ABORTED.FENCED); whether its peer has joined
-(UNAUTHENTICATED); whether it was made before (the stored reply, or ABORTED.CONFLICT or .STALE); whether it waits
-already; then its command checks state and content. A collective request waits until all partitions have made it.
+The checks of a request, in this order: session, partition and epoch (ABORTED.FENCED); whether its peer has joined
+(UNAUTHENTICATED); whether it was made before (the stored reply, or ABORTED.CONFLICT or .STALE); whether it already
+waits; then its command checks state and content. A collective request waits until all partitions have made it.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class SessionHost:
     store : SessionStore
     limits : ServerSettings
     clock : callable
-        Monotonic seconds; deadlines are on it.
+        Monotonic seconds; all deadlines use it.
 
     Attributes
     ----------
     closed : bool
-        CLOSE was answered for every partition that had joined: send the replies, then end.
+        CLOSE was answered for every partition that had joined: send the replies, then end the process.
     """
 
     def __init__(
@@ -76,14 +76,14 @@ class SessionHost:
         clock: Callable[[], float] = time.monotonic,
         build_model: ModelBuilder | None = None,
     ) -> SessionHost:
-        """A new session; its model is built as the limits say, unless ``build_model`` does.
+        """Create a session; ``build_model`` builds its model, by default as the limits define.
 
         Raises
         ------
         InvalidInput
             If the basis or the durability level is not offered.
         ResourceError
-            If the disk does not take it.
+            If the disk has no room for it or fails.
         """
         limits = limits or ServerSettings()
         check_durability(spec.durability, limits.durability)
@@ -103,14 +103,14 @@ class SessionHost:
         build_model: ModelBuilder | None = None,
         progress: Progress = silent,
     ) -> SessionHost:
-        """A stored session, at its last committed step and under a new epoch; ``progress`` hears of steps made again.
+        """Open a stored session at its last committed step under a new epoch; calls ``progress`` per recomputed step.
 
         Raises
         ------
         SessionError
             NOT_FOUND, or UNAVAILABLE.STARTING while another process holds it.
         JournalError
-            If what is stored does not verify, or the disk fails.
+            If the stored data does not verify, or the disk fails.
         """
         limits = limits or ServerSettings()
         build_model = build_model or model_builder(limits)
@@ -133,22 +133,22 @@ class SessionHost:
 
     @property
     def label(self) -> str:
-        """As given in OPEN."""
+        """The label given in OPEN."""
         return self._session.spec.label
 
     @property
     def partitions(self) -> int:
-        """How many have to join."""
+        """How many partitions have to join."""
         return self._session.spec.partitions
 
     @property
     def state(self) -> State:
-        """A state of the session table."""
+        """The state, as in the session table."""
         return self._session.state
 
     @property
     def epoch(self) -> int:
-        """Raised by each RESUME."""
+        """The epoch; each RESUME raises it."""
         return self._session.epoch
 
     @property
@@ -158,34 +158,34 @@ class SessionHost:
 
     @property
     def iteration(self) -> int:
-        """Moves of the open trial, 0 without one."""
+        """Number of moves of the open trial, 0 without a trial."""
         return self._session.iteration
 
     @property
     def next_deadline(self) -> float | None:
-        """When :meth:`expire` will have something to do, on the clock."""
+        """Time on the clock at which :meth:`expire` has to be called next."""
         return self._execution.deadline
 
     # --- what it does ----------------------------------------------------------------------------------------------
 
     def handle(self, envelope: Envelope) -> list[Envelope]:
-        """The replies that are due because of this request; an error is a reply too."""
+        """Return the replies that are due because of this request; an error is also a reply."""
         return self._answered(envelope, self._handle)
 
     def oversee(self, envelope: Envelope) -> list[Envelope]:
-        """STATUS and CLOSE of a user who need not have joined; transport has checked the right to it.
+        """Answer STATUS and CLOSE of a user who need not have joined; transport has checked the user's right.
 
-        STATUS tells no coordinates. CLOSE is for all partitions: those that wait are answered ABORTED, and the session
-        is closed.
+        STATUS contains no coordinates. CLOSE applies to all partitions: waiting requests are answered with ABORTED, and
+        the session is closed.
         """
         return self._answered(envelope, self._oversee)
 
     def expire(self, now: float) -> list[Envelope]:
-        """Answer a collective request that has waited too long; nothing was changed by it."""
+        """Answer a collective request that has waited too long; it has changed nothing."""
         return self._execution.expire(now)
 
     def reclaim(self, token: bytes) -> int:
-        """RESUME while this process holds the session: fence the old holder, drop the trial.
+        """RESUME while this process holds the session: fence the old holder and drop the trial.
 
         Returns
         -------
@@ -198,19 +198,19 @@ class SessionHost:
             NOT_FOUND for a wrong token; FAILED_PRECONDITION.STATE or RESOURCE_EXHAUSTED.DISK when the session must be
             opened anew in another process.
         JournalError
-            If the disk fails now.
+            If the disk fails during the call.
         """
         if not self._session.spec.admits(token):
             raise SessionError(f"there is no session {self.session} for this token", code="NOT_FOUND")
         epoch = self._session.resume()
         self._holders.clear()
         self._execution.forget_waiting()
-        self._discard = False  # what the holders before wished ends with them, as in a process that starts anew
+        self._discard = False  # a new holder does not inherit the choice of the earlier ones, as in a new process
         self._teller.resumed()
         return epoch
 
     def suspend(self) -> list[Envelope]:
-        """The lease ended: whoever comes back has to join again; a session without a mesh is closed."""
+        """The lease ended: every client has to join again; a session without a mesh is closed."""
         closes = self._session.admit(Operation.LEASE_END) is State.CLOSED
         if not closes:
             self._session.suspend()
@@ -224,18 +224,18 @@ class SessionHost:
         return abandoned
 
     def close(self) -> None:
-        """Give files and lock back; the session stays resumable if it was built. Idempotent."""
+        """Release files and lock; a built session stays resumable. Idempotent."""
         if self._session.state is State.CLOSED:
             return
         self._execution.forget_waiting()
         self._session.close()
-        with contextlib.suppress(ResourceError):  # what is left of it is swept at the next start
+        with contextlib.suppress(ResourceError):  # the next start sweeps what is left of it
             self._delete_unless_kept(discard=False)
 
     # --- inside ----------------------------------------------------------------------------------------------------
 
     def _answered(self, envelope: Envelope, answer: Callable[[Envelope], list[Envelope]]) -> list[Envelope]:
-        """The replies, or the error."""
+        """Return the replies, or the error."""
         try:
             replies = answer(envelope)
         except Exception as error:
@@ -280,11 +280,11 @@ class SessionHost:
         return self._execution.execute(peer, request)
 
     def _close_partition(self, peer: bytes, request: Close, *, others: int) -> list[Envelope]:
-        """One partition leaves; the last one to leave, with no ``others``, closes the session."""
+        """Remove one partition; the last one, with no ``others``, closes the session."""
         reply = close.answer(self._session, request)
         discard = self._discard or request.outcome == "discard"
         if not others:
-            self._delete_unless_kept(discard=discard)  # first: a disk that refuses it leaves all as it was
+            self._delete_unless_kept(discard=discard)  # first: if the disk refuses, nothing has changed
         self._discard = discard
         replies = self._execution.abandon(
             SessionError(f"partition {request.partition} closed the session", code="ABORTED", hint="ask STATUS")
@@ -300,7 +300,7 @@ class SessionHost:
         return [*replies, Envelope(peer, reply)]
 
     def _delete_unless_kept(self, *, discard: bool) -> None:
-        """One that was never built is not worth keeping."""
+        """Delete the session on ``discard``, or if it was never built."""
         if discard or not self._session.is_built:
             failpoint("request.discard")
             self._store.discard(self.session)

@@ -18,10 +18,10 @@ class Envelope:
     Attributes
     ----------
     peer : bytes
-        Whatever transport identifies a connection by; opaque here.
+        Transport's identifier of a connection; opaque here.
     message : Message
     memory : mapping
-        What the peer offers for the arrays of this reply; empty: nothing.
+        Memory that the peer offers for the arrays of this reply; may be empty.
     """
 
     peer: bytes

@@ -1,4 +1,4 @@
-"""An error of the server as the reply to a request: for a session's commands and for transport alike."""
+"""Turns a server error into the reply to a request; used for session commands and by transport."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["error_reply"]
 def error_reply(
     request: Message, error: MeshMotionError, *, state: str = "", further: Mapping[str, Any] | None = None
 ) -> ErrorReply:
-    """The reply to a request that raised ``error``, with what is to stand in its details besides the error's own."""
+    """Make the reply to a request that raised ``error``; ``further`` is added to the error's own details."""
     known = error_code(error.code)
     return ErrorReply(
         client=request.client,

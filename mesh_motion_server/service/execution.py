@@ -1,4 +1,4 @@
-"""Commands executed once each, the collective ones when all partitions have asked."""
+"""Executes each command once; a collective one when all partitions have sent it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mesh_motion_server.settings import ServerSettings
 
 __all__ = ["COMMANDS", "Execution"]
 
-#: Request type → command. JOIN, STATUS and CLOSE need more than the session and are dispatched apart.
+#: Request type → command. JOIN, STATUS and CLOSE need more than the session; :mod:`.dispatch` handles them.
 COMMANDS: dict[str, Single | Collective] = {
     "UPLOAD": Single(upload.answer, executes_once=True),
     "FETCH": Single(fetch.answer, executes_once=False),
@@ -36,22 +36,22 @@ COMMANDS: dict[str, Single | Collective] = {
     "ROLLBACK": Collective(rollback.check, rollback.run),
 }
 
-#: What a stored reply takes beside its arrays.
+#: Size of a stored reply without its arrays.
 _HEADER_BYTES = 4096
 
 
 class Execution:
-    """The requests that change a session: those waiting, and the replies of those executed.
+    """The requests that change a session: the waiting ones, and the replies to the executed ones.
 
     Parameters
     ----------
     session : Session
-        The replies to its journaled commits are known again.
+        The replies to its journaled commits are restored.
     limits : ServerSettings
     clock : callable
         Monotonic seconds.
     teller : Teller
-        Hears what becomes of each request.
+        Is told the result of each request.
     """
 
     def __init__(self, session: Session, *, limits: ServerSettings, clock: Callable[[], float], teller: Teller) -> None:
@@ -69,7 +69,7 @@ class Execution:
 
     @property
     def deadline(self) -> float | None:
-        """When :meth:`expire` will have something to do, on the clock."""
+        """Time on the clock at which :meth:`expire` has to be called next."""
         return self._gathering.deadline if self._gathering else None
 
     @property
@@ -78,7 +78,7 @@ class Execution:
         return self._gathering.missing if self._gathering else []
 
     def execute(self, peer: bytes, request: SessionMessage) -> list[Envelope]:
-        """A command of the table, executed once."""
+        """Execute a command of the table once."""
         command = COMMANDS[request.type]
         if isinstance(command, Single) and not command.executes_once:
             return [Envelope(peer, command.answer(self._session, request))]
@@ -93,7 +93,7 @@ class Execution:
         return self._answer([arrival], lambda: [command.answer(self._session, request)])
 
     def _gather(self, arrival: Arrival, command: Collective) -> list[Envelope]:
-        """Let the request wait for the other partitions, or run when it is the last one."""
+        """Let the request wait for the other partitions, or run the command if it is the last one."""
         gathering = self._gathering
         if gathering is not None and gathering.repeats(arrival):
             return []
@@ -120,7 +120,7 @@ class Execution:
         return replies + self._answer(arrivals, lambda: command.run(self._session, requests, ids))
 
     def _overtake(self, gathering: Gathering, arrival: Arrival) -> list[Envelope]:
-        """A partition that asks anew while it waits gives its waiting request up."""
+        """Refuse the waiting request of a partition that sends a new one."""
         earlier = gathering.arrivals.pop(arrival.request.partition, None)
         if earlier is None:
             return []
@@ -132,7 +132,7 @@ class Execution:
         return [self._refusal(earlier.peer, earlier.request, error)]
 
     def _agrees(self, gathering: Gathering, arrival: Arrival, replies: list[Envelope]) -> bool:
-        """Whether the request asks for what the others ask for; otherwise all of them are refused."""
+        """Whether the request agrees with the waiting ones; otherwise all of them are refused."""
         try:
             gathering.check_agreement(arrival)
         except MeshMotionError as error:
@@ -142,26 +142,26 @@ class Execution:
         return True
 
     def _answer(self, arrivals: Sequence[Arrival], run: Callable[[], Sequence[Message]]) -> list[Envelope]:
-        """Run, remember and address the replies; a failure is everybody's reply."""
+        """Run the command, store and address the replies; on a failure every partition gets the error."""
         started, parts, iteration = time.perf_counter(), self._session.upload.count, self._session.iteration
         try:
             failpoint("request.execute")
             replies = run()
             failpoint("request.unstored")
         except Exception as error:
-            self._session.upload.back_to(parts)  # what is refused may be sent again under another id
+            self._session.upload.back_to(parts)  # a refused part may be sent again under another id
             return self._failed(arrivals, known_error(error))
         seconds = time.perf_counter() - started
         for arrival, reply in zip(arrivals, replies, strict=True):
             _seal(reply)
             self._stored.store(arrival.request_id, reply, _nbytes(reply))
         failpoint("request.stored")
-        count_executed(replies[0], seconds)  # last: what was executed has its stored reply, whatever becomes of this
+        count_executed(replies[0], seconds)  # last: the stored reply exists already, even if counting fails
         self._teller.executed(replies[0], seconds, iteration)
         return [_answer_to(a, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _failed(self, arrivals: Sequence[Arrival], error: MeshMotionError) -> list[Envelope]:
-        """The refusals; a commit that was durable before something failed is answered as it was journaled."""
+        """Return the refusals; a commit that became durable before the failure gets its journaled reply."""
         journaled = {known: reply for entry in self._session.commits for known, reply in commit.replies_of(entry)}
         replies: list[Committed | ErrorReply] = []
         for arrival in arrivals:
@@ -175,7 +175,7 @@ class Execution:
         return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _require_idle(self, partition: int) -> None:
-        """A partition that waits in a collective request asks for nothing else."""
+        """Raise if the partition has a request waiting: it may send nothing else."""
         if self._gathering is not None and partition in self._gathering.arrivals:
             raise SessionError(
                 f"partition {partition} has a request waiting for the partitions {self._gathering.missing}",
@@ -184,14 +184,14 @@ class Execution:
             )
 
     def abandon(self, error: MeshMotionError) -> list[Envelope]:
-        """Refuse all requests that wait; they may be made again."""
+        """Refuse all waiting requests; they may be made again."""
         gathering, self._gathering = self._gathering, None
         if gathering is None:
             return []
         return [self._refusal(a.peer, a.request, error) for a in gathering.in_order()]
 
     def expire(self, now: float) -> list[Envelope]:
-        """Refuse a collective request that has waited too long; nothing was changed by it."""
+        """Refuse a collective request that has waited too long; it has changed nothing."""
         if self._gathering is None or now < self._gathering.deadline:
             return []
         missing = self.missing
@@ -205,7 +205,7 @@ class Execution:
         )
 
     def forget_waiting(self) -> None:
-        """Drop the requests that wait without an answer: whoever made them is fenced or gone."""
+        """Drop the waiting requests without an answer: their senders are fenced or gone."""
         self._gathering = None
 
     def _refusal(self, peer: bytes, request: Message, error: MeshMotionError) -> Envelope:
@@ -223,11 +223,11 @@ def _arrays(reply: Message) -> list[NDArray[Any]]:
 
 
 def _seal(reply: Message) -> None:
-    """Whoever gets the reply in-process cannot change what is stored."""
+    """Make the arrays read-only, so that an in-process receiver cannot change the stored reply."""
     for array in _arrays(reply):
         array.flags.writeable = False
 
 
 def _nbytes(reply: Message) -> int:
-    """Memory a stored reply takes."""
+    """Memory of a stored reply in bytes."""
     return _HEADER_BYTES + sum(array.nbytes for array in _arrays(reply))

@@ -1,4 +1,4 @@
-"""From an exception to the error reply."""
+"""Turns an exception into the error reply."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def known_error(error: Exception) -> MeshMotionError:
-    """The error as one of ours; what nobody foresaw is INTERNAL and logged with its trace."""
+    """Convert to a known error; an unexpected one becomes INTERNAL and is logged with its trace."""
     if isinstance(error, MeshMotionError):
         return error
     if isinstance(error, MemoryError):
@@ -32,12 +32,12 @@ def known_error(error: Exception) -> MeshMotionError:
 
 
 def failure_reply(request: Message, error: MeshMotionError, session: Session) -> ErrorReply:
-    """The reply to a request that failed; cells are named as their sender knows them."""
+    """Make the reply to a failed request; cells are named in the sender's numbering."""
     return error_reply(request, error, state=str(session.state), further=_where(error, session))
 
 
 def _where(error: MeshMotionError, session: Session) -> dict[str, Any]:
-    """How far a motion went that was refused, and which cells are worst."""
+    """The fraction of a refused motion that is accepted, and its worst cells."""
     if not isinstance(error, NumericalError):
         return {}
     worst = worst_places(error.cells, session.mesh) if session.is_built else []

@@ -15,7 +15,7 @@ __all__ = ["Arrival", "Gathering", "agreement"]
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """One partition's request: who sent it, what it says, what identifies it."""
+    """One partition's request: its sender, its content and its id."""
 
     peer: bytes
     request: SessionMessage
@@ -23,14 +23,14 @@ class Arrival:
 
 
 def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
-    """What all partitions' requests must have in common: type, and step and frame where there are any."""
+    """What the requests of all partitions must have in common: type, and step and frame where they exist."""
     named = ((name, getattr(request, name)) for name in ("step", "frame") if hasattr(request, name))
     return (("type", request.type), *named)
 
 
 @dataclass
 class Gathering:
-    """The requests of one collective that have come so far.
+    """The requests of one collective that have arrived so far.
 
     Attributes
     ----------
@@ -47,12 +47,12 @@ class Gathering:
 
     @property
     def missing(self) -> list[int]:
-        """Partitions that have not come."""
+        """Partitions whose request has not arrived."""
         return [p for p in range(self.partitions) if p not in self.arrivals]
 
     @property
     def complete(self) -> bool:
-        """Whether all have come."""
+        """Whether all requests have arrived."""
         return len(self.arrivals) == self.partitions
 
     def in_order(self) -> list[Arrival]:
@@ -60,12 +60,12 @@ class Gathering:
         return [self.arrivals[p] for p in sorted(self.arrivals)]
 
     def repeats(self, arrival: Arrival) -> bool:
-        """Whether this request already waits here; it is then answered where it came from last.
+        """Whether this request already waits here; the reply then goes to its latest sender.
 
         Raises
         ------
         SessionError
-            ABORTED.CONFLICT if a request of the same id but other content waits.
+            ABORTED.CONFLICT if a request with the same id but other content waits.
         """
         waiting = self.arrivals.get(arrival.request.partition)
         if waiting is None or _number(waiting) != _number(arrival):
@@ -80,7 +80,7 @@ class Gathering:
         return True
 
     def check_agreement(self, arrival: Arrival) -> None:
-        """Raise INVALID_ARGUMENT.PARTITION unless the request asks for what the others ask for."""
+        """Raise INVALID_ARGUMENT.PARTITION unless the request agrees with the others."""
         other = next(iter(self.arrivals.values()))
         if agreement(other.request) == agreement(arrival.request):
             return

@@ -1,4 +1,4 @@
-"""Who may speak for which partition: the peer that joined it last, under the current epoch."""
+"""Who may send requests for a partition: the peer that joined it last, under the current epoch."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Holders:
         self._peers: dict[int, bytes] = {}
 
     def beside(self, partition: int) -> int:
-        """How many other partitions somebody speaks for."""
+        """Number of other partitions that have a peer."""
         return len(self._peers.keys() - {partition})
 
     def check_address(self, request: SessionMessage) -> None:
-        """Session id, partition and epoch of a request.
+        """Check session id, partition and epoch of a request.
 
         Raises
         ------
@@ -67,17 +67,17 @@ class Holders:
             )
 
     def has_joined(self, peer: bytes) -> bool:
-        """Whether the peer speaks for a partition."""
+        """Whether the peer holds a partition."""
         return peer in self._peers.values()
 
     def join(self, peer: bytes, partition: int) -> None:
-        """The peer speaks for the partition from now on."""
+        """From now on the peer holds the partition."""
         self._peers[partition] = peer
 
     def leave(self, partition: int) -> None:
-        """Nobody speaks for the partition any more."""
+        """Remove the partition's peer."""
         self._peers.pop(partition, None)
 
     def clear(self) -> None:
-        """Everybody has to join again."""
+        """Remove all peers: every client has to join again."""
         self._peers.clear()

@@ -1,4 +1,4 @@
-"""JOIN: a connection proves its right to the session and speaks for a partition from then on."""
+"""JOIN: a connection proves its right to the session and then holds a partition."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ __all__ = ["answer"]
 
 
 def answer(session: Session, request: Join) -> Joined:
-    """Check the token; say where the session stands and what the partition has to know.
+    """Check the token; reply with the state of the session and what the partition needs.
 
     Raises
     ------
     SessionError
-        NOT_FOUND for a wrong token, as for an unknown session.
+        NOT_FOUND for a wrong token, the same as for an unknown session.
     """
     if not session.spec.admits(request.token):
         raise not_found(request.session)

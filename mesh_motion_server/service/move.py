@@ -19,19 +19,19 @@ __all__ = ["FRAMES", "check", "run"]
 
 #: Displacements count from the committed state, or from the reference mesh.
 FRAMES = ("committed", "reference")
-#: Extents of the mesh: so far away its cells are rounded to nothing, and farther away their sizes overflow.
+#: Limit of a displacement in extents of the mesh: beyond it cells are lost in rounding, and further on sizes overflow.
 _FARTHEST = 1e12
 
 
 def check(session: Session, request: Move) -> None:
-    """State, step, frame, shape, finiteness and size of one partition's displacements.
+    """Check state, step, frame, shape, finiteness and size of one partition's displacements.
 
     Raises
     ------
     SessionError
         FAILED_PRECONDITION.STATE or .STEP.
     InvalidInput
-        Naming the partition, its node and the value.
+        The error names the partition, its node and the value.
     """
     session.admit(Operation.MOVE)
     session.require_next_step(request.step)
@@ -45,7 +45,7 @@ def check(session: Session, request: Move) -> None:
 
 
 def run(session: Session, requests: Sequence[Move], request_ids: Sequence[RequestId]) -> list[Moved]:
-    """Compute the trial and give each partition its nodes' displacements."""
+    """Compute the trial and return the displacements of each partition's nodes."""
     del request_ids
     boundary_displacements = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
     report = "faces" if any(request.report == "faces" for request in requests) else ""
@@ -74,7 +74,7 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
 
 
 def _check_rows(session: Session, request: Move) -> None:
-    """One finite row per moving node of the partition."""
+    """Check that there is one finite row per moving node of the partition."""
     displacement, nodes = np.asarray(request.displacement), session.mesh.moving_local[request.partition]
     expected = (len(nodes), session.spec.dimension)
     if displacement.shape != expected or displacement.dtype.kind != "f":
@@ -104,7 +104,7 @@ def _check_rows(session: Session, request: Move) -> None:
 def _check_lengths(
     session: Session, partition: int, displacement: NDArray[np.floating], nodes: NDArray[np.integer]
 ) -> None:
-    """No finite number that stands for none, like 1e300."""
+    """Reject huge finite numbers that mark a missing value, such as 1e300."""
     limit = _FARTHEST * session.mesh.extent
     if not len(displacement) or (displacement.max() <= limit and displacement.min() >= -limit):
         return

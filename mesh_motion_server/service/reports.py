@@ -1,4 +1,4 @@
-"""What replies say about quality, mesh and correction: plain values, cells in their senders' numbering."""
+"""What replies contain about quality, mesh and correction: plain values, cells in the sender's numbering."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LONGEST = 100
 
 
 def summary_report(summary: Judgement, mesh: MergedMesh) -> dict[str, Any]:
-    """The quality of a mesh on the wire.
+    """The quality of a mesh, as sent.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def move_quality(motion: Motion, session: Session) -> dict[str, Any]:
 
 
 def faces_report(faces: tuple[FaceMeasures, FaceMeasures] | None, mesh: MergedMesh) -> dict[str, Any]:
-    """A pair of FaceMeasures, of the reference mesh and of the answer, on the wire; empty where there is none."""
+    """FaceMeasures of the reference mesh and of the answer, as sent; empty without them."""
     return {
         name: measures.numbers()
         | {
@@ -78,7 +78,7 @@ def faces_report(faces: tuple[FaceMeasures, FaceMeasures] | None, mesh: MergedMe
 
 
 def correction_report(motion: Motion) -> dict[str, Any]:
-    """What the correction did."""
+    """What the correction did, as sent."""
     correction = motion.correction
     return {
         "method": str(correction.method),
@@ -93,7 +93,7 @@ def correction_report(motion: Motion) -> dict[str, Any]:
 
 
 def mesh_report(session: Session, warnings: list[str] | None = None) -> dict[str, Any]:
-    """Counts, bounding box and warnings of a mesh that was just built; given ``warnings`` need no second check."""
+    """Counts, bounding box and warnings of a mesh that was just built; given ``warnings`` avoid a second check."""
     mesh = session.mesh
     patches = list(mesh.patches.items())[:_LONGEST]
     return {
@@ -107,14 +107,14 @@ def mesh_report(session: Session, warnings: list[str] | None = None) -> dict[str
 
 
 def shortened(warnings: list[str]) -> list[str]:
-    """As many as a reply may hold, and how many more there are."""
+    """The first warnings, as many as a reply may hold, and the number of the others."""
     if len(warnings) <= _LONGEST:
         return warnings
     return [*warnings[:_LONGEST], f"and {len(warnings) - _LONGEST} more"]
 
 
 def worst_places(cells: tuple[int, ...], mesh: MergedMesh) -> list[dict[str, Any]]:
-    """Canonical cell numbers by partition, type and local index."""
+    """Canonical cell numbers as partition, type and local index."""
     return [_place(mesh, cell) for cell in cells[:10]]
 
 

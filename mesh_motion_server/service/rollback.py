@@ -1,4 +1,4 @@
-"""ROLLBACK: the trial of a step, if any, is dropped."""
+"""ROLLBACK: drops the trial of a step, if there is one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["check", "run"]
 
 
 def check(session: Session, request: Rollback) -> None:
-    """State and step."""
+    """Check state and step."""
     session.admit(Operation.ROLLBACK)
     session.require_next_step(request.step)
 

@@ -1,4 +1,4 @@
-"""STATUS: where the session stands."""
+"""STATUS: reports the state of the session."""
 
 from __future__ import annotations
 
@@ -49,6 +49,6 @@ def answer(session: Session, request: Status, waiting_for: list[int], counts: di
 
 
 def without_places(reply: StatusReport) -> StatusReport:
-    """The same without the worst cells, which have coordinates: how a session does, and nothing of its mesh."""
+    """The report without the worst cells, which have coordinates: it shows the quality, but no part of the mesh."""
     quality = {key: value for key, value in reply.report.get("quality", {}).items() if key != "worst"}
     return replace(reply, report=reply.report | ({"quality": quality} if quality else {}))

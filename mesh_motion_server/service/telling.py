@@ -1,8 +1,8 @@
-"""What a session's history records of each request: made of the very replies, once for all partitions.
+"""Records each request in the session's history: made from the replies themselves, once for all partitions.
 
-A repeat that gets its stored reply is not recorded. Nor are refusals that say nothing about the session: those of
-whoever has not joined it, such as the holder before, and of a client that asks the same refused thing for ever, beyond
-so many of a code in a row.
+A repeat that gets its stored reply is not recorded. Two kinds of refusals are not recorded either: those of a peer that
+has not joined the session, such as the previous holder; and those beyond a limit for each code in a row, when a client
+repeats a refused request.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from mesh_motion_server.session.state import State
 
 __all__ = ["Teller"]
 
-#: Refusals of a code without anything done in between that are recorded; of more, only how many they were.
+#: How many refusals of one code in a row are recorded, with nothing executed in between; others are only counted.
 _MOST_REFUSALS = 100
-#: States that are recorded when they are first seen: no request says that it has brought them about.
+#: States that are recorded when they are first seen, because no request reports them.
 _TROUBLE = {State.FAILED: "failed", State.FROZEN: "frozen"}
 
 
 class Teller:
-    """Tells the history what was answered.
+    """Records in the history what was answered.
 
     Parameters
     ----------
@@ -42,40 +42,40 @@ class Teller:
         self._recorded_trouble = self._session.state
 
     def executed(self, reply: Message, seconds: float, iteration: int) -> None:
-        """A request took effect.
+        """Record a request that took effect.
 
         Parameters
         ----------
         reply : Message
-            To one of the partitions.
+            The reply to one of the partitions.
         seconds : float
-            What it took.
+            Duration of the request.
         iteration : int
-            The trial's before it.
+            The trial's iteration before the request.
         """
         self._history.attempt(lambda: self._executed(reply, seconds, iteration))
 
     def refused(self, request: Message, reply: ErrorReply, *, by_holder: bool = True) -> None:
-        """A request was refused; of a peer that has joined, or of somebody else."""
+        """Record a refused request; ``by_holder``: the peer has joined."""
         self._history.attempt(lambda: self._refused(request, reply, by_holder))
 
     def resumed(self) -> None:
-        """A new holder has the session; what a crash kept from the record comes first, from the journal."""
+        """Record a new holder; first add from the journal what a crash kept out of the history."""
         self._history.begin_again()
         self._history.attempt(self._resumed)
 
     def suspended(self) -> None:
-        """The lease has ended."""
+        """Record the end of the lease."""
         self._trouble("the disk failed when the lease ended")
         if self._session.state is State.SUSPENDED:
             self._tell("suspended", step=self._session.step)
 
     def joined(self) -> None:
-        """A client is there again."""
+        """Record that a client has joined again."""
         self._tell("joined", step=self._session.step)
 
     def closed(self) -> None:
-        """The session was closed, and is kept."""
+        """Record that the session was closed and kept."""
         self._tell("closed", step=self._session.step)
 
     # --- inside ----------------------------------------------------------------------------------------------------
@@ -99,7 +99,7 @@ class Teller:
         self._trouble(reply.message)
 
     def _trouble(self, message: str) -> None:
-        """Tell once what has become of the session."""
+        """Record FAILED or FROZEN once."""
         state = self._session.state
         if state in _TROUBLE and state is not self._recorded_trouble:
             self._tell(_TROUBLE[state], step=self._session.step, message=message)
@@ -132,7 +132,7 @@ class Teller:
 
 
 def _motion(moved: Moved) -> dict[str, Any]:
-    """What MOVED says, but the displacements and which faces are worst."""
+    """The content of MOVED, without the displacements and the worst faces."""
     names = ("step", "iteration", "quality", "correction", "caches", "seconds", "warnings")
     values = {name: getattr(moved, name) for name in names} | {"enrichment_points": moved.enrichment_points.tolist()}
     faces = {name: {key: said[key] for key in said if key != "worst"} for name, said in moved.faces.items()}

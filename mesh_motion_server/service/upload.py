@@ -18,7 +18,7 @@ def answer(session: Session, request: Upload) -> Uploaded:
     Raises
     ------
     InvalidInput
-        Without rows, or as :meth:`~mesh_motion_server.session.partitions.uploads.MeshUpload.add`.
+        If there are no rows, or as :meth:`~mesh_motion_server.session.partitions.uploads.MeshUpload.add`.
     """
     if request.rows is None:
         raise InvalidInput(

@@ -1,21 +1,22 @@
-"""A session: the only mutable state of the server, and how it outlives a crash.
+"""A session: the only mutable state of the server, and how it survives a crash.
 
 ::
 
     session.py           one session: trial, commit, rollback, resume
-    state.py, values.py    its states as a table; the values that it swaps as a whole
-    model.py, motions.py what it asks of the numerics; a Move as a function of values
-    replay.py            states that were logged, not stored, computed again
-    factors.py           what depends on a state alone, kept for the iterations of a step
+    state.py, values.py  the states as a table; the values that the session replaces as a whole
+    model.py, motions.py what a session needs from the numerics; a Move as a function of values
+    replay.py            recomputes states that were logged, not stored
+    factors.py           cache of what depends on a state alone, for the iterations of a step
     spec.py              what OPEN fixes
-    store.py, listing.py the folders of all sessions, and what lists say of them
+    store.py, listing.py the folders of all sessions, and their description in lists
     inspection.py        a session's folder, read only, for people
 
-    journal/             the commits, the mesh and the replies on disk
-    partitions/          the mesh of n partitions as one mesh, and the way back
-    history/             what happened, for people who look at it
+    journal/             commits, mesh and replies on disk
+    partitions/          merges the meshes of n partitions, and maps results back
+    history/             what happened, for people to read
 
-The rooms import nothing of the modules above them; ``journal`` and ``history`` know ``partitions`` and ``journal``.
+The subpackages import nothing from the modules above them; ``journal`` and ``history`` import ``partitions`` and
+``journal``.
 
-No sockets, no processes: :mod:`mesh_motion_server.service` turns messages into its calls.
+No sockets, no processes: :mod:`mesh_motion_server.service` turns messages into calls of this package.
 """

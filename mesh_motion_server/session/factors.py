@@ -1,4 +1,4 @@
-"""A cache of what depends on a state of the mesh alone, with a byte budget: a step's coupling iterations share it."""
+"""A cache, with a byte budget, of what depends on a mesh state alone: the coupling iterations of a step share it."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ K = TypeVar("K", bound=_Sized)
 
 
 class FactorCache:
-    """Keeps the most recently used factorizations and other kinds; keys are digests of all that determines one.
+    """Keeps the most recently used factorizations and other kinds; a key is the digest of what determines an entry.
 
-    Only time depends on it: what is dropped is made again, bitwise the same.
+    The cache changes only the run time: a dropped entry is made again, bitwise the same.
 
     Parameters
     ----------
     byte_budget : int
-        What all that is kept may take together, of whatever kind. The newest one is kept even if it is larger alone: it
-        is the one that the next iteration asks for.
+        Limit for all entries together, of every kind. The newest entry is kept even if it alone is larger, because the
+        next iteration needs it.
 
     Attributes
     ----------
     made, reused : Counter
-        How often, by kind.
+        How many entries were made and reused, by kind.
     """
 
     def __init__(self, byte_budget: int) -> None:
@@ -46,18 +46,18 @@ class FactorCache:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all that is kept."""
+        """Bytes of all entries."""
         return sum(kept.nbytes for kept in self._kept.values())
 
     def held(self) -> dict[str, int]:
-        """Bytes kept of each kind."""
+        """Bytes of the entries of each kind."""
         held: Counter[str] = Counter()
         for (kind, _), kept in self._kept.items():
             held[kind] += kept.nbytes
         return dict(held)
 
     def report(self) -> dict[str, dict[str, int]]:
-        """Bytes kept, how often made and how often reused, by kind."""
+        """Bytes kept, number made and number reused, by kind."""
         held = self.held()
         return {
             kind: {"bytes": held.get(kind, 0), "made": made, "reused": self.reused[kind]}
@@ -65,7 +65,7 @@ class FactorCache:
         }
 
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
-        """What belongs to ``key`` among its kind, and whether it was reused."""
+        """Return the entry of this ``kind`` for ``key``, and whether it was reused."""
         place = (kind, key)
         self._used.add(place)
         if place in self._kept:
@@ -81,17 +81,17 @@ class FactorCache:
         return made, False
 
     def next_step(self) -> None:
-        """A step is committed: drop what it has not used, for that belongs to states that never come back."""
+        """A step is committed: drop the entries that it has not used; they belong to states that never come back."""
         for place in self._kept.keys() - self._used:
             del self._kept[place]
         self._used = set()
 
     def clear(self) -> None:
-        """Drop all."""
+        """Drop all entries."""
         self._kept.clear()
         self._used = set()
 
     def _shrink(self, budget: int, keep: int = 0) -> None:
-        """Drop the least recently used until ``budget`` bytes or ``keep`` entries are left."""
+        """Drop the least recently used entries until ``budget`` bytes or ``keep`` entries are left."""
         while len(self._kept) > keep and self.nbytes > budget:
             self._kept.popitem(last=False)

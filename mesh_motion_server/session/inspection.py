@@ -1,7 +1,7 @@
-"""Read-only inspection of a session's folder: what is in the journal, and what verifies.
+"""Read-only inspection of a session's folder: shows the journal's content, and what verifies.
 
-Nothing is changed, no lock is taken: it may be used on a live session, of which a commit that is just being written may
-look unfinished.
+It changes nothing and takes no lock: it may be used on a live session. A commit that is being written may then look
+unfinished.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["Check", "Inspection", "RecordLine", "inspect_session"]
 
 @dataclass(frozen=True)
 class RecordLine:
-    """One record of the manifest: its place, what it says, its checksum (hexadecimal)."""
+    """One record of the manifest: its place, its content in words, its checksum (hexadecimal)."""
 
     offset: int
     sequence: int
@@ -37,7 +37,7 @@ class RecordLine:
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was verified: its name, the outcome, and what is wrong."""
+    """One verification: its name, its result, and what is wrong."""
 
     name: str
     passed: bool
@@ -46,7 +46,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What a session's folder holds.
+    """The content of a session's folder.
 
     Attributes
     ----------
@@ -57,9 +57,9 @@ class Inspection:
     settings : dict
         The keys of the case file's ``[method]``.
     step, epoch : int
-        Last committed step and current epoch; -1 if the journal does not say.
+        Last committed step and current epoch; -1 if the journal does not contain it.
     stored_step : int
-        The step whose state is stored; the steps behind it are computed again when the session is resumed.
+        The step of the stored state; RESUME recomputes the steps after it.
     digest : str
         State digest of the last committed step, hexadecimal; empty at step 0.
     state : {"whole", "unfinished", "damaged", "unbuilt"}
@@ -90,12 +90,12 @@ class Inspection:
 
 
 def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> Inspection:
-    """Look at one session's folder.
+    """Inspect one session's folder.
 
     Raises
     ------
     JournalError
-        If it is no session's folder at all: it has no readable ``spec.json``.
+        If it is not a session's folder: it has no readable ``spec.json``.
     """
     path, files = Path(folder), files or PosixFileSystem()
     raw = _read(path / SPEC)
@@ -181,7 +181,7 @@ def _lines(records: tuple[Record, ...]) -> tuple[RecordLine, ...]:
 
 
 def _said(record: Record) -> str:
-    """What a record says, in a few words."""
+    """Describe a record in a few words."""
     body = record.body
     if record.kind == "snapshot":
         return f"step {body['step']}, stored"

@@ -1,7 +1,7 @@
-"""What lists say of the sessions at rest, read again only where the disk has something new.
+"""Describes the sessions at rest for lists; reads the disk again only where it has changed.
 
-A list is asked for by whoever watches a server, every few seconds, and the sessions at rest do not change. So what was
-read of a file is remembered as long as the file is the same: its inode, size, and times.
+Every program that watches a server asks for a list every few seconds, but the sessions at rest do not change. So the
+content read from a file is cached as long as the file is the same: its inode, size, and times.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ __all__ = ["SPEC", "Listing", "Remembered", "StoredSession"]
 
 #: File with what OPEN fixed.
 SPEC = "spec.json"
-#: Sessions of which something is remembered, the latest asked for; some 10 MB.
+#: Maximum number of cached sessions, the most recently requested ones; some 10 MB.
 _MOST = 10_000
-#: A file that was changed so recently, seconds, may be changed again without another time: clocks of file systems tick
-#: in milliseconds to seconds.
+#: A file that was changed less than this many seconds ago may change again with the same time stamp: file system
+#: clocks tick in milliseconds to seconds.
 _SETTLED_SECONDS = 2.5
 
 Value = TypeVar("Value")
@@ -45,7 +45,7 @@ class StoredSession:
     state : State
         READY, or FAILED when its files do not verify.
     owner : str
-        The public key of who opened it, empty where there are no keys.
+        The public key of the user who opened it; empty on a server without keys.
     """
 
     session: str
@@ -58,12 +58,12 @@ class StoredSession:
 
 
 class Remembered(Generic[Value]):
-    """Values that were read of files, as long as the files are the same.
+    """Caches values read from files, as long as the files are the same.
 
     Parameters
     ----------
     most : int
-        Files; of more, those are forgotten that were asked for longest ago.
+        Maximum number of files; beyond it the least recently requested ones are dropped.
     """
 
     def __init__(self, most: int) -> None:
@@ -71,13 +71,13 @@ class Remembered(Generic[Value]):
         self._known: OrderedDict[Path, tuple[Stamp, Value]] = OrderedDict()
 
     def get(self, path: Path, read: Callable[[], Value]) -> Value:
-        """What ``read`` makes of the file or folder, or has made of it before."""
+        """Return what ``read`` gives for the file or folder, cached if it has not changed."""
         stamp = _stamp(path)
         known = self._known.pop(path, None)
         if known is None or known[0] != stamp:
             known = None if stamp is None else (stamp, read())
         if known is None:
-            return read()  # not a file of this system: nothing says whether it changes
+            return read()  # not a file of the operating system: changes cannot be detected
         if _settled(known[0]):
             self._known[path] = known
             if len(self._known) > self._most:
@@ -86,7 +86,7 @@ class Remembered(Generic[Value]):
 
 
 def _stamp(path: Path) -> Stamp | None:
-    """What changes with a file."""
+    """The attributes that change when the file changes."""
     try:
         found = os.stat(path)
     except OSError:
@@ -95,7 +95,7 @@ def _stamp(path: Path) -> Stamp | None:
 
 
 def _settled(stamp: Stamp) -> bool:
-    """Whether a later change will show."""
+    """Whether a later change will change the stamp."""
     return time.time() - max(stamp[-2:]) / 1e9 > _SETTLED_SECONDS
 
 
@@ -130,14 +130,14 @@ class Listing:
         return self._specs.get(folder / SPEC, read)
 
     def owner(self, folder: Path) -> str:
-        """Whose session it is; nobody's where that cannot be read."""
+        """The owner of the session; empty if it cannot be read."""
         try:
             return self.spec(folder).owner
         except MeshMotionError:
             return ""
 
     def describe(self, folder: Path) -> StoredSession:
-        """A session at rest; of its journal the manifest's chain is read, and only once."""
+        """Describe a session at rest; of its journal only the manifest's chain is read, and only once."""
         owner = self.owner(folder)
         try:
             spec = self.spec(folder)

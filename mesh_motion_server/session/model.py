@@ -1,4 +1,4 @@
-"""What a session needs of the numerics: something that moves the mesh and judges it."""
+"""What a session needs from the numerics: a model that moves the mesh and judges it."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Mode
 
 
 def checked_warnings(mesh: MergedMesh, model: Model) -> list[str]:
-    """What building the model noticed, what the check of the mesh says of it in the numbering of the upload."""
+    """The warnings of the mesh check, in the numbering of the upload."""
     if not model.warnings:
         return []
     # imported here for the same reason

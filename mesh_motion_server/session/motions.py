@@ -88,13 +88,13 @@ def compute(
 
 
 def _own(points: Floats, *kept: Floats) -> Floats:
-    """A motion's coordinates (n, d) to be changed: nobody needs them any more, unless they are others' too."""
+    """Return a motion's coordinates (n, d) for writing; copy them if others share them."""
     shared = any(np.may_share_memory(points, other) for other in kept)
     return points.copy() if shared or not points.flags.writeable else points
 
 
 def _check_places(targets: Floats, mesh: MergedMesh) -> None:
-    """Places (k, d) of the moving nodes are finite, where base and displacement are."""
+    """Check that the target places (k, d) of the moving nodes are finite."""
     lost = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     if len(lost):
         partition, node = mesh.locate_node(int(mesh.moving[lost[0]]))

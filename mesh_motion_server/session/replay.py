@@ -1,4 +1,4 @@
-"""States that were logged, not stored: what is logged of a Move, and the states computed from it again.
+"""States that were logged, not stored: logs the input of a Move, and recomputes states from it.
 
 The recomputation must give the digest that was journaled, bit for bit, or nothing is opened. It is the same function of
 the same bytes, so it does on the same machine with the same software. Another version of the server or of its numerical
@@ -39,11 +39,11 @@ _LONG_SECONDS = 10.0
 
 
 def silent(_step: int) -> None:
-    """Nobody wants to know how far it is."""
+    """Ignore the progress."""
 
 
 def boundary_input(mesh: MergedMesh, move_input: MoveInput) -> BoundaryInput:
-    """What is logged of a Move."""
+    """The input of a Move that is logged."""
     rows = np.ascontiguousarray(move_input.boundary_displacement[mesh.moving_by_id], dtype="<f8")
     return BoundaryInput(move_input.frame, rows.tobytes(), maker())
 
@@ -76,7 +76,7 @@ def restore(
 
 @cache
 def maker() -> str:
-    """Versions and processor of this process, for people: what has to be alike where a recomputation fails."""
+    """Versions and processor of this process, for people: they must be the same for a recomputation to succeed."""
     libraries = (f"{name} {metadata.version(name)}" for name in ("numpy", "scipy"))
     return ", ".join([f"mesh-motion-server {__version__}", *libraries, _processor()])[:200]
 

@@ -369,11 +369,11 @@ class Session:
         self._swap(state=state, trial=keep, trial_lost=lost and keep is None)
 
     def join(self) -> None:
-        """A holder is there (again)."""
+        """A holder has joined (again)."""
         self._swap(state=self.admit(Operation.JOIN))
 
     def fail(self) -> None:
-        """Something unforeseen happened where the state may be affected."""
+        """An unexpected failure happened that may affect the state."""
         self._swap(state=State.FAILED, trial=None)
 
     def close(self, *, keep: bool = True) -> None:
@@ -408,7 +408,7 @@ class Session:
         return np.take(self.coordinates("committed"), self.mesh.id_order, axis=0)
 
     def _write(self, write: Callable[[], None], after: CurrentState) -> None:
-        """COMMITTING, and what becomes of a success or a failure."""
+        """Swap to COMMITTING, write, then swap to the state after success or failure."""
         before = self._now
         self._swap(state=State.COMMITTING)
         try:

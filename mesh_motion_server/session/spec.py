@@ -1,4 +1,4 @@
-"""What OPEN fixes for a session's whole life, and the form of it that is stored."""
+"""What OPEN fixes for a session's whole life, and its stored form."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class StoredSpec:
 
     @classmethod
     def of(cls, spec: SessionSpec) -> StoredSpec:
-        """What is stored of a spec."""
+        """The stored form of a spec."""
         return cls(
             session=spec.session,
             token_sha256=hashlib.sha256(spec.token).hexdigest(),
@@ -101,7 +101,7 @@ class StoredSpec:
         Raises
         ------
         JournalError
-            If it is not such a content; UNIMPLEMENTED.VERSION if another version wrote it.
+            If the content is not valid; UNIMPLEMENTED.VERSION if another version wrote it.
         """
         try:
             values: dict[str, Any] = json.loads(data)
@@ -118,7 +118,7 @@ class StoredSpec:
 
 
 def _check_version(number: Any, settings: dict[str, Any]) -> None:
-    """Raise unless this version knows the format, and each setting: an unknown one has a meaning that would be lost."""
+    """Raise unless this version knows the format and every setting: an unknown one would lose its meaning."""
     unknown = sorted(set(settings) - set(MethodSettings.model_fields))
     if number == _FORMAT and not unknown:
         return

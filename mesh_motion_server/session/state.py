@@ -44,7 +44,7 @@ class State(StrEnum):
 
 
 class Operation(StrEnum):
-    """What may be asked of a session: its requests, RESUME by a new holder, and the lease's end."""
+    """The operations on a session: its requests, RESUME by a new holder, and the end of the lease."""
 
     JOIN = "JOIN"
     UPLOAD = "UPLOAD"

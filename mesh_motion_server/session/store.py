@@ -39,7 +39,7 @@ from mesh_motion_server.session.spec import SessionSpec, StoredSpec
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
 
 _MESH, _LOCK = "mesh.bin", "lock"
-#: A mesh of so many bytes of coordinates is worth a thread that writes it.
+#: A mesh with at least this many bytes of coordinates is written in a thread.
 _LARGE_MESH = 4 << 20
 _SESSION_ID = re.compile(r"[0-9a-f]{32}")
 
@@ -116,7 +116,7 @@ class SessionFolder:
             raise _disk_error("the session cannot be stored", error) from error
 
     def _remove_half_made(self) -> None:
-        """What a BUILD without room has left takes room from others; with a manifest it may be whole, and stays."""
+        """Remove what a failed BUILD left, to free its space; with a manifest it may be whole, and stays."""
         with contextlib.suppress(OSError):
             if not self._files.exists(self.path / MANIFEST):
                 for name in (_MESH, *SLOTS, NEXT_MANIFEST):
@@ -266,7 +266,7 @@ class SessionStore:
             raise _disk_error("the sessions cannot be listed", error) from error
 
     def owner_listed(self, session: str) -> str | None:
-        """Like :meth:`owner`, but nobody's, ``""``, where that cannot be read."""
+        """Like :meth:`owner`, but ``""`` if the owner cannot be read."""
         if not self._is_stored(session):
             return None
         return self._listing.owner(self._sessions / session)
@@ -286,7 +286,7 @@ class SessionStore:
         return [self.describe(name) for name in self.names() if self._is_stored(name)]
 
     def discard(self, session: str) -> None:
-        """Delete a session that this process holds, or nobody does; not an error if it is gone.
+        """Delete a session that this process or nobody holds; not an error if it is gone.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What a session swaps as a whole, and what its operations hand back: values."""
+"""Values that a session replaces as a whole, and the results of its operations."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CurrentState:
 
 @dataclass(frozen=True, eq=False)
 class Built:
-    """What BUILD makes and nothing changes afterwards, and what keeps the commits."""
+    """What BUILD makes and nothing changes afterwards, and the keeper of the commits."""
 
     mesh: MergedMesh
     model: Model

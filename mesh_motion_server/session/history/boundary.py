@@ -1,6 +1,6 @@
-"""What the boundary did, step by step: what a replay needs beside the mesh and the settings.
+"""The motion of the boundary, step by step: what a replay needs in addition to the mesh and the settings.
 
-A segment is a row of records, little-endian, each a head of 40 bytes and a body::
+A segment is a sequence of records, little-endian, each with a head of 40 bytes and a body::
 
     0   4  "MMBH"
     4   4  CRC-32 of all that follows
@@ -10,11 +10,11 @@ A segment is a row of records, little-endian, each a head of 40 bytes and a body
     28  4  frame of an input: 0 committed, 1 reference
     32  8  bytes a row of an input: 8 d
 
-The body of an input are the displacements of the moving nodes in the frame, doubles, ascending by global id; that of an
-outcome the state digest of the committed step; that of a maker what computes the steps from here on, versions and
-processor in UTF-8; one taken up has none: the session goes on at that step, and what the log has behind it was lost in
-a crash. An input is written before its commit and the outcome after it: so no step that was answered lacks its input,
-and the last input of a step is the one that counts.
+The body of an input contains the displacements of the moving nodes in the frame, doubles, ascending by global id.
+The body of an outcome is the state digest of the committed step. The body of a maker names what computes the steps from
+here on: versions and processor in UTF-8. "Taken up" has no body: the session continues at that step, and a crash lost
+the later steps of the log. An input is written before its commit and the outcome after it: so every answered step has
+its input, and the last input of a step is the valid one.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ FRAMES = ("committed", "reference")
 _HEAD = struct.Struct("<4sIQQIIQ")
 _MAGIC = b"MMBH"
 _INPUT, _OUTCOME, _MAKER, _TAKEN_UP = 1, 2, 3, 4
-#: Of a record's place so many bits are its offset.
+#: Number of bits of a record's place that hold its offset.
 _OFFSET_BITS = 40
 _NOWHERE = -1
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryStep:
-    """What the boundary did in one committed step.
+    """The boundary's motion in one committed step.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class BoundaryStep:
     rows : (k, d) array, mesh length unit
         Displacements of the moving nodes, ascending by global id.
     digest : bytes
-        State digest of the committed step; empty where it is not known.
+        State digest of the committed step; empty if it is not known.
     """
 
     step: int
@@ -102,11 +102,11 @@ class BoundaryLog:
     Attributes
     ----------
     steps : int
-        The log has the steps 1 … ``steps``, without a gap.
+        The log has the steps 1 … ``steps`` without a gap.
     committed : int
-        The last of them that is known to have been committed.
+        The last step that is known to be committed.
     makers : list of (int, str)
-        From which step on what computed them; empty text where it is not known.
+        Pairs of a first step and what computed the steps from there on; the text is empty if it is not known.
     """
 
     def __init__(self, session_folder: Path) -> None:
@@ -128,11 +128,11 @@ class BoundaryLog:
         return step
 
     def cut(self, last: int) -> None:
-        """Pass over the steps behind ``last``."""
+        """Ignore the steps after ``last``."""
         self.steps = min(self.steps, last)
 
     def verified(self) -> int:
-        """So many steps can be read, from 1 on; reads all of them."""
+        """Number of steps, from 1 on, that verify; reads all of them."""
         for step in range(1, self.steps + 1):
             try:
                 self.read(step)
@@ -141,12 +141,12 @@ class BoundaryLog:
         return self.steps
 
     def read(self, step: int) -> BoundaryStep:
-        """One of the steps.
+        """Read one step.
 
         Raises
         ------
         JournalError
-            If it does not verify, or was removed meanwhile.
+            If the step does not verify, or its record was removed meanwhile.
         """
         place = self._inputs[step - 1]
         found = self._record(place)
@@ -162,7 +162,7 @@ class BoundaryLog:
         return BoundaryStep(step, frame, rows.reshape(-1, head.row_bytes // 8), self.digest(step))
 
     def digest(self, step: int) -> bytes:
-        """State digest of a committed step; empty where it is not known."""
+        """State digest of a committed step; empty if it is not known."""
         known = 0 < step <= len(self._outcomes) and self._outcomes[step - 1] != _NOWHERE
         found = self._record(self._outcomes[step - 1]) if known else None
         return found[1] if found else b""
@@ -192,36 +192,37 @@ class BoundaryLog:
                 self.makers.append((head.step, self._maker))
 
     def _drop(self, first: int) -> None:
-        """Steps of a life that the journal does not know any more."""
+        """Drop steps from before a restart that the journal does not have."""
         del self._inputs[first - 1 :], self._outcomes[first - 1 :]
         self.makers = [change for change in self.makers if change[0] < first]
 
 
 def pack_input(step: int, frame: str, rows: bytes, row_bytes: int) -> bytes:
-    """The record of what a commit is about to make of; ``rows`` are doubles, ``row_bytes`` of them a node's."""
+    """The record of a commit's input; ``rows`` are doubles, ``row_bytes`` of them per node."""
     return _pack(step, _INPUT, FRAMES.index(frame), row_bytes, rows)
 
 
 def pack_outcome(step: int, digest: bytes) -> bytes:
-    """The record of a step's committed state."""
+    """The record of the state digest of a committed step."""
     return _pack(step, _OUTCOME, 0, 0, digest)
 
 
 def pack_maker(step: int, maker: str) -> bytes:
-    """The record of what computes the steps from this one on."""
+    """The record that names what computes the steps from this one on."""
     return _pack(step, _MAKER, 0, 0, maker.encode())
 
 
 def pack_taken_up(step: int) -> bytes:
-    """The record of a session that goes on at a committed step."""
+    """The record of a session that continues at a committed step."""
     return _pack(step, _TAKEN_UP, 0, 0, b"")
 
 
 def digest_at(session_folder: Path, step: int) -> bytes:
-    """The state digest that was recorded last for a step; empty where it, or what it came of, does not count.
+    """The latest recorded state digest of a step; empty if there is none, or if its input was replaced.
 
-    A worker asks at each RESUME: heads are passed one at a time, for a list of those of a whole segment is
-    longer than most of what the worker holds.
+    A worker calls this at each RESUME. It passes over the heads one at a time, because a list of the heads of a whole
+    segment needs more memory than most of what the worker holds.
+
     """
     digest = b""
     for path in reversed(list_segments(session_folder / FOLDER, BOUNDARY)):
@@ -234,7 +235,7 @@ def digest_at(session_folder: Path, step: int) -> bytes:
 
 
 def _outcome_in(handle: int, step: int) -> tuple[int | None, bytes]:
-    """Of a segment: the step that the last input or taking up begins, and the digest that a step has after it."""
+    """In a segment: the step at which the last input or "taken up" starts, and the digest of ``step`` after it."""
     begun: int | None = None
     digest = b""
     for head in _heads(handle):
@@ -248,7 +249,7 @@ def _outcome_in(handle: int, step: int) -> tuple[int | None, bytes]:
 
 
 def cut_torn_record(handle: int) -> None:
-    """Cut off what a crash has left of a segment's last record."""
+    """Cut off an incomplete last record that a crash left in a segment."""
     end = max((head.end for head in _heads(handle)), default=0)
     if os.fstat(handle).st_size > end:
         os.ftruncate(handle, end)
@@ -276,12 +277,12 @@ def _opened(path: Path) -> Iterator[int]:
 
 
 def _place(number: int, head: _Head) -> int:
-    """Where a record is: the segment's number and the offset in it as one."""
+    """The place of a record: the segment's number and the offset in it as one integer."""
     return number << _OFFSET_BITS | head.begin - _HEAD.size
 
 
 def _heads(handle: int, offset: int = 0) -> Iterator[_Head]:
-    """The heads of the records that are all there, from an offset on; bodies are not read."""
+    """The heads of all complete records, from an offset on; bodies are not read."""
     size = os.fstat(handle).st_size
     while len(raw := os.pread(handle, _HEAD.size, offset)) == _HEAD.size:
         magic, checksum, length, step, kind, frame, row_bytes = _HEAD.unpack(raw)

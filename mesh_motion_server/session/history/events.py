@@ -1,7 +1,7 @@
 """The events of a history: one JSON object a line, ``at`` (Unix time, seconds) and ``event`` first.
 
 ===============  ====================================================================================================
-event            beside ``at`` and ``event``
+event            content, in addition to ``at`` and ``event``
 ===============  ====================================================================================================
 ``built``        nodes, cells {type: count}, patches {name: {role, nodes}}, moving_nodes, box, warnings, settings,
                  quality (as BUILT's), seconds_total, version, maker
@@ -13,17 +13,16 @@ event            beside ``at`` and ``event``
 ``resumed``      step, epoch, version, maker
 ``suspended``    step
 ``closed``       step
-``joined``       step: a client is there again after ``suspended``
+``joined``       step: a client has joined again after ``suspended``
 ``frozen``       step, message: the disk failed
 ``failed``       step, message
 ===============  ====================================================================================================
 
-``recovered`` is true in a line that was written when the session was resumed, from what the journal knows. ``kept`` is
-true in the ``built`` that stays when its segment goes, alone in a segment of the same name: what came next to it is no
-more, and the next line may be of any step. ``untold``
-is how many refusals went before that were not written. ``boundary_ended`` (step, message) says that the
-boundary log has stopped. Readers pass over lines that are no JSON (a crash tears the last one) and events that they do
-not know. A number that is not finite is null.
+``recovered`` is true in a line that was written when the session was resumed, from the journal's content. ``kept``
+is true in the ``built`` line that stays when its segment is removed, alone in a segment of the same name: the lines
+that followed it are gone, and the next line may be of any step. ``untold`` is the number of refusals before it that
+were not written. ``boundary_ended`` (step, message) says that the boundary log has stopped. Readers ignore lines that
+are not JSON (a crash leaves the last one incomplete) and unknown events. A number that is not finite is null.
 """
 
 from __future__ import annotations
@@ -54,9 +53,9 @@ EVENTS = "events"
 
 _KNOWN = (b',"event":"committed",', b',"event":"resumed",')
 _BUILT = b',"event":"built",'
-#: When and what, with which a line begins, take less.
+#: The time and event name at the start of a line take fewer bytes than this.
 _HEAD = 80
-#: So much is read at a time from a segment's end; a line takes some kilobytes.
+#: Bytes read at a time from the end of a segment; a line takes some kilobytes.
 _BLOCK = 64 << 10
 _ENCODER = json.JSONEncoder(allow_nan=False, separators=(",", ":"), ensure_ascii=False, default=str)
 
@@ -72,7 +71,7 @@ def line_of(at: float, event: str, values: Mapping[str, Any]) -> bytes:
 
 
 def parse_line(line: bytes) -> dict[str, Any] | None:
-    """The event of a line, None if it is torn."""
+    """The event of a line; None if the line is incomplete."""
     try:
         found = json.loads(line)
     except ValueError:
@@ -81,7 +80,7 @@ def parse_line(line: bytes) -> dict[str, Any] | None:
 
 
 def read_events(session_folder: Path) -> Iterator[dict[str, Any]]:
-    """All events that a session's folder has, oldest first."""
+    """All events in a session's folder, oldest first."""
     for path in list_segments(session_folder / FOLDER, EVENTS):
         try:
             file = path.open("rb")
@@ -92,7 +91,7 @@ def read_events(session_folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def last_committed(session_folder: Path) -> tuple[bool, int]:
-    """Whether there are events at all, and the step of the latest ``committed`` or ``resumed``, 0 without one."""
+    """Whether there are any events, and the step of the latest ``committed`` or ``resumed``, 0 without one."""
     paths = list_segments(session_folder / FOLDER, EVENTS)
     for path in reversed(paths):
         with path.open("rb") as file:
@@ -103,9 +102,9 @@ def last_committed(session_folder: Path) -> tuple[bool, int]:
 
 
 def lines_backwards(file: BinaryIO) -> Iterator[bytes]:
-    """The lines of a file, the last one first; what no newline ends, as a crash leaves it, is passed over."""
+    """The lines of a file, the last one first; ignores an end without a newline, as a crash leaves it."""
     place = file.seek(0, os.SEEK_END)
-    pieces: list[bytes] = []  # of the line whose beginning is still to be read, the last one first
+    pieces: list[bytes] = []  # of the line whose beginning is not read yet, the last piece first
     is_whole = False
     while place:
         size = min(_BLOCK, place)
@@ -124,7 +123,7 @@ def lines_backwards(file: BinaryIO) -> Iterator[bytes]:
 
 
 def kept_of(path: Path) -> bytes:
-    """What is kept of a segment that goes: the line that tells what was built, marked; nothing without one."""
+    """What is kept of a removed segment: the ``built`` line, marked; empty without one."""
     with path.open("rb") as file:
         for line in file:
             if _BUILT in line[:_HEAD] and (event := parse_line(line)) is not None:
@@ -134,27 +133,27 @@ def kept_of(path: Path) -> bytes:
 
 
 def end_torn_line(handle: int) -> None:
-    """Let what a crash has left torn at a segment's end stand on a line of its own."""
+    """End an incomplete last line, so that the next event starts on a new line."""
     size = os.fstat(handle).st_size
     if size and os.pread(handle, 1, size - 1) != b"\n":
         os.write(handle, b"\n")
 
 
 def _encoded(content: dict[str, Any]) -> str:
-    """JSON; where the corrected quality is the standard one, most of a line, it is written out once only."""
+    """Encode as JSON; when the corrected quality is the standard one, which is most of a line, encode it only once."""
     quality = content.get("quality", {})
     summary = quality.get("standard")
     if summary is None or quality.get("corrected") is not summary:
         return _ENCODER.encode(content)
     names = ("standard", "corrected")
     text, once = _ENCODER.encode(content | {"quality": quality | dict.fromkeys(names, 0)}), _ENCODER.encode(summary)
-    for name in names:  # the first one is the key: within a string its quotes would be escaped
+    for name in names:  # the first match is the key: in a string its quotes would be escaped
         text = text.replace(f'"{name}":0', f'"{name}":{once}', 1)
     return text
 
 
 def _finite(value: Any) -> Any:
-    """The value with every number that JSON cannot say replaced by None."""
+    """Replace every number that JSON cannot represent by None."""
     if isinstance(value, Mapping):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

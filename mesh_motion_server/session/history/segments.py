@@ -1,8 +1,8 @@
-"""Files that are only appended to, the next one begun when one is full.
+"""Append-only files; when one is full, the next one is started.
 
-They belong to the one process that holds the session; readers come and go. The operating system's calls are made here
-and not through the journal's ``FileSystem``: what the journal is proved
-with, losses of power and failing disks, is not to meet files that nothing depends on.
+They belong to the one process that holds the session; any process may read them. This module calls the operating
+system directly, not through the journal's ``FileSystem``: the proofs of the journal simulate losses of power and
+failing disks, and must not include files that nothing depends on.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from mesh_motion_server.operation.room import disk_room
 
 __all__ = ["Full", "Segments", "Slow", "list_segments", "require_room"]
 
-#: An append that takes longer, and so many seconds more for each byte, is of a disk that holds the session up.
+#: An append that takes longer than this, plus the seconds per byte, counts as a delay by the disk.
 PATIENCE, _PER_BYTE = 1.0, 1 / (32 << 20)
-#: In all it may do so for so many seconds, and this share of the time: a pause of the machine now and then, which looks
-#: the same from here, costs no history.
+#: Allowed total of such delays in seconds, and as a share of the time: an occasional pause of the machine, which looks
+#: the same from here, does not end the history.
 ALLOWANCE, _SHARE = 20.0, 0.01
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 class Full(Exception):
-    """The bytes granted are used."""
+    """The granted bytes are used."""
 
 
 class Slow(Exception):
-    """The disk takes what it is given, but again and again not in time."""
+    """The disk writes the data, but is repeatedly too slow."""
 
 
 def list_segments(folder: Path, kind: str) -> list[Path]:
-    """The segments of a kind, oldest first; none where there is no folder."""
+    """The segments of a kind, oldest first; empty without a folder."""
     pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
     try:
         return sorted(path for path in folder.iterdir() if pattern.fullmatch(path.name))
@@ -43,7 +43,7 @@ def list_segments(folder: Path, kind: str) -> list[Path]:
 
 
 def require_room(folder: Path, reserve_bytes: int) -> None:
-    """Raise OSError where less of the disk would be left."""
+    """Raise OSError if the disk has less free space than the reserve."""
     if disk_room(folder).free < reserve_bytes:
         raise OSError(f"less than {reserve_bytes} bytes of the disk are free")
 
@@ -54,18 +54,18 @@ class Segments:
     Parameters
     ----------
     folder : Path
-        Exists.
+        Must exist.
     kind : {"events", "boundary"}
     segment_bytes : int
-        A segment of so many bytes is full.
+        Size at which a segment is full.
     total_bytes : int
-        Of all segments together.
+        Limit for all segments together.
     reserve_bytes : int
-        No segment is begun where less of the disk would be free.
+        No segment is started if the disk has less free space.
     mend : callable
-        Descriptor of the segment that is gone on with: ends or cuts what a crash has left torn.
+        Gets the descriptor of the segment that is continued: completes or cuts the incomplete end that a crash left.
     keep : callable
-        Path of a segment that goes: what is kept of it, once, in a segment of the same name.
+        Gets the path of a segment that is removed; returns what is kept of it, once, in a segment of the same name.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Segments:
             self._grow(os.fstat(self._handle).st_size - self._sizes[newest])
 
     def append(self, data: bytes, *, forget: bool) -> None:
-        """Write ``data``, whole unless the disk fails; where all bytes are used the oldest segments go, or nothing.
+        """Write all of ``data`` unless the disk fails; when all bytes are used, remove the oldest segments or raise.
 
         Parameters
         ----------
@@ -103,11 +103,11 @@ class Segments:
         Raises
         ------
         Full
-            If they may not, and there is no room.
+            If they may not be removed, and there is no room.
         Slow
-            If it took longer than :data:`PATIENCE`, and such waits exceed :data:`ALLOWANCE`; it is written anyway.
+            If it took longer than :data:`PATIENCE`, and such delays exceed :data:`ALLOWANCE`; the data is written.
         OSError
-            If the disk does not take it.
+            If the disk fails.
         """
         begin = time.monotonic()
         self._append(data, forget=forget)
@@ -118,7 +118,7 @@ class Segments:
                 raise Slow(f"the disk has let steps wait for {self._waited:.1f} s, now {now - begin:.1f} s")
 
     def close(self) -> None:
-        """Give the file back; idempotent."""
+        """Close the file; idempotent."""
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
@@ -141,7 +141,7 @@ class Segments:
         self._used += more
 
     def _begin(self) -> None:
-        """The next segment."""
+        """Start the next segment."""
         require_room(self._folder, self._reserve)
         number = 1 + int(self._newest.stem[-8:]) if self._sizes else 0
         self.close()
@@ -153,7 +153,7 @@ class Segments:
         self._handle = os.open(path, flags, 0o600)
 
     def _remove_oldest(self, more: int) -> None:
-        """Make room for ``more`` bytes; the newest segment stays, and what is kept goes last."""
+        """Make room for ``more`` bytes; the newest segment stays, and the kept content is removed last."""
         while self._used + more > self._total_bytes and len(self._sizes) > 1:
             older = list(self._sizes)[:-1]
             oldest = next((path for path in older if path != self._kept), self._kept)
@@ -169,7 +169,7 @@ class Segments:
                 del self._sizes[oldest]
 
     def _replace(self, path: Path, data: bytes) -> None:
-        """Another segment of the same name, in one step: whoever reads has the old one or the new one."""
+        """Replace a segment in one step: a reader gets the old one or the new one."""
         partial = self._folder / "kept.part"
         partial.unlink(missing_ok=True)
         handle = os.open(partial, _FLAGS, 0o600)
@@ -181,7 +181,7 @@ class Segments:
 
 
 def _write(handle: int, data: bytes, written: Callable[[int], None] = lambda _: None) -> None:
-    """Write all of it; ``written`` gets the number of bytes each time."""
+    """Write all of ``data``; call ``written`` with the number of bytes after each write."""
     view = memoryview(data)
     while view:
         count = os.write(handle, view)

@@ -1,4 +1,4 @@
-"""Writes a session's history: nothing that goes wrong here reaches the session."""
+"""Writes a session's history; no failure here reaches the session."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ __all__ = ["History"]
 
 _LOG = logging.getLogger(__name__)
 
-#: Bytes of a segment.
+#: Size of a segment.
 _SEGMENT = 16 << 20
-#: The events take so large a part of what is granted, in so many segments at least.
+#: The events get this part of the granted bytes (one quarter), in at least this many segments.
 _EVENTS_PART, _LEAST_SEGMENTS = 4, 4
-#: So many times the reserve stays free, twice what the log warns at: of all that fills a disk this stops first.
+#: The history stops at this multiple of the reserve, twice the level at which the log warns: so it stops first.
 _RESERVES = 4
 _MISSING = "steps before it are missing"
 
@@ -39,17 +39,16 @@ _MISSING = "steps before it are missing"
 class History:
     """The history of one session, written by the process that holds it.
 
-    Every method returns normally whatever happens: the first failure ends the history, until the session is taken up
-    again, with one warning.
+    No method ever raises: the first failure ends the history with one warning, until the session is resumed.
 
     Parameters
     ----------
     folder : Path
-        The session's. Where there is none, as with the models of file systems that proofs use, there is no history.
+        The session's folder. If it does not exist, as in the proofs' file system models, there is no history.
     total_bytes : int
-        0: none.
+        0: no history.
     reserve_bytes : int
-        Where less would be free no session is opened; no file is begun where less than four times as much is.
+        Below this free space no session is opened; below four times as much no file of the history is started.
     """
 
     def __init__(self, folder: Path, total_bytes: int, reserve_bytes: int = 0) -> None:
@@ -63,7 +62,7 @@ class History:
         self._maker = ""
 
     def begin_again(self) -> None:
-        """The session is taken up: what a failure has ended is tried again."""
+        """The session is resumed: start a history again that a failure has ended."""
         self.close()
         self._over, self._boundary_over, self._maker = not self._total, False, ""
 
@@ -74,21 +73,21 @@ class History:
         self.attempt(lambda: self._write_event(event, values))
 
     def tell_input(self, step: int, boundary: Callable[[], BoundaryInput], dimension: int) -> None:
-        """Add what a commit is about to be made of."""
+        """Record the input of the next commit."""
         if not self._boundary_over:
             self.attempt(lambda: self._write_input(step, boundary, dimension))
 
     def tell_outcome(self, step: int, digest: bytes) -> None:
-        """Add the digest of a committed state."""
+        """Record the digest of a committed state."""
         if not self._boundary_over:
             self.attempt(lambda: self._write_boundary(pack_outcome(step, digest), step + 1))
 
     def take_up(self, step: int, digest: bytes) -> None:
-        """The session goes on at a committed step; whether the boundary log goes on from there its digest tells."""
+        """The session continues at a committed step; its digest tells whether the boundary log continues from there."""
         self.attempt(lambda: self._take_up(step, digest))
 
     def attempt(self, write: Callable[[], None]) -> None:
-        """Do what writes, or prepares it, unless the history is over; a failure ends it."""
+        """Call ``write`` unless the history has ended; a failure ends it."""
         if self._over:
             return
         try:
@@ -103,7 +102,7 @@ class History:
                 _LOG.warning("the history of session %s ends, the session goes on: %s", self._session.name, reason)
 
     def last_step(self) -> tuple[bool, int]:
-        """Whether anything is recorded yet, and the last step recorded as committed; (True, 0) once it is over."""
+        """Whether anything is recorded yet, and the last step recorded as committed; (True, 0) after its end."""
         found = (True, 0)
 
         def look() -> None:
@@ -114,7 +113,7 @@ class History:
         return found
 
     def close(self) -> None:
-        """Give the files back; nothing is recorded any more. Idempotent."""
+        """Close the files and record nothing more. Idempotent."""
         self._over = True
         for segments in (self._events, self._boundary):
             if segments is not None:
@@ -159,7 +158,7 @@ class History:
             self._end_boundary(step, f"its part of history_bytes = {self._total} is used")
 
     def _end_boundary(self, step: int, why: str) -> None:
-        """No more of the boundary: what would come after a gap cannot be replayed."""
+        """End the boundary log: steps after a gap cannot be replayed."""
         self._boundary_over = True
         if self._boundary is not None:
             self._boundary.close()
@@ -169,7 +168,7 @@ class History:
     def _open(self, kind: str, segment_bytes: int, total_bytes: int, mend: Callable[[int], None]) -> Segments:
         folder = self._session / FOLDER
         if not folder.is_dir():
-            require_room(self._session, self._reserve)  # first: on a full disk nothing is left behind
+            require_room(self._session, self._reserve)  # first: on a full disk no empty folder is left
             folder.mkdir(mode=0o700)
         return Segments(
             folder,
@@ -183,5 +182,5 @@ class History:
 
 
 def _nothing(_: Path) -> bytes:
-    """Kept of a boundary log, of which nothing goes."""
+    """Keep nothing: no segment of a boundary log is removed."""
     return b""

@@ -1,4 +1,4 @@
-"""A call beside the one that makes it: the disk works while cells are judged."""
+"""Runs a call in a thread beside its caller: the disk works while cells are judged."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _Result = TypeVar("_Result")
 
 
 class Beside(Generic[_Result]):
-    """A call in a thread of its own, begun at once; where there is no memory for a thread, in this one.
+    """Runs a call in its own thread, at once; without memory for a thread, in the caller's.
 
     Parameters
     ----------
     call : callable
-        Touches nothing that its maker uses before :meth:`result`.
+        Must not touch what the caller uses before :meth:`result`.
     worth_a_thread : bool
-        Else it is over already when this is made.
+        If false, the call runs before the constructor returns.
     """
 
     def __init__(self, call: Callable[[], _Result], *, worth_a_thread: bool = True) -> None:
@@ -37,12 +37,12 @@ class Beside(Generic[_Result]):
             self._run()
 
     def wait(self) -> None:
-        """Return when the call is over, however it ended."""
+        """Wait until the call has ended, successfully or not."""
         if self._thread is not None:
             self._thread.join()
 
     def result(self) -> _Result:
-        """What the call returned, when it is over; what it raised is raised here."""
+        """Wait for the call; return its result or raise its error."""
         self.wait()
         if self._error is not None:
             raise self._error

@@ -1,4 +1,4 @@
-"""The levels of durability: what a commit waits for, and what a session finds again.
+"""The levels of durability: what a commit waits for, and what a restart restores.
 
 ``full``
     Every commit stores its state: a slot and a record, two syncs.

@@ -1,4 +1,4 @@
-"""The journal's files, read only: what :mod:`.journal` writes, judged and verified."""
+"""Reads the journal's files and verifies them; :mod:`.journal` writes them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MANIFEST = "manifest"
 NEXT_MANIFEST = "manifest.new"
 SLOTS = ("slot-0", "slot-1")
 
-#: Commits whose replies are kept, hence found again after a crash.
+#: Commits whose replies are kept, and therefore restored after a crash.
 KEPT_COMMITS = 8
 #: Of a manifest that is listed, so much is read at first: some ten commits.
 _FIRST_BYTES = 16 * PAGE
@@ -59,7 +59,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
 
 
 def read_ledger(folder: Path, files: FileSystem) -> Ledger:
-    """What the manifest alone says, for lists: a commit that only its slot completes is not seen.
+    """Read the manifest alone, for lists: a commit that only its slot completes is not seen.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def verified_state(raw: bytes, ledger: Ledger) -> Floats:
 
 
 def view_slot(path: Path, files: FileSystem, foundation: Foundation) -> SlotView:
-    """A slot's record; its coordinates are read only when they are asked for."""
+    """Return a slot's record; its coordinates are read only on request."""
     area = foundation.record_area
     head = _read_part(files, path, 0, area)
     record = unpack_record(head)

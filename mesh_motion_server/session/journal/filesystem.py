@@ -1,4 +1,4 @@
-"""All that the durable state asks of a file system, small enough to be replaced.
+"""Everything that the durable state needs from a file system, small enough to be replaced in tests.
 
 The journal and the store do their input and output through :class:`FileSystem` only. Tests put a model in its place
 that loses power between any two operations, or one whose operations fail: the code under test is then the real one.
@@ -91,7 +91,7 @@ def read_whole(files: FileSystem, path: Path) -> bytes:
 
 
 def unreadable(what: str, error: OSError) -> JournalError:
-    """Reading failed: nothing is known to be lost, unless the file itself is."""
+    """Make the error of a failed read: nothing is known to be lost, unless the file itself is missing."""
     if isinstance(error, FileNotFoundError):
         return JournalError(f"{what} cannot be read: {error.strerror or error}")
     return disk_failure(
@@ -100,7 +100,7 @@ def unreadable(what: str, error: OSError) -> JournalError:
 
 
 def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str) -> JournalError:
-    """The message of a disk that failed at doing something: the system's words, the error's name, the consequence."""
+    """Make the error of a failed disk operation: the system's message, the error's name, the consequence."""
     name = errno.errorcode.get(error.errno or 0, "unknown")
     return JournalError(
         f"{doing}: {error.strerror or error} ({name}){consequence}",

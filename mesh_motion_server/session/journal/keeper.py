@@ -1,4 +1,4 @@
-"""What every level of durability does for a session, and what each does in its own way."""
+"""What every level of durability does for a session; each level implements it in its own way."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class Keeper(ABC):
 
     @property
     def durable_step(self) -> int:
-        """No power loss takes the session back behind this step.
+        """A power loss never takes the session back behind this step.
 
-        The ledger is exchanged as a whole, once what it says is synced: any thread may ask.
+        The ledger is replaced as a whole after its content is synced, so any thread may read it.
         """
         return self.journal.ledger.step
 
     @property
     def frozen(self) -> bool:
-        """Whether the disk failed, possibly unasked."""
+        """Whether the disk failed, possibly in the background."""
         return self.journal.frozen
 
     @abstractmethod
@@ -55,7 +55,7 @@ class Keeper(ABC):
 
     @abstractmethod
     def prepare(self, state: Floats) -> None:
-        """The next commit will be of this state (n, d), which nobody changes: what can be written is written meanwhile.
+        """Announce the state (n, d) of the next commit, which nobody changes; the level may start to write it.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Keeper(ABC):
 
     @abstractmethod
     def rest(self, state: Callable[[], Floats]) -> None:
-        """Catch up, and leave nothing to be computed: the session is about to be closed.
+        """Catch up and leave nothing to recompute: the session is about to be closed.
 
         Raises
         ------
@@ -94,5 +94,5 @@ class Keeper(ABC):
         """
 
     def close(self) -> None:
-        """Give the files back; what is not durable yet is lost. Idempotent."""
+        """Close the files; commits that are not durable yet are lost. Idempotent."""
         self.journal.close()

@@ -15,7 +15,7 @@ from mesh_motion_server.session.journal.filesystem import FileSystem, write_all
 
 __all__ = ["create_manifest", "replace_manifest", "reserve", "write_new"]
 
-#: Read at a time where a file is looked through.
+#: Bytes read at a time when a file is scanned.
 _PART = 1 << 20
 
 
@@ -35,7 +35,7 @@ def replace_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) 
 
 
 def reserve(folder: Path, files: FileSystem, size: int) -> None:
-    """Hold the space of the next manifest. Nothing is lost with it, so it is not synced.
+    """Hold the space of the next manifest. Its loss loses no data, so it is not synced.
 
     A file that is there already is kept if nothing was written into it. Otherwise its name is taken away first: after
     a crash in the middle of a renaming it may be the manifest itself, under both names.

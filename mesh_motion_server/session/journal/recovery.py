@@ -30,7 +30,7 @@ _HINT = "restore the session's folder from a backup, or discard the session"
 
 @dataclass(frozen=True)
 class SlotView:
-    """What is in a slot.
+    """The content of a slot.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class SlotView:
 
 @dataclass(frozen=True)
 class Findings:
-    """What a journal says.
+    """The result of reading a journal.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ def _completion(slots: tuple[SlotView, SlotView], last: Record) -> tuple[Record,
 
 
 def _check_witness(manifest: bytes, ledger: Ledger, end: int) -> None:
-    """The last record known to be durable is there."""
+    """Check that the last record known to be durable is there."""
     if not has_witness(ledger.foundation):
         return
     witness = Witness.unpack(manifest[ledger.capacity :])
@@ -166,7 +166,7 @@ def _check_witness(manifest: bytes, ledger: Ledger, end: int) -> None:
 
 
 def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int, ...]:
-    """Slots that hold neither nothing nor a commit of the ledger's past."""
+    """Slots that are not empty and do not hold a commit of the ledger's past."""
     return tuple(
         number
         for number, slot in enumerate(slots)

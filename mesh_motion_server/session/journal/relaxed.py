@@ -1,4 +1,4 @@
-"""Level ``relaxed``: a commit is answered before the disk has it, a thread of the session's process stores it.
+"""Level ``relaxed``: a commit is answered before it is on the disk; a thread of the session's process stores it.
 
 The thread stores one state at a time, always the newest, with the replies to all commits since the last one stored
 (:class:`Backlog`). So the disk's queue never grows: at most two states wait, and the durable step is behind by what was
@@ -20,7 +20,7 @@ __all__ = ["Backlog", "RelaxedKeeper"]
 
 
 class Backlog:
-    """Commits that were answered and are not stored: of the states the newest, of the replies those that are kept.
+    """Commits that were answered but not stored: the newest state, and the replies that are kept.
 
     Parameters
     ----------
@@ -36,11 +36,11 @@ class Backlog:
         return len(self._commits)
 
     def accept(self, entry: Commit, state: Floats) -> None:
-        """One more commit; its state (n, d) is not changed by anybody."""
+        """Add a commit; nobody changes its state (n, d)."""
         self._commits, self._state = (*self._commits, entry)[-KEPT_COMMITS:], state
 
     def take(self) -> Callable[[], None]:
-        """Empty the backlog; what stores all that was in it."""
+        """Empty the backlog; return the call that stores its content."""
         (*earlier, entry), state = self._commits, self._state
         self._commits, self._state = (), None
         if state is None:
@@ -118,7 +118,7 @@ class RelaxedKeeper(Keeper):
             raise JournalError(failure.message, code=failure.code, hint=failure.hint, details=failure.details)
 
     def _run(self) -> None:
-        """Store what has come, until the session is closed or the disk fails."""
+        """Store new commits until the session is closed or the disk fails."""
         while True:
             with self._news:
                 self._news.wait_for(lambda: self._over or self._backlog)
@@ -134,7 +134,7 @@ class RelaxedKeeper(Keeper):
 
 
 def _failure_of(store: Callable[[], None]) -> JournalError | None:
-    """What becomes of storing."""
+    """Call ``store``; return its error, if any."""
     try:
         store()
     except JournalError as error:

@@ -17,13 +17,13 @@ __all__ = ["ReplyTable", "RequestId"]
 
 T = TypeVar("T")
 
-#: Clients remembered at once; the longest silent one is forgotten first.
+#: Maximum number of clients; the client that was silent longest is forgotten first.
 _MAX_CLIENTS = 1024
 
 
 @dataclass(frozen=True)
 class RequestId:
-    """What makes two requests the same.
+    """Identifies a request.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class ReplyTable(Generic[T]):
     byte_budget : int
         What all replies may take together; the newest one of each holder is kept all the same.
     holders : int
-        So many clients hold the session: those that were answered last.
+        Number of clients that hold the session: those that were answered last.
     """
 
     def __init__(self, per_client: int, byte_budget: int, holders: int = 1) -> None:
@@ -105,7 +105,7 @@ class ReplyTable(Generic[T]):
         return None
 
     def store(self, request: RequestId, reply: T | None, nbytes: int = 0) -> None:
-        """Remember a request and its reply; None: it failed and may be repeated with the same content only."""
+        """Store a request and its reply; None: it failed and may be repeated only with the same content."""
         client = self._clients.setdefault(request.client, _Client())
         self._clients.move_to_end(request.client)
         previous = client.stored.pop(request.sequence, None)

@@ -64,5 +64,5 @@ class Witness:
         return cls(sequence, checksum) if known and magic == _MAGIC else None
 
     def agrees(self, last: Record) -> bool:
-        """Whether a chain that ends with this record has the one that was witnessed."""
+        """Whether a chain that ends with this record contains the witnessed record."""
         return self.sequence < last.sequence or self == Witness.of(last)

@@ -12,5 +12,5 @@ __all__ = ["joined"]
 
 
 def joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """The pieces (k, …) one below the other; an only piece itself, uncopied."""
+    """Concatenate the pieces (k, …) by rows; a single piece is returned without a copy."""
     return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

@@ -97,7 +97,7 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
 
 
 def _ascending(ids: Ints) -> bool:
-    """Whether the ids (n,) ascend strictly, as local indices do."""
+    """Whether the ids (n,) ascend strictly."""
     return bool((ids[1:] > ids[:-1]).all())
 
 
@@ -135,7 +135,7 @@ def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, Int
 
 
 def _inverse(order: Ints) -> Ints:
-    """Where each index stands in a permutation (n,)."""
+    """The inverse (n,) of a permutation."""
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return rank

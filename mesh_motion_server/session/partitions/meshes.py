@@ -1,4 +1,4 @@
-"""What n partitions uploaded, the one mesh of it, and the way back: who sent which node, cell and displacement.
+"""What n partitions uploaded, the merged mesh, and the mapping back to the partitions: nodes, cells, displacements.
 
 The numerics see the one mesh only, so that 1 and n partitions give identical arrays
 (:mod:`.merging` makes it). A node that several partitions move must be given the same

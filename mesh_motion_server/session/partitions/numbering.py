@@ -1,4 +1,4 @@
-"""The mesh in the numbering its senders know, for messages about it.
+"""The mesh in the senders' numbering, for messages about it.
 
 Nodes count through the global ids in ascending order: with one partition these are the local indices as uploaded. Cells
 count through the types in the order of :data:`.cells.CELL_TYPES`, within a type through the
@@ -21,7 +21,7 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 
 __all__ = ["UploadView", "in_senders_numbers", "upload_view"]
 
-#: How a message names a node, and which details do.
+#: The pattern of a node in a message, and the keys of a node in the details.
 _NODE = re.compile(r"\bnode (\d+)")
 _NODE_KEYS = ("node", "image")
 

@@ -73,7 +73,7 @@ class _Pile:
 
 @dataclass(frozen=True, eq=False)
 class _Added:
-    """Which part came when: pile, item and name, bytes on arrival."""
+    """The record of an added part: pile, item and name, bytes on arrival."""
 
     pile: _Pile
     key: _Key
