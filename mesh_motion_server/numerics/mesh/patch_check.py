@@ -106,7 +106,7 @@ def nodes_behind_fixed(n: int, cells: CellTable, boundary: Ints, patches: Mappin
         (fixed if patch.role == "fixed" else other)[patch.nodes] = True
     fixed &= ~other
     part = _parts(n, cells, ~fixed)
-    meets = np.zeros(part.max() + 1, dtype=bool)  # whether each part has a fixed node
+    meets = np.zeros(part.max() + 1, dtype=bool)  # whether each part touches a fixed node
     for block in cells:
         rows = block.nodes[fixed[block.nodes].any(axis=1)]
         meets[part[rows[~fixed[rows]]]] = True
