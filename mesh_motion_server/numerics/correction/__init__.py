@@ -1,1 +1,1 @@
-"""Corrections of a predicted motion: freed nodes, enrichment functions, and what they lower."""
+"""Corrections of a predicted motion: freed nodes, enrichment functions, and the distortion that they minimise."""

@@ -1,8 +1,8 @@
 """Boundary nodes that a correction may move: along their slip or symmetry surface, and periodic images alike.
 
-Each step of the Newton iterations is tangential, what is tried is projected back exactly, and no facet that faces
-outwards may turn over: so nodes stay on their surface and within its rim, rims on their curves, and corners in place.
-Periodic nodes are one unknown an orbit, so that the mesh is improved across a periodic side as anywhere else.
+Each step of the Newton iterations is tangential, trial positions are projected back exactly, and no facet that faces
+outwards may turn over. So nodes stay on their surface and within its rim, rims on their curves, and corners in place.
+Periodic nodes are one unknown per orbit, so the mesh is improved across a periodic side as anywhere else.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class BoundaryConstraint:
     released : (n,) bool array
         Nodes that may move.
     sliding : SlidingSurfaces or None
-        Of those that slide.
+        Surfaces of the nodes that slide.
     periodic : PeriodicNodes or None
     facets : OutwardFacets
-        Of the sliding patches.
+        Facets of the sliding patches.
     """
 
     released: Marks
@@ -113,7 +113,7 @@ class BoundaryConstraint:
 
 @dataclass(frozen=True, eq=False)
 class _RegionConstraint:
-    """Of the free nodes of a region: those that slide are roots where they have periodic images.
+    """The constraint of a region's free nodes: sliding nodes with periodic images are roots.
 
     ``local`` (n,) is the region's numbering.
     """
@@ -125,7 +125,7 @@ class _RegionConstraint:
     facets: OutwardFacets
 
     def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:
-        """A tangential step (f, d), images alike."""
+        """A tangential step (f, d), alike for periodic images."""
         d = points.shape[1]
         matrices = np.broadcast_to(np.eye(d), (len(right), d, d)).copy()
         if self.sliding is not None:
@@ -138,7 +138,7 @@ class _RegionConstraint:
         return self.links.expand(matrices, solve(self.links.adjacency, blocks, reduced))
 
     def retract(self, points: Floats, trial: Floats) -> Floats | None:
-        """The trial points (l, d) put back onto the surfaces, images alike; None where a facet turned over."""
+        """The trial points (l, d) put back onto the surfaces, images alike; None if a facet turned over."""
         if self.sliding is not None:
             rows = self.local[self.sliding.nodes]
             trial[rows] = self.sliding.project(trial[rows])
@@ -156,7 +156,7 @@ def _torn(released: Marks, periodic: PeriodicNodes) -> Marks:
 
 
 def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -> Marks:
-    """(n,) nodes on an axis of rotation that slide too: where both let them go is not worth finding out."""
+    """(n,) nodes on an axis of rotation that slide too: they stay held, as both constraints are not combined."""
     found = np.zeros(len(periodic.reference), dtype=bool)
     if sliding is not None:
         found[np.intersect1d(periodic.members[periodic.on_axis], sliding.nodes)] = True

@@ -1,17 +1,17 @@
-"""The distortion of whole cells: what the quality metric itself says of quads, hexahedra, wedges and pyramids.
+"""The distortion of whole cells: the quality metric itself for quads, hexahedra, wedges and pyramids.
 
-:mod:`.distortion` treats the corners of a cell as cells of their own, measured against their own reference shape. That
-untangles well, but it is not the metric: a quad's skew asks for right angles, nothing else. Here the p-mean is over ::
+:mod:`.distortion` treats each corner of a cell as a cell, measured against its own reference shape. That untangles
+well, but it is not the metric: a quad's skew requires right angles, nothing else. Here the p-mean is over ::
 
     L = log mean_k f_k + (a/m) log cosh(m log τ)          τ = Σ α_k / Σ α_k⁰,  α_k > 0 at every corner k
 
 with the corner terms f_k of :mod:`.metrics`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
-Relative to the cells at rest it is L less its value at rest; simplices that are flat at rest have their own Jacobian at
-rest as W (a target matrix), so that only a rigid motion has L = 0. What a cell's skew gains on that at rest counts
-nothing there, as in the metric: otherwise a cell that was poor at rest pays for a lost size by a better shape.
+Relative to the cells at rest it is L minus its value at rest; simplices that are flat at rest have their own Jacobian
+at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew better than that at rest gains nothing
+there, as in the metric: otherwise a cell that was poor at rest could compensate a lost size by a better shape.
 
-Derivatives go through the corners' Jacobians, see kernels/src/correction/cells.h.
+The derivatives use the corners' Jacobians, see kernels/src/correction/cells.h.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cel
 
 @dataclass(frozen=True, eq=False)
 class CellGroup:
-    """Cells of one type as the kernels want them.
+    """Cells of one type in the form that the kernels need.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class CellGroup:
     ideal : (1, d, d) or (m, d, d) array
         W⁻¹ of all cells or of each, scaled to determinant 1; not used by the angle form.
     offset : (0,) or (m,) array
-        Relative to the cells at rest what is added to L: the logarithm of their skew, 0 where W is their own.
+        Added to L if it is relative to the cells at rest: the logarithm of their skew, 0 where W is the cell's own.
     """
 
     type: CellType
@@ -62,14 +62,14 @@ class CellGroup:
 
     @cached_property
     def sine(self) -> float:
-        """w of the angle form; 0 says that the shape is the mean ratio."""
+        """w of the angle form; 0 means that the shape is the mean ratio."""
         w = self.type.ideal_array
         angles = uses_angles(self.type)
         return float(np.linalg.det(w) / np.linalg.norm(w, axis=0).prod()) if angles else 0.0
 
 
 def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -> tuple[CellGroup, ...]:
-    """The blocks of a table; relative to the cells at rest where their skews are known.
+    """The blocks of a table as groups; relative to the cells at rest if their skews are known.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _rows(groups: tuple[CellGroup, ...]) -> list[tuple[CellGroup, slice]]:
 
 
 def _arrays(points: NDArray[np.float64], group: CellGroup, norm: PNorm) -> tuple[NDArray[Any] | float, ...]:
-    """What every kernel gets of a group and of the measure."""
+    """The arguments of a group and of the norm that every kernel takes."""
     return (
         np.ascontiguousarray(points),
         group.nodes,

@@ -1,7 +1,7 @@
 """The correction of a predicted motion, by name: nothing, the thesis' methods, optimised enrichment, freed trial nodes.
 
-It stands between "predict" and "displace": it gets where the standard motion would put the nodes, and answers where
-they shall go instead. Held nodes keep their standard positions bit by bit, and no node of the mesh has moved yet.
+It runs between "predict" and "displace": it takes the node positions of the standard motion and returns better ones.
+Held nodes keep their standard positions bitwise, and no node of the mesh has moved yet.
 
 ==================  =====================================================================================
 none                the standard motion, whatever its quality
@@ -12,12 +12,12 @@ enrichment          all coefficients of all points at once: :mod:`.enrichment.co
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
 ==================  =====================================================================================
 
-``in_time`` says how the corrections of successive motions hang together: each one on its own, as far as its threshold
-and target ask ("independent"), or as a smooth function of the boundary ("smooth", of ``optimised`` only:
+``in_time`` says how the corrections of successive motions are related: each one is independent and follows its
+threshold and target ("independent"), or they are a smooth function of the boundary ("smooth", for ``optimised`` only:
 :mod:`.smooth_in_time`).
 
-``optimised`` frees nodes and opens with no enrichment: from plain RBF positions the freed nodes reach the threshold in
-less time than an enrichment takes to be set up, at every size that was measured, and end at a better quality.
+``optimised`` frees nodes and does not start with an enrichment: from plain RBF positions the freed nodes reach the
+threshold in less time than the setup of an enrichment takes, at every measured size, and end at a better quality.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-_WORST = 10  # cells that a refusal names
-#: Thresholds that a large mesh is raised to where that is cheap: what just meets one is spent by the next step.
+_WORST = 10  # number of cells that a refusal names
+#: A large mesh is raised to this multiple of the threshold if that is cheap: the next step uses up a smaller margin.
 _AMPLE = 2.5
 
 
@@ -77,19 +77,19 @@ class Correction:
     points : (n, d) array, mesh length unit
         Corrected trial positions.
     method : str
-        "none" where the standard motion was left alone, otherwise the correction.
+        "none" if the standard motion was not changed, otherwise the correction.
     minimum : float
         Smallest quality of all cells; negative where a cell is inverted (only with correction "none").
     reached : bool
         Whether the minimum is at or above the threshold.
     enrichment_points : (K, d) array, mesh length unit
     freed_nodes : int
-        Trial nodes that were moved one by one.
+        Number of trial nodes that moved individually.
     iterations : int
     history : tuple of Stage
-        What was descended, where nodes were freed.
+        The stages of the minimisation, if nodes were freed.
     quality : CellQuality or None
-        Of every cell at ``points``; None where only the minimum was needed, and known.
+        Of every cell at ``points``; None if only the minimum was needed, and known.
     """
 
     points: Floats
@@ -105,7 +105,7 @@ class Correction:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What a method found; the mesh is judged afterwards."""
+    """The result of a method; the mesh is judged afterwards."""
 
     points: Floats
     enrichment_points: Floats | None = None
@@ -115,7 +115,7 @@ class _Found:
 
 
 def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correction:
-    """Correct a predicted motion where it is below the threshold.
+    """Correct a predicted motion if it is below the threshold.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     Raises
     ------
     NumericalError
-        If no valid mesh was found; carries the best minimum quality met and the worst cells.
+        If no valid mesh was found; carries the best minimum quality found and the worst cells.
     """
     p = problem
     reference = p.start if p.reference is None else p.reference
@@ -151,7 +151,7 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
             found = CORRECTIONS[settings.correction](problem, settings, mesh, quality)
     after = before if found.points is p.begin else mesh.cell_quality(found.points)
     corrected = signed(after, mesh.metric)
-    # a method may fail, or gain less than it spoils: the mesh never gets worse by it
+    # a method may fail or lower the quality: then the mesh stays as it was
     if not good and (
         corrected.min() < least or (least > 0.0 and spoils(before, after, mesh.metric, float(corrected.min() / least)))
     ):
@@ -163,7 +163,7 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
 
 
 def _smooth_in_time(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh) -> Correction:
-    """The correction that is a smooth function of the boundary, judged but never switched by its quality."""
+    """The correction that is a smooth function of the boundary; the quality is judged but never switches it."""
     if mesh.held.all():
         quality = mesh.cell_quality(problem.standard)
         minimum = float(signed(quality, mesh.metric).min())
@@ -188,7 +188,7 @@ def _judged(
     minimum: float,
     quality: CellQuality | None = None,
 ) -> Correction:
-    """The answer, with the smallest quality of its mesh."""
+    """The correction, with the smallest quality of its mesh."""
     none = np.empty((0, problem.start.shape[1]))
     return Correction(
         points=found.points,
@@ -237,12 +237,12 @@ def _optimised(problem: CorrectionProblem, settings: CorrectionSettings, mesh: T
 
 
 def _freed(found: Polished) -> _Found:
-    """What freeing nodes gave."""
+    """The result of freeing nodes."""
     return _Found(found.points, None, found.freed, found.iterations, found.history)
 
 
 def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
-    """What met the threshold raised to a higher target, as far as freeing few nodes does that."""
+    """Raise a mesh that meets the threshold towards a higher target, as far as freeing few nodes allows."""
     most = SMALL_MESH[mesh.reference.shape[1]]
     more = reach(found.points, mesh, target, most=most, quality=found.quality)
     if not more.minimum > found.minimum:
@@ -256,13 +256,13 @@ def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
 
 
 def _could_be_valid(mesh: TrialMesh, quality: Floats) -> bool:
-    """Whether every cell without a free node, which nothing can mend, is valid by the quality (m,) of all cells."""
+    """Whether all cells without a free node, which no correction can repair, are valid by the quality (m,) of cells."""
     fixed = np.concatenate([mesh.held[block.nodes].all(axis=1) for block in mesh.cells])
     return bool((quality[fixed] > 0.0).all())
 
 
 def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats) -> _Found:
-    """Enrichment points, all coefficients optimised."""
+    """Enrichment points with all coefficients optimised."""
     if settings.max_enrichment_points == 0:
         return _Found(problem.standard)
     p, count, radius = problem, settings.max_enrichment_points, settings.enrichment_radius
@@ -290,7 +290,7 @@ def _explicit(problem: CorrectionProblem, settings: CorrectionSettings, mesh: Tr
 def _imposed_gradient(
     problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats
 ) -> _Found:
-    """The thesis' imposed gradient: of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
+    """The thesis' imposed gradient: that of the boundary's straight line in 1D, of corrected cells in 2D and 3D."""
     p = problem
     if p.cells.dimension == 1:
         return _imposed_slope(problem, settings, quality)

@@ -1,4 +1,4 @@
-"""What a correction is given: a predicted motion, and which correction shall raise its quality how far."""
+"""The input of a correction: a predicted motion, which correction to use, and how far to raise the quality."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class CorrectionProblem:
     Attributes
     ----------
     start : (n, d) array, mesh length unit
-        Positions that the standard motion starts from.
+        Positions from which the standard motion starts.
     standard : (n, d) array, mesh length unit
-        Where it would put the nodes.
+        Node positions of the standard motion.
     held : (n,) bool array
         Nodes that no correction may move.
     cells : CellTable
@@ -59,20 +59,20 @@ class CorrectionProblem:
         Of the boundary at ``start``.
     evaluator : Evaluator
     reference : (n, d) array, mesh length unit, optional
-        Nodes of the reference mesh, the ideal shape of cells that are no simplices; ``start`` by default.
+        Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
     constraint : NodeConstraint, optional
         Held nodes that ``optimised`` may move: along their surface, or in pairs.
     smooth : SmoothInTime, optional
-        The prepared correction of this mesh, for ``in_time`` "smooth"; made anew by default.
+        The prepared correction of this mesh, for ``in_time`` "smooth"; built when needed by default.
     near : (n, d) array, mesh length unit, optional
-        Positions near the corrected ones, from which ``in_time`` "smooth" begins: only the time depends on them.
+        Positions near the corrected ones, from which ``in_time`` "smooth" begins: they only change the computing time.
     valid : (n, d) array, mesh length unit, optional
-        A valid mesh with the held nodes where ``standard`` has them, where one was found already: ``optimised`` begins
-        from it instead of untangling ``standard``, and the other corrections leave it as it is.
+        A valid mesh with the held nodes of ``standard``, if one is known: ``optimised`` begins from it instead of
+        untangling ``standard``, and the other corrections leave it as it is.
     known : float, optional
-        Smallest quality of ``standard``, where it has been judged already and no cell is inverted.
+        Smallest quality of ``standard``, if it was already judged and no cell is inverted.
     near_walls : callable, optional
-        Marks the nodes (n,) near the moving walls, which stay where a good ``standard`` is only made better.
+        Marks the nodes (n,) near the moving walls, which stay in place if ``standard`` is good and only improved.
     """
 
     start: Floats
@@ -92,13 +92,13 @@ class CorrectionProblem:
 
     @property
     def begin(self) -> Floats:
-        """Where a correction that is not smooth in time begins (n, d)."""
+        """Start positions (n, d) of a correction that is not smooth in time."""
         return self.standard if self.valid is None else self.valid
 
 
 @dataclass(frozen=True)
 class CorrectionSettings:
-    """Which correction, and how far.
+    """Which correction to use, and how far to correct.
 
     Attributes
     ----------
@@ -108,18 +108,18 @@ class CorrectionSettings:
     quality_threshold : float
         A motion that is at least this good is left alone.
     target : {"auto", "threshold", "maximum"}
-        Stop at the threshold, or go for the best minimum quality; "auto": the maximum where it costs little.
+        Stop at the threshold, or maximise the minimum quality; "auto": the maximum if it costs little.
     enrichment_radius : float, mesh length unit
         R_l.
     max_enrichment_points : int
         Bounds the enrichment, not the freed nodes.
     in_time : {"independent", "smooth"}
-        "smooth" knows no threshold and no target: it is always active.
+        "smooth" uses no threshold and no target: it is always active.
 
     Raises
     ------
     InvalidInput
-        On an unknown correction, target or in_time, or an in_time that the correction has not.
+        On an unknown correction, target or in_time, or an in_time that the correction does not support.
     """
 
     correction: str = "optimised"
@@ -139,7 +139,7 @@ class CorrectionSettings:
 
 
 def target_quality(problem: CorrectionProblem, settings: CorrectionSettings) -> float:
-    """The quality at which a correction stops; inf for the best it can."""
+    """The quality at which a correction stops; inf for the best possible."""
     free = int(np.count_nonzero(~problem.held))
     small = free <= SMALL_MESH[problem.start.shape[1]]
     maximum = settings.target == "maximum" or (settings.target == "auto" and small)
@@ -147,5 +147,5 @@ def target_quality(problem: CorrectionProblem, settings: CorrectionSettings) -> 
 
 
 def goal(settings: CorrectionSettings) -> float:
-    """The threshold, or where that lets inverted cells pass, just a valid mesh."""
+    """The threshold, or just a valid mesh if the threshold would accept inverted cells."""
     return max(settings.quality_threshold, _VALID)

@@ -7,8 +7,8 @@ A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` fro
     ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                    untangling, any τ
           χ = (τ + √(τ² + ε²))/2
 
-With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex but for the rounding of |log τ| (m → ∞ removes it);
-other weights stand for other metrics. In 1D there is no shape: the first three terms cancel and the size alone
+With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex except for the smoothing of |log τ| (m → ∞ removes it);
+other weights stand for other metrics. In 1D there is no shape: the first three terms cancel and only the size
 counts. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth maximum ::
 
     E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
@@ -48,13 +48,13 @@ __all__ = [
 FLOOR = 0.1
 """Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
 
-_FLAT_SKEW = 0.3  # simplices of a lower skew at rest are meant to be as they are
+_FLAT_SKEW = 0.3  # simplices of a lower skew at rest are flat on purpose
 _DEGENERATE = 1e-6  # reference corners flatter than this (det / product of edge lengths) take the cell type's ideal
 
 
 @dataclass(frozen=True)
 class PNorm:
-    """Which smooth maximum of which distortion.
+    """Selects the smooth maximum and the distortion.
 
     Attributes
     ----------
@@ -65,9 +65,9 @@ class PNorm:
     epsilon : float
         Regularisation of the determinant; 0 is the barrier (every τ must be positive).
     size_weight : float
-        a: what the size counts beside the shape.
+        a: weight of the size relative to the shape.
     of : {"corners", "cells"}
-        What is measured: every corner simplex against the reference mesh, or whole cells as the metric does
+        Measure every corner simplex against the reference mesh, or whole cells as the metric does
         (:mod:`.cell_distortion`), which is the same for simplices and needs ε = 0.
     """
 
@@ -89,7 +89,7 @@ class CornerSimplices:
     ideal : (c, d, d) array
         P: the Jacobian from the ideal simplex is ``[x_a − x_k, …] P``, of determinant 1 where the size is unchanged.
     offset : (c,) array or None
-        What is added to the distortions: the logarithm of the skew at rest, where it is measured relative to that.
+        Added to the distortions: the logarithm of the skew at rest, if they are relative to it.
     """
 
     nodes: NDArray[np.int32]
@@ -119,9 +119,9 @@ def corner_simplices(reference: NDArray[np.float64], cells: CellTable, reference
     Notes
     -----
     A triangle or tetrahedron is measured against the equilateral simplex of its reference size, because its skew is
-    absolute. Where the skews at rest are known, that is relative to its skew at rest, and one that is flat at rest is
-    measured against itself: to raise the skew of a boundary layer's cells would destroy the layer. The others are
-    always measured against their own corners, because a boundary layer's flat quads are meant.
+    absolute. If the skews at rest are known, the measure is relative to the skew at rest, and a simplex that is flat at
+    rest is measured against itself: a higher skew of a boundary layer's cells would destroy the layer. Other cells are
+    always measured against their own corners, because a boundary layer's quads are flat on purpose.
     """
     nodes, ideals, offsets = [], [], []
     all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
@@ -150,7 +150,7 @@ def _ideal_maps(
 ) -> NDArray[np.float64]:
     """(c, d, d) maps P of the corners (c, d + 1) of one cell type.
 
-    Those of the type's ideal with determinants ``dets`` (c,), or where ``itself`` (c,) says so of the reference corner.
+    P comes from the type's ideal with determinants ``dets`` (c,), or from the reference corner where ``itself`` (c,).
     """
     w, d = cell_type.ideal_array, cell_type.dimension
     scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
@@ -200,8 +200,8 @@ def corner_blocks(
 
     They are positive semi-definite: the negative part of the Hessian, of ℓ and the p-mean's rank-one term, with respect
     to J is dropped (kernels/src/correction/corner.h). Row ``j d + k`` and column ``a d + b`` couple the coordinate a of
-    the edge j, which ends at node j + 1, with b of the edge k; what belongs to node 0 is minus the sums. Single
-    precision is enough for a model of the curvature, and halves the memory.
+    the edge j, which ends at node j + 1, with b of the edge k; the entries of node 0 are minus the sums. Single
+    precision is enough for a model of the curvature and halves the memory.
     """
     least = floor / len(weights), least_weight
     kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *_law(norm), blocks)

@@ -1,7 +1,7 @@
 """The best motion of a 1D mesh: between two held nodes every cell is stretched equally.
 
-The cells between two held nodes must together take up the change of their distance, so the smallest of min(τ, 1/τ) is
-largest when all τ are equal.
+The cells between two held nodes together absorb the change of their distance, so the smallest min(τ, 1/τ) is largest
+when all τ are equal.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def equal_stretch(points: NDArray[np.float64], mesh: TrialMesh) -> NDArray[np.fl
 
 
 def _chains(mesh: TrialMesh) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Connected chains of nodes, and the places of their nodes by summed reference sizes."""
+    """Connected chains of nodes, and the positions of their nodes as sums of reference sizes."""
     nodes = np.concatenate([block.nodes for block in mesh.cells])
     order = np.argsort(mesh.reference[nodes[:, 0], 0], kind="stable")
     nodes, sizes = nodes[order], sizes_of(mesh.reference_sizes)[order]

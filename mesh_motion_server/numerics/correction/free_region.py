@@ -1,8 +1,8 @@
-"""A part of the mesh whose trial nodes are free: its nodes, the cells that feel them, and their adjacency.
+"""A part of the mesh whose trial nodes are free: its nodes, the cells that depend on them, and their adjacency.
 
-Everything that the Newton iterations touch is numbered locally, free nodes first, so their cost follows the region and
-not the mesh. Scatters from corners to nodes are gathers over fixed lists: no atomics, the same sums in the same order
-whatever the number of threads.
+Everything that the Newton iterations use is numbered locally, free nodes first, so their cost depends on the region and
+not on the mesh. Scatters from corners to nodes are gathers over fixed lists: no atomics, and the same sums in the same
+order for any number of threads.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ __all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow"
 
 _DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
 _LEAST_AGGREGATE = 64  # nodes
-_AGGREGATES = {1: 800, 2: 800, 3: 200}  # at most, by the dimension: their factorization takes a few per cent of a step
+_AGGREGATES = {1: 800, 2: 800, 3: 200}  # at most, by dimension: their factorization takes a few per cent of a step
 
 
 @dataclass(frozen=True, eq=False)
 class NodeAdjacency:
-    """Where the corners of each free node are, and the pattern of the Hessian: d × d blocks, diagonal first in a row.
+    """The corners of each free node, and the pattern of the Hessian: d × d blocks, the diagonal first in each row.
 
     Attributes
     ----------
     starts : (f + 1) int64 array
         Free node i appears in the entries ``starts[i]:starts[i + 1]``.
     entries : (e) int32 array
-        ``corner · (d + 1) + place``: in which corner, as which of its nodes.
+        ``corner · (d + 1) + place``: the corner, and the node's place in it.
     slots : (e, d + 1) int32 array
         Position, among the Hessian's blocks, of the coupling to each node of that corner; −1 for a held node.
     row_starts, columns : (f + 1) int64, (b) int32 arrays
@@ -73,14 +73,14 @@ class NodeAdjacency:
         least_weight: float,
         hessian: NDArray[np.float64],
     ) -> None:
-        """Bring the Hessian (b, d, d) up to date after the blocks of corners that weigh (c,) so much have changed."""
+        """Update the Hessian (b, d, d) after the blocks of corners with ``weights`` (c,) above the least changed."""
         pattern = self.starts, self.entries, self.slots, self.row_starts
         kernels.assemble_corners(*pattern, blocks, weights, least_weight, hessian)
 
 
 @dataclass(frozen=True, eq=False)
 class CellAdjacency:
-    """Where the cells of one type are, in the same pattern of the Hessian.
+    """The cells of one type at each free node, in the same pattern of the Hessian.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class FreeRegion:
 
     @cached_property
     def cell_adjacency(self) -> tuple[CellAdjacency, ...]:
-        """Of each group."""
+        """The adjacency of each group."""
         pattern = self.adjacency.row_starts, self.adjacency.columns
         return tuple(
             CellAdjacency(*kernels.cell_adjacency(group.nodes, self.n_free, len(self.nodes), *pattern))

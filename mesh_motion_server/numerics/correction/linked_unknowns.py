@@ -1,8 +1,8 @@
 """A Newton system in fewer unknowns: each free node's step is a matrix times the step of one representative.
 
 ``u_i = M_i v_t(i)`` covers a node that slides (M_i projects onto its tangents, t(i) = i) and nodes that move alike
-(t(i) the first of them, M_i the rotation between the two). Then ``H_v = Σ M_iᵀ H_ij M_j`` and ``g_v = Σ M_iᵀ g_i``. A
-direction that a representative must not take gets a stiffness of its own, with nothing that pulls there.
+(t(i) is the first of them, M_i the rotation between the two). Then ``H_v = Σ M_iᵀ H_ij M_j`` and ``g_v = Σ M_iᵀ g_i``.
+A direction that a representative must not take gets its own stiffness and no force.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class LinkedUnknowns:
     adjacency : NodeAdjacency
         The representatives' Hessian pattern; it has no corners of its own.
     rows, columns, slots : (b,) int64 arrays
-        Free nodes of each block of their Hessian, and where it goes among the representatives' blocks.
+        Free nodes of each block of their Hessian, and its position among the representatives' blocks.
     """
 
     targets: Integers
@@ -46,7 +46,7 @@ class LinkedUnknowns:
 
     @classmethod
     def build(cls, adjacency: NodeAdjacency, representatives: Integers) -> LinkedUnknowns:
-        """Link the free nodes: ``representatives`` (f,), the free node that each one follows, itself if none."""
+        """Link the free nodes: each follows the free node in ``representatives`` (f,), possibly itself."""
         roots = np.flatnonzero(representatives == np.arange(len(representatives)))
         number = np.full(len(representatives), -1, dtype=np.int64)
         number[roots] = np.arange(len(roots))
@@ -82,5 +82,5 @@ class LinkedUnknowns:
         return hessian, sums
 
     def expand(self, matrices: Floats, step: Floats) -> Floats:
-        """Steps (f, d) of the free nodes, of those (r, d) of their representatives."""
+        """Steps (f, d) of the free nodes from those (r, d) of their representatives."""
         return np.asarray(np.einsum("fij,fj->fi", matrices, step[self.targets]))

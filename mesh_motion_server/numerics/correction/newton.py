@@ -1,9 +1,9 @@
 """Projected Gauss–Newton iterations that lower the distortion of a free region.
 
-Each iteration solves ``H dx = −g`` with the positive semi-definite Hessian of :mod:`.distortion` and goes along dx as
-far as Armijo's rule allows; outside the barrier the distortion is infinite, so no cell can invert. Small systems are
+Each iteration solves ``H dx = −g`` with the positive semi-definite Hessian of :mod:`.distortion` and moves along dx as
+far as Armijo's rule allows; beyond the barrier the distortion is infinite, so no cell can invert. Small systems are
 factorized, large ones are solved roughly by conjugate gradients preconditioned with the diagonal blocks: an inexact
-Newton method needs no more (Dembo, Eisenstat & Steihaug, SIAM J. Numer. Anal. 19, 1982).
+Newton method needs no more accuracy (Dembo, Eisenstat & Steihaug, SIAM J. Numer. Anal. 19, 1982).
 
 A :class:`QuadraticTerm` may be added to the distortion, and :class:`Accuracy` says where to stop.
 """
@@ -30,7 +30,7 @@ __all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
-_UNTANGLING_DIRECT = 1500  # nor always a half turn, which a larger factorization still does
+_UNTANGLING_DIRECT = 1500  # a larger factorization still untangles a half turn, where rough steps sometimes fail
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,17 @@ class Accuracy:
     Attributes
     ----------
     full_step_gain : float
-        A full Newton step that gains less: converged. On short steps, near det = 0, it says nothing.
+        The iterations have converged if a full Newton step gains less. This does not apply to short steps near det = 0.
     least_decrement, least_gain : float
-        Stop where the model promises less than the first, or a step of any length gained less than the second.
+        Stop if the model predicts a smaller gain than the first, or a step of any length gained less than the second.
     refresh : float
-        Of the mean weight: lighter corners keep the curvature of an earlier iteration.
+        Share of the mean weight: lighter corners keep the curvature of an earlier iteration.
     floor : float
-        Least weight of a corner in the Hessian, of the mean weight; without it a light node has no stiffness.
+        Least weight of a corner in the Hessian, as a share of the mean; without it a light node has no stiffness.
     direct_unknowns : int
         Largest system that is factorized; above it conjugate gradients are faster, in 2D by twice at 1300 unknowns.
     cg_reduction, cg_iterations : float, int
-        Of the conjugate gradients: reduction of the residual, most iterations.
+        Conjugate gradients: reduction of the residual, largest number of iterations.
     """
 
     full_step_gain: float = 1e-3
@@ -65,7 +65,7 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class QuadraticTerm:
-    """½ vᵀ K v with v = x − rest, of the free nodes; added to the distortion.
+    """½ vᵀ K v with v = x − rest of the free nodes; added to the distortion.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class QuadraticTerm:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Result of :func:`newton`: points (l, d), distortion E and quadratic term together, iterations made, measure."""
+    """Result of :func:`newton`: points (l, d), sum of distortion E and quadratic term, iterations made, measure."""
 
     points: NDArray[np.float64]
     distortion: float
@@ -107,7 +107,7 @@ def newton(
     constraint: RegionConstraint | None = None,
     earlier: RegionMeasure | None = None,
 ) -> Descent:
-    """Lower E from the points (l, d) of the region; the nodes that are not free stay, bit by bit.
+    """Lower E from the points (l, d) of the region; nodes that are not free stay bitwise.
 
     Parameters
     ----------
@@ -115,18 +115,18 @@ def newton(
     region : FreeRegion
     norm : PNorm
     iterations : int
-        At most so many.
+        Largest number of iterations.
     good_enough : callable, optional
-        Asked with the points after every second iteration; true stops.
+        Called with the points after every second iteration; true stops.
     solve : StepSolver, optional
         Gives the step; by default every free node moves on its own.
     quadratic : QuadraticTerm, optional
         Added to E.
     accuracy : Accuracy, optional
     constraint : RegionConstraint, optional
-        Of free nodes that slide, or move alike; the points have to be admissible.
+        Of free nodes that slide or move alike; the points must be admissible.
     earlier : RegionMeasure, optional
-        Of the same region's last descent, which goes on from its curvature where that matters little.
+        Of the same region's last descent; its curvature is reused for light corners or cells.
     """
     accuracy = accuracy or Accuracy()
     objective = _Objective(region, region_measure(region, norm, earlier), quadratic)
@@ -158,21 +158,21 @@ def newton(
 
 @dataclass(frozen=True, eq=False)
 class _Objective:
-    """What is lowered: the distortion of a region, and the quadratic term."""
+    """The function to minimise: the distortion of a region plus the quadratic term."""
 
     region: FreeRegion
     measure: RegionMeasure
     quadratic: QuadraticTerm | None
 
     def __call__(self, points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """The objective at the points (l, d), and the weights of what is measured."""
+        """The objective at the points (l, d), and the weights of the measured corners or cells."""
         energy, weights = self.measure.mean(points)
         if self.quadratic is not None and math.isfinite(energy):
             energy += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[0]
         return energy, weights
 
     def gradient(self, points: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Its gradient (f, d)."""
+        """Gradient (f, d) of the objective."""
         gradient = self.measure.gradient(points, weights)
         if self.quadratic is not None:
             gradient += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[1]
@@ -187,7 +187,7 @@ def _line_search(
     slope: float,
     constraint: RegionConstraint | None,
 ) -> tuple[float, NDArray[np.float64], float, NDArray[np.float64]] | None:
-    """Halve the step (f, d) until Armijo's rule holds: (length, points, E, w), or None if no step is left."""
+    """Halve the step (f, d) until Armijo's rule holds: (length, points, E, w), or None if the step gets too short."""
     if not slope < 0.0:
         return None
     length = 1.0

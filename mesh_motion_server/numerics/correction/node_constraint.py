@@ -1,9 +1,9 @@
-"""What a constraint on free nodes has to answer, so that a correction can move nodes which are not quite free.
+"""Interfaces of a constraint on free nodes, so that a correction can move nodes with restricted freedom.
 
-A node on a slip wall may go along it, the two nodes of a periodic pair must go alike. A correction asks a
-:class:`NodeConstraint` which held nodes it may release with it, and which nodes have to be free together; the Newton
-iterations ask its :class:`RegionConstraint` for a step that is admissible to first order, and to put what they try
-back onto the walls exactly.
+A node on a slip wall may move along it, the two nodes of a periodic pair must move alike. A :class:`NodeConstraint`
+tells a correction which held nodes it may release, and which nodes must be free together. Its
+:class:`RegionConstraint` gives the Newton iterations a step that is admissible to first order, and puts their trial
+points back onto the walls exactly.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class RegionConstraint(Protocol):
         ...
 
     def retract(self, points: Floats, trial: Floats) -> Floats | None:
-        """The trial points (l, d) put back onto the walls; None where the way there from ``points`` is too far."""
+        """The trial points (l, d) put back onto the walls; None if they are too far from ``points``."""
         ...
 
 
@@ -54,11 +54,11 @@ class NodeConstraint(Protocol):
 
     @property
     def released(self) -> Marks:
-        """(n,) bool: nodes of the boundary that may move where this constraint is kept."""
+        """(n,) bool: nodes of the boundary that may move if they satisfy this constraint."""
         ...
 
     def closed(self, marked: Marks) -> Marks:
-        """The marked (n,) nodes and all that must be free with them."""
+        """The marked (n,) nodes and all nodes that must be free with them."""
         ...
 
     def of(self, region: FreeRegion) -> RegionConstraint | None:

@@ -1,8 +1,8 @@
-"""What a descent lowers in a region: the p-mean over corner simplices, or over whole cells.
+"""The function that a descent minimises in a region: the p-mean over corner simplices, or over whole cells.
 
 ===========  ====================================================================================================
 corners      :mod:`.distortion`: each corner against the reference mesh; untangles
-cells        :mod:`.cell_distortion`: the metric itself; the same as ``corners`` where all cells are simplices, but
+cells        :mod:`.cell_distortion`: the metric itself; the same as ``corners`` if all cells are simplices, except
              for skews relative to those at rest
 ===========  ====================================================================================================
 """
@@ -37,13 +37,13 @@ class RegionMeasure(Protocol):
     def hessian(self, points: Floats, weights: Floats, *, refresh: float, floor: float) -> Floats:
         """Positive semi-definite (b, d, d) in the region's pattern; overwritten by the next call.
 
-        From the second call on, what weighs less than ``refresh`` mean weights keeps its curvature; ``floor`` mean
-        weights are added to every weight.
+        From the second call on, corners or cells lighter than ``refresh`` mean weights keep their curvature; ``floor``
+        mean weights are added to every weight.
         """
         ...
 
     def sharpened(self, norm: PNorm) -> RegionMeasure:
-        """The same with another norm; where both are barriers, what is light keeps its curvature all the same."""
+        """The same measure with another norm; if both are barriers, light corners or cells keep their curvature."""
         ...
 
 
@@ -118,7 +118,7 @@ MEASURES: dict[str, type[_Corners] | type[_Cells]] = {"corners": _Corners, "cell
 
 
 def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | None = None) -> RegionMeasure:
-    """The measure that a norm names; an earlier one of the same region goes on with the curvature it has."""
+    """The measure that a norm selects; an earlier measure of the same region is reused with its curvature."""
     kind = MEASURES[norm.of if _of_cells(region) else "corners"]
     return earlier.sharpened(norm) if type(earlier) is kind else kind(region, norm)
 

@@ -1,22 +1,23 @@
 """A correction that is smooth in time: a function of the boundary alone, without a threshold that switches it.
 
-A correction that starts at a threshold and stops at another makes nodes jump from step to step, and a fluid solver
-takes every jump for a mesh velocity. Here the correction itself is penalised, never its change (which would lag behind
-the boundary and drift)::
+A correction that starts at one threshold and stops at another makes nodes jump from step to step, and a fluid solver
+treats every jump as a mesh velocity. Here the correction itself is penalised, not its change (a penalty on the change
+would lag behind the boundary and drift)::
 
     y = argmin  E(y) + (a_k/n) Σ_c |∇(y − y_RBF)|²_F,      a_k = a (1 + (δ/|u|)²)
 
 E is the p-mean of the distortion (:mod:`.distortion`, p = 24, m = 4) with its barrier, y_RBF the standard motion, |u|
 the largest displacement of a boundary node, the sum goes over the n corners, and the gradient is that of the map from
-each corner's ideal. Without displacement the weight is infinite and y = y_RBF is the reference mesh: a body that
-comes back finds the mesh as it was. Held nodes have y = y_RBF, so only the free nodes' part of the matrix is needed.
+each corner's ideal. Without displacement the weight is infinite and y = y_RBF is the reference mesh: when a body
+returns, the mesh returns to the reference mesh. Held nodes have y = y_RBF, so only the free nodes' part of the matrix
+is needed.
 
-A correction always active would make the nodes jump once, as soon as the body leaves its place, by what it does to the
-mesh at rest; it grows as |u|² over a length δ instead. δ is eight times that jump: then no node moves much
-further in a step than the boundary does, whatever the amplitude of the motion.
+A correction that is always fully active would make the nodes jump once, when the body leaves its place, by the
+correction of the mesh at rest; instead it grows as |u|² over a length δ. δ is eight times that jump: then no node moves
+much further in a step than the boundary does, whatever the amplitude of the motion.
 
-E is not convex, but within the barrier and with the penalty every start that was tried leads to one minimum; the
-iterations go on until it does not matter where they began.
+E is not convex, but within the barrier and with the penalty every start that was tried leads to the same minimum; the
+iterations continue until the result does not depend on the start.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ PENALTY = 0.1
 """a: between 0.01 and 0.1 the quality differs by a hundredth."""
 
 _LEVEL = PNorm(24, 4)
-_OPENING = (PNorm(2, 1), PNorm(8, 2))  # before it, from a start that is not near the minimum
+_OPENING = (PNorm(2, 1), PNorm(8, 2))  # run first from a start that is not near the minimum
 _OPENING_ITERATIONS, _ITERATIONS = 6, 60
 _ONSET = 8.0
 _PLANE = Accuracy(
@@ -54,7 +55,7 @@ _PLANE = Accuracy(
     cg_reduction=0.03,
     cg_iterations=200,
 )
-_SETTLED = {1: _PLANE, 2: _PLANE, 3: replace(_PLANE, direct_unknowns=1500)}  # in 3D a factorization is dear
+_SETTLED = {1: _PLANE, 2: _PLANE, 3: replace(_PLANE, direct_unknowns=1500)}  # in 3D a factorization is expensive
 _BARRIER = 1e-3  # a start with a determinant below it is untangled first
 _NO_TRAVEL = 1e-9  # of δ: the weight of the penalty is infinite
 
@@ -99,14 +100,14 @@ class SmoothInTime:
         travelled : float, mesh length unit
             |u|, see :func:`travel`.
         start : (n, d) array, mesh length unit, optional
-            Where to begin; only the time depends on it.
+            Where to begin; it only changes the computing time.
         valid : (n, d) array, mesh length unit, optional
-            A valid mesh, where one is known: ``standard`` need not be untangled.
+            A valid mesh, if one is known: then ``standard`` need not be untangled.
 
         Returns
         -------
         Polished
-            Tangled still, with a negative minimum, where no valid mesh was found.
+            Still tangled, with a negative minimum, if no valid mesh was found.
         """
         if travelled <= _NO_TRAVEL * self.onset:
             return Polished(standard, float(self.mesh.quality(standard).min()))
@@ -122,7 +123,7 @@ class SmoothInTime:
     def _settle(
         self, standard: Floats, start: Floats | None, valid: Floats | None, term: QuadraticTerm
     ) -> tuple[Floats, list[Stage]]:
-        """The minimum's positions (l, d), and what was descended."""
+        """Positions (l, d) of the minimum, and the stages of the minimisation."""
         levels: tuple[PNorm, ...] = (*_OPENING, _LEVEL)
         local = standard[self.region.nodes]
         if start is not None and self._distortion(start[self.region.nodes]) < self._distortion(local):
@@ -138,7 +139,7 @@ class SmoothInTime:
         return local, history
 
     def _level(self, norm: PNorm) -> tuple[PNorm, int, Accuracy]:
-        """A level's norm with the metric's weight of the size, its iterations and accuracy."""
+        """A level's norm with the metric's size weight, and its iterations and accuracy."""
         weighted = replace(norm, size_weight=SIZE_WEIGHTS[self.mesh.metric])
         if norm is not _LEVEL:
             return weighted, _OPENING_ITERATIONS, Accuracy()
@@ -163,6 +164,6 @@ def gradient_stiffness(region: FreeRegion) -> Floats:
 
 
 def travel(start: Floats, moved: Floats, held: NDArray[np.bool_]) -> float:
-    """|u|: how far a held (n) node goes from ``start`` to ``moved`` (n, d), but for a rigid motion of all of them."""
+    """|u|: largest displacement of a held (n) node from ``start`` to ``moved`` (n, d), without their rigid motion."""
     _, remainder = split_rigid(start[held], moved[held] - start[held])
     return float(np.sqrt(np.max(np.sum(remainder * remainder, axis=1))))

@@ -2,10 +2,10 @@
 
 The boundary is held where the motion puts it; no node of the mesh has moved yet. :func:`polish` frees a region and
 follows a continuation from a mild p-mean of the distortion to a sharp one with projected Gauss–Newton iterations
-(:mod:`.newton`). Where cells are inverted it untangles first, and measures the corners of cells against the reference
-mesh; in a valid mesh it measures whole cells as the metric does, which for quads and hexahedra ends at up to twice the
-quality. :func:`reach` frees the nodes of the bad cells only and grows the region until a threshold holds, so that the
-cost follows the bad region and not the mesh.
+(:mod:`.newton`). If cells are inverted it untangles first, and measures the corners of cells against the reference
+mesh. In a valid mesh it measures whole cells as the metric does, which for quads and hexahedra gives up to twice the
+quality. :func:`reach` frees only the nodes of the bad cells and grows the region until the threshold is met, so the
+cost depends on the bad region and not on the mesh.
 """
 
 from __future__ import annotations
@@ -53,23 +53,23 @@ LAST_LEVEL = PNorm(1000, 100, of="cells")
 EXACTING = Accuracy(full_step_gain=1e-4, least_decrement=1e-4, least_gain=1e-6)
 """1.8 times the time for 0.5 % of the maximum on average, 1 % and up to 4 % where cells are no simplices."""
 
-_MILD_GAIN = 0.02  # over p: a full step that gains less ends a mild p-mean, from which sharper ones only start
+_MILD_GAIN = 0.02  # over p: a full step that gains less ends a mild p-mean, which is only the start of sharper ones
 _LEVEL_ITERATIONS, _EXACTING_ITERATIONS = 12, 24
 _EXACTING_UNKNOWNS = 10_000  # twice the time: tetrahedra 1 s, hexahedra 7 s
-_UNTANGLED = 1e-2  # least determinant from which the barrier is used; nearer to 0 its steps stay short
-_VALID = 1e-3  # what untangling must reach before it may stop because it gains little
+_UNTANGLED = 1e-2  # least determinant for the barrier; nearer to 0 its steps stay short
+_VALID = 1e-3  # determinant that untangling must reach before it may stop because of a small gain
 _SLOW = 1.5
 _STAGES, _STAGE_ITERATIONS = 25, 4
 _STALL = 0.85  # an untangling that keeps more than this of the least determinant over two stages will not succeed
-_EARLY_RISE, _TAIL = 1.5, 0.65  # what the remaining levels add at most: after the second level, after a later one
+_EARLY_RISE, _TAIL = 1.5, 0.65  # largest gain of the remaining levels: after the second level, after a later one
 _MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
 _LEAST_GROWTH, _MOST_GROWTH = 1.4, 3.0
-_ALL = 0.6  # past this share of the free nodes a region does not pay: free all
+_ALL = 0.6  # above this share of the free nodes a region saves nothing: free all nodes
 _TINY = 1e-300
 
 
 class Stage(NamedTuple):
-    """One p-mean that was descended: the norm, free nodes, iterations, and the smallest quality so far."""
+    """One minimised p-mean: the norm, free nodes, iterations, and the smallest quality so far."""
 
     norm: PNorm
     free: int
@@ -79,12 +79,12 @@ class Stage(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrialMesh:
-    """What a correction works on: the mesh, which nodes are held, and how quality is judged.
+    """The input of a correction: the mesh, which nodes are held, and how quality is judged.
 
     Attributes
     ----------
     reference : (n, d) array, mesh length unit
-        Nodes of the reference mesh, the ideal shape of cells that are no simplices.
+        Nodes of the reference mesh, the ideal shape of cells that are not simplices.
     cells : CellTable
     reference_sizes : (m,) array, length^d, or CellsAtRest
     held : (n,) bool array
@@ -92,7 +92,7 @@ class TrialMesh:
     metric : str
         One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, or :data:`RELATIVE_SHAPE`.
     constraint : NodeConstraint or None
-        Of nodes that are not held but not quite free either.
+        The constraint of nodes that are not held but may move only with restrictions.
     """
 
     reference: NDArray[np.float64]
@@ -103,7 +103,7 @@ class TrialMesh:
     constraint: NodeConstraint | None = None
 
     def released(self, constraint: NodeConstraint | None) -> TrialMesh:
-        """The mesh with the nodes that a constraint releases no longer held."""
+        """The mesh in which the nodes that a constraint releases are no longer held."""
         if constraint is None:
             return self
         return replace(self, held=self.held & ~constraint.released, constraint=constraint)
@@ -117,11 +117,11 @@ class TrialMesh:
         return cell_quality(points, self.cells, self.reference_sizes)
 
     def quality_of(self, points: NDArray[np.float64], numbers: NDArray[np.int64]) -> NDArray[np.float64]:
-        """As :meth:`quality`, of the cells with these numbers (k,) only."""
+        """As :meth:`quality`, for the cells with these numbers (k,) only."""
         return signed(subset_quality(points, self.cells, self.reference_sizes, numbers), self.metric)
 
     def free(self, marked: NDArray[np.bool_]) -> FreeRegion:
-        """The region in which the marked (n) nodes are free, but for the held ones, and those tied to them."""
+        """The region in which the marked (n) nodes and those tied to them are free, except held nodes."""
         marked = marked if self.constraint is None else self.constraint.closed(marked)
         return free_region(self.reference, self.cells, self.reference_sizes, marked & ~self.held)
 
@@ -146,13 +146,13 @@ class Polished:
     ----------
     points : (n, d) array, mesh length unit
     minimum : float
-        Smallest quality over the mesh (of :func:`polish`: over the region); negative where it stays tangled.
+        Smallest quality over the mesh (of :func:`polish`: over the region); negative if it stays tangled.
     freed : int
         Number of nodes that were free at the end.
     iterations : int
     history : tuple of Stage
     forecast : float
-        What all levels would have reached about, where they were not worth finishing.
+        Estimate of what all levels would have reached, if some were skipped.
     quality : (m,) array, of :func:`reach` only
         The metric of every cell at ``points``.
     """
@@ -181,7 +181,7 @@ class _Search:
     history: list[Stage] = field(default_factory=list)
 
     def judge(self, points: NDArray[np.float64]) -> bool:
-        """Remember the points if they are better; whether the target is met."""
+        """Keep the points if they are better; return whether the target is met."""
         quality = region_quality(points, self.region, self.metric)
         if quality.min() > self.minimum:
             self.points, self.minimum = points, float(quality.min())
@@ -193,7 +193,7 @@ class _Search:
 
     @property
     def exacting(self) -> bool:
-        """Whether the very maximum of freely moving nodes is wanted, and not dear."""
+        """Whether the exact maximum of freely moving nodes is wanted, and not expensive."""
         unknowns = self.region.n_free * self.points.shape[1]
         return self.solve is None and math.isinf(self.target) and unknowns <= _EXACTING_UNKNOWNS
 
@@ -224,7 +224,7 @@ class _Search:
         return result.points
 
     def forecast(self) -> float:
-        """What the sharper p-means will reach, as far as the levels so far tell; inf before the second."""
+        """Estimate from the levels so far of what the sharper p-means will reach; inf before the second level."""
         reached = [stage.minimum for stage in self.history if stage.norm.epsilon == 0.0]
         if len(reached) < 2:
             return math.inf
@@ -261,7 +261,7 @@ def polish(
     Returns
     -------
     Polished
-        The best of all positions met, the given ones included; nodes that are not free are bitwise the given ones.
+        The best of all positions found, the given ones included; nodes that are not free stay bitwise.
     """
     constraint = None if mesh.constraint is None else mesh.constraint.of(region)
     search = _Search(region, mesh.metric, target, points[region.nodes], solve, constraint)
@@ -274,7 +274,7 @@ def polish(
 
 
 def _descend_all(search: _Search, thorough: bool) -> bool:
-    """Untangle, then all levels, as far as they are worth it; whether the barrier could be used."""
+    """Untangle, then run all levels that are worth it; return whether the barrier could be used."""
     local, barrier = _untangle(search, search.points)
     levels = (*LEVELS, LAST_LEVEL) if search.exacting else LEVELS
     iterations = _EXACTING_ITERATIONS if search.exacting else _LEVEL_ITERATIONS
@@ -286,12 +286,12 @@ def _descend_all(search: _Search, thorough: bool) -> bool:
 
 
 def untangle(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
-    """Positions (l, d) of a region with positive determinants, or the last ones met where that fails."""
+    """Positions (l, d) of a region with positive determinants, or the last positions tried if that fails."""
     return _untangle(_Search(region, metric, math.inf, points), points)[0]
 
 
 def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
-    """Positions (l, d) with positive determinants, and whether they are."""
+    """Untangled positions (l, d), and whether all determinants are positive."""
     least = [float(determinants(points, search.region.simplices).min())]
     while least[-1] <= _UNTANGLED and len(least) <= _STAGES and not search.met:
         if len(least) > 3 and least[-1] < _STALL * least[-3] < 0.0:
@@ -312,23 +312,23 @@ def reach(
     most: float = math.inf,
     quality: NDArray[np.float64] | None = None,
 ) -> Polished:
-    """Free the nodes of the cells below a threshold, and more of them only while it is not met.
+    """Free the nodes of the cells below a threshold, and more nodes only while it is not met.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
     mesh : TrialMesh
     target : float
-        Quality that every cell shall reach.
+        Quality that every cell must reach.
     most : float
-        Nodes that are freed at most; with more the best so far has to do.
+        Largest number of freed nodes; if more are needed, the best result so far is returned.
     quality : (m,) array, optional
-        The metric of every cell at ``points``, where it is known.
+        The metric of every cell at ``points``, if it is known.
 
     Notes
     -----
-    The first region has neither rings of neighbours nor a margin: both are dear, and often not needed. The next one
-    is as much larger as the first one stayed below the target.
+    The first region has neither rings of neighbours nor a margin: both are expensive and often not needed. The next
+    region is larger by the factor by which the first stayed below the target.
     """
     may_move = ~mesh.held
     quality = mesh.quality(points) if quality is None else quality
@@ -355,7 +355,7 @@ def reach(
 
 
 def _better(best: Polished, found: Polished, minimum: float) -> Polished:
-    """The better positions of the two, with all that was done."""
+    """The better positions of the two, with the iterations and history of both."""
     if minimum > best.minimum:
         best = replace(best, points=found.points, minimum=minimum)
     return replace(
@@ -364,7 +364,7 @@ def _better(best: Polished, found: Polished, minimum: float) -> Polished:
 
 
 def _grown(mesh: TrialMesh, marked: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
-    """Add rings of neighbours, one at least, until so many nodes (n) are free."""
+    """Add rings of neighbours, at least one, until ``least`` nodes are free."""
     while True:
         larger = grow(mesh.cells, marked, 1) & ~mesh.held
         if np.count_nonzero(larger) >= least or np.array_equal(larger, marked):

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shorts = NDArray[np.int32]
 
-#: Radii that a grid's cells, or all centres, may be wide before a grid that stores few of its cells is made.
+#: Largest width, in radii, of a grid's cells or of all centres; beyond it, a grid that stores few of its cells is used.
 _WIDER = 1.5
 #: Cells are this much wider than R, so that rounding of a cell number cannot lose a neighbour.
 _SLACK = 1.0 + 1e-6
@@ -33,7 +33,7 @@ def dense_block(basis: Basis, support_radius: float, rows: Array, columns: Array
 
 
 class _Search(NamedTuple):
-    """What finds the centres near a place.
+    """The data to find the centres near a place.
 
     Attributes
     ----------
@@ -41,7 +41,8 @@ class _Search(NamedTuple):
         Row ``j`` of the sorted centres is centre ``order[j]`` of the layout.
     coordinates : (3, nc) array
     grid : tuple
-        Origin, inverse side, shape, starts, and the three of the table of stored cells; without keys all are stored.
+        Origin, inverse side, shape, starts, and the three arrays of the table of stored cells; without keys all cells
+        are stored.
     """
 
     order: Integers
@@ -50,7 +51,7 @@ class _Search(NamedTuple):
 
 
 def _search(layout: CentreLayout, support_radius: float) -> _Search:
-    """The layout's own grid, or one of small cells where its cells had to be far wider than R."""
+    """The layout's own grid, or one of small cells if its cells had to be far wider than R."""
     wider = layout.inverse_side * support_radius * _WIDER < 1.0
     none = np.empty(0, dtype=np.int64)
     if not wider or float(np.ptp(layout.coordinates, axis=1).max()) < _WIDER * support_radius:
@@ -67,7 +68,7 @@ def rows_near(
 ) -> tuple[Integers, Array]:
     """Rows (r,) of (n, d) points that may be closer than R to a centre, and these points (r, 3), by their places.
 
-    Rows that are ``unasked`` for (u,) are left out.
+    The ``unasked`` rows (u,) are left out.
     """
     search = _search(layout, support_radius)
     left_out = np.empty(0, dtype=np.int64) if unasked is None else unasked
@@ -96,7 +97,7 @@ def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, point
 
 
 def _sparse(search: _Search, basis: Basis, support_radius: float, points: Array, numbers: Integers) -> csr_array:
-    """φ between points (n, 3) and the sorted centres, which are called by their ``numbers`` (nc,)."""
+    """φ between points (n, 3) and the sorted centres, which have the column ``numbers`` (nc,)."""
     pointers, columns, entries = kernels.near_rows(
         basis.code, points, search.coordinates, numbers, support_radius, *search.grid
     )

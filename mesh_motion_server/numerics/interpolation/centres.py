@@ -1,10 +1,10 @@
-"""Control points laid out for the compiled sums: sorted by the cells of a uniform grid, one array a coordinate.
+"""Control points arranged for the compiled sums: sorted by the cells of a uniform grid, one array per coordinate.
 
 With a compact basis only centres closer than R count. If R is small against the extent of the centres, a grid of cells
 of side R finds them: those near a point lie in the 3ᵈ cells around it, and the three along x are one run of the sorted
 arrays. Otherwise the grid has a single cell and every centre is visited: a direct sum.
 
-The layout depends on the control points and the radius only, never on where it is evaluated.
+The layout depends only on the control points and the radius, not on the points of evaluation.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class CentreLayout:
     starts : (n_cells + 1,) int64 array
         First sorted centre of each cell, x fastest.
     fraction : float
-        Mean share of the centres in the cells around a centre: what a sum visits.
+        Mean share of the centres in the cells around a centre, which a sum visits.
     """
 
     order: NDArray[np.int64]
@@ -55,7 +55,7 @@ class CentreLayout:
 
     @classmethod
     def build(cls, control_points: NDArray[np.float64], basis: Basis, support_radius: float) -> CentreLayout:
-        """Lay out (nc, d) control points; by cells where the basis is compact and that saves enough."""
+        """Arrange (nc, d) control points, by cells if the basis is compact and that saves enough."""
         reach = support_radius if basis.compact else 0.0
         return cls(*kernels.lay_out_centres(padded(control_points), reach))
 
@@ -73,11 +73,11 @@ class CentreLayout:
         return np.ascontiguousarray(weights[self.order].T)
 
     def grid(self) -> tuple[NDArray[np.float64], float, NDArray[np.int64], NDArray[np.int64]]:
-        """The grid's arguments of the compiled loops."""
+        """The arguments of the compiled loops for the grid."""
         return self.origin, self.inverse_side, self.shape, self.starts
 
     def within_reach(self, points: NDArray[np.float64], *, threads: int | None = None) -> NDArray[np.int64]:
-        """Rows (r,) of (n, d) points next to whose cell, or in it, there is a centre; of others every sum is zero."""
+        """Rows (r,) of (n, d) points with a centre in their cell or next to it; for the others every sum is zero."""
         inside = np.empty(len(points), dtype=np.bool_)
         with limited_to(threads):
             kernels.mark_reached(
@@ -86,7 +86,7 @@ class CentreLayout:
         return np.flatnonzero(inside)
 
     def small_cells(self, side: float) -> HashedCells:
-        """The sorted centres by cells of another side, kept for the next who asks."""
+        """The sorted centres by cells of another side, cached."""
         if side not in self._by_side:
             self._by_side[side] = HashedCells.build(np.ascontiguousarray(self.coordinates.T), side)
         return self._by_side[side]
@@ -97,7 +97,7 @@ class CentreLayout:
 
     @cached_property
     def _reached_cells(self) -> NDArray[np.bool_]:
-        """Flat, x fastest, a cell more on each side: whether a cell or one next to it holds a centre."""
+        """Whether a cell or a neighbour contains a centre: flat, x fastest, with one extra cell on each side."""
         reached = np.zeros(int(np.prod(self.shape + 2)), dtype=np.bool_)
         kernels.mark_neighbours(self.starts, self.shape, reached)
         return reached

@@ -10,7 +10,7 @@ from mesh_motion_server.errors import InvalidInput
 
 __all__ = ["checked_control_points"]
 
-#: Points closer than this share of their extent are one point: the interpolation matrix could not tell them apart.
+#: Points closer than this share of their extent count as one point: the interpolation matrix would be singular.
 _SAME_POINT = 1e-13
 
 
@@ -44,7 +44,7 @@ def checked_control_points(control_points: ArrayLike) -> NDArray[np.float64]:
 
 
 def _refuse_coincident(points: NDArray[np.float64]) -> None:
-    """Raise if two points are one."""
+    """Raise if two points coincide."""
     if len(points) < 2:
         return
     extent = float(np.max(points.max(axis=0) - points.min(axis=0)))

@@ -1,9 +1,10 @@
 """Evaluation of an interpolant and its gradient at many points, behind one small interface.
 
-An interpolant in two scales is a spline and sums over few near centres; any other one is a sum over all centres.
+An interpolant in two scales is a spline plus sums over few near centres; any other interpolant is a sum over all
+centres.
 
-:class:`LocalEvaluator` sums over centres on the threads of this machine. Whatever else can give the same two arrays (a
-far-field grid, workers of an engine that hold the points) is an :class:`Evaluator` too.
+:class:`LocalEvaluator` sums over centres on the threads of this machine. Anything else that gives the same two arrays
+(a far-field grid, workers of an engine that have the points) is an :class:`Evaluator` too.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ __all__ = ["Evaluator", "LocalEvaluator", "NearOperators", "Prepared", "Preparin
 
 
 class Prepared(Protocol):
-    """What an evaluator has worked out for control points and places, whatever the weights."""
+    """What an evaluator has computed for control points and places; it does not depend on the weights."""
 
     @property
     def nbytes(self) -> int:
@@ -51,7 +52,7 @@ class Evaluator(Protocol):
 
 @runtime_checkable
 class PreparingEvaluator(Evaluator, Protocol):
-    """One that can save work where many interpolants of the same control points are evaluated at the same points."""
+    """An evaluator that saves work if many interpolants of the same control points are evaluated at the same points."""
 
     def prepare(
         self,
@@ -60,7 +61,7 @@ class PreparingEvaluator(Evaluator, Protocol):
         *,
         unasked: NDArray[np.int64] | None = None,
     ) -> Prepared:
-        """What depends on the interpolant's control points and on (n, d) points alone.
+        """Compute what depends only on the interpolant's control points and on (n, d) points.
 
         The values at the rows ``unasked`` (r,) will not be used.
         """
@@ -69,16 +70,16 @@ class PreparingEvaluator(Evaluator, Protocol):
     def displacement(
         self, interpolant: AnyInterpolant, points: NDArray[np.float64], prepared: Prepared | None = None
     ) -> NDArray[np.float64]:
-        """(n, k) values at (n, d) points, bitwise the same with what was prepared for them as without.
+        """(n, k) values at (n, d) points, bitwise the same with and without ``prepared``.
 
-        Unless they were ``unasked`` for.
+        Except at the rows that were ``unasked`` in :meth:`prepare`.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class NearOperators:
-    """What :class:`LocalEvaluator` prepares for an interpolant in two scales: an operator a compact level."""
+    """What :class:`LocalEvaluator` prepares for an interpolant in two scales: one operator per compact level."""
 
     operators: tuple[NearOperator, ...]
 
@@ -110,7 +111,7 @@ class LocalEvaluator:
         *,
         unasked: NDArray[np.int64] | None = None,
     ) -> NearOperators:
-        """The compact levels' operators at (n, d) points, but for the rows ``unasked`` (r,): those levels vanish there.
+        """The compact levels' operators at (n, d) points; at the rows ``unasked`` (r,) the operators are zero.
 
         Raises
         ------
@@ -206,7 +207,7 @@ class LocalEvaluator:
 
 
 def _check_dimension(interpolant: AnyInterpolant, points: NDArray[np.float64]) -> None:
-    """Refuse points that are not (n, d)."""
+    """Refuse points whose shape is not (n, d)."""
     if points.ndim != 2 or points.shape[1] != interpolant.dimension:
         raise InvalidInput(
             f"expected points of shape (n, {interpolant.dimension}), got {points.shape}",

@@ -1,4 +1,4 @@
-"""Where the factorizations of a motion come from: made each time here, from a cache in a session."""
+"""The source of a motion's factorizations: made each time here, taken from a cache in a session."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = [
 
 
 class Kept(Protocol):
-    """What can be kept."""
+    """An object that can be cached."""
 
     @property
     def nbytes(self) -> int:
@@ -48,18 +48,18 @@ CacheReport = dict[str, str | int | dict[str, int]]
 
 
 class FactorSource(Protocol):
-    """Keeps what depends on a state of the mesh alone, for the motions that need the same again.
+    """Keeps data that depend only on a state of the mesh, for later motions that need them again.
 
-    Each thing is of a kind: a ``"factorization"``, or ``"operators"``: values at all nodes of the compact functions of
-    the interpolation in two scales.
+    Each object has a kind: ``"factorization"``, or ``"operators"``: values at all nodes of the compact functions of the
+    interpolation in two scales.
     """
 
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
-        """What belongs to ``key`` among its kind, and whether it was reused."""
+        """The object with this ``key`` and kind, and whether it was reused."""
         ...
 
     def held(self) -> dict[str, int]:
-        """Bytes kept of each kind."""
+        """Bytes kept for each kind."""
         ...
 
 
@@ -72,12 +72,12 @@ class MakeEachTime:
         return make(), False
 
     def held(self) -> dict[str, int]:
-        """Nothing."""
+        """Always empty."""
         return {}
 
 
 class Recorded:
-    """A factor source that tells what a motion found in another one.
+    """A factor source that records what a motion found in another one.
 
     Parameters
     ----------
@@ -89,17 +89,17 @@ class Recorded:
         self._reused: dict[str, bool] = {}
 
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
-        """What the other one has or makes."""
+        """The object from the other source, and whether it was reused."""
         found, reused = self._source.get_or_make(key, make, kind)
         self._reused[kind] = reused and self._reused.get(kind, True)
         return found, reused
 
     def held(self) -> dict[str, int]:
-        """What the other one holds."""
+        """Bytes that the other source keeps for each kind."""
         return self._source.held()
 
     def report(self) -> CacheReport:
-        """``"reused"`` for each kind of which everything was found, ``"made"`` for others; ``bytes`` held of each."""
+        """``"reused"`` for each kind whose objects were all found, otherwise ``"made"``; ``bytes`` kept for each."""
         found = {kind: "reused" if reused else "made" for kind, reused in self._reused.items()}
         return {**found, "bytes": self.held()}
 
@@ -109,7 +109,7 @@ def factorization_of(
 ) -> tuple[Factorization, bool]:
     """The factorization for these control points (c, d), and whether it was reused.
 
-    The key is a digest of all that determines it, so that a cache can never answer with another one.
+    The key is a digest of all its inputs, so a cache never returns a wrong factorization.
     """
     basis, radius = method.basis, method.support_radius
     digest = hashlib.sha256(repr((basis, radius, control_points.shape)).encode())
@@ -122,7 +122,7 @@ def two_scale_factorization_of(
 ) -> tuple[Factorization, bool]:
     """The factorization in two scales of control points (c, d) for places in a box (2, d), and whether it was reused.
 
-    A session has one plan for as many control points, but for the radius, so that these and the box determine it.
+    A session has one plan per number of control points, except for the radius; so points, radius and box identify it.
     """
     digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
@@ -138,9 +138,9 @@ def prepared_for(
     *,
     unasked: NDArray[np.int64],
 ) -> Prepared | None:
-    """What the evaluator has prepared for an interpolant in two scales at points (n, d), but those ``unasked`` for.
+    """The evaluator's preparation for an interpolant in two scales at points (n, d), except the ``unasked`` rows.
 
-    Where the evaluator prepares nothing, and for any other interpolant, None.
+    None if the evaluator prepares nothing, and for any other interpolant.
     """
     if not isinstance(interpolant, TwoScaleInterpolant) or not isinstance(evaluator, PreparingEvaluator):
         return None
@@ -156,9 +156,9 @@ def prepared_for(
 
 @dataclass(frozen=True, eq=False)
 class DeferredFactorization:
-    """The factorization of control points (nc, d), made (or found in the cache) when it is first solved with.
+    """The factorization of control points (nc, d), made (or found in the cache) at its first use.
 
-    A reduced motion needs that of all boundary nodes only where a correction asks for it.
+    A reduced motion needs the factorization of all boundary nodes only if a correction uses it.
     """
 
     control_points: NDArray[np.float64]

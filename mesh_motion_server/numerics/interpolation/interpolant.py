@@ -1,7 +1,7 @@
-"""Interpolation of boundary displacements by radial basis functions (thesis §2.1), set-up apart from solve.
+"""Interpolation of boundary displacements by radial basis functions (thesis §2.1), with separate set-up and solve.
 
 :func:`factorize` prepares the matrix of thesis (2.4) for one set of control points; its :class:`Factorization` gives an
-:class:`Interpolant` for each set of values, which it meets (2.2). Coupling iterations of one time step share the
+:class:`Interpolant` for each set of values, which satisfies (2.2). Coupling iterations of one time step share the
 factorization.
 
 References
@@ -34,7 +34,7 @@ __all__ = ["POLYNOMIALS", "AllCentreFactorization", "Factorization", "Interpolan
 
 Array = NDArray[np.float64]
 
-#: "auto" adds the linear polynomial where the basis demands it.
+#: "auto" adds the linear polynomial if the basis requires it.
 POLYNOMIALS = ("auto", "none", "linear")
 
 
@@ -53,7 +53,7 @@ class Interpolant:
         The control points laid out for evaluation.
     polynomial : Polynomial or None
     largest : float, unit of the values
-        Largest value, as a Euclidean norm, that a tolerance of its evaluation refers to; 0: only exact sums will do.
+        Largest value, as a Euclidean norm, to which a tolerance of its evaluation refers; 0: only exact sums.
     """
 
     control_points: Array
@@ -121,7 +121,7 @@ def factorize(
     basis : str
         A name in :data:`~mesh_motion_server.numerics.interpolation.kernels.BASES`.
     support_radius : float, mesh length unit
-        R; None only where the interpolant does not depend on it.
+        R; None only if the interpolant does not depend on it.
     solver : {"auto", "dense", "sparse", "iterative"}
         "auto" chooses by the number of points and the fraction of nonzero entries
         (:func:`~mesh_motion_server.numerics.interpolation.factorizations.choice.choose_solver`).
@@ -161,12 +161,12 @@ def _system(
 
 
 def chosen_polynomial(choice: str, basis: Basis, points: Array) -> LinearBasis | None:
-    """The linear polynomial (thesis §2.1.2) of (nc, d) control points, where it is asked for or needed.
+    """The linear polynomial (thesis §2.1.2) of (nc, d) control points, if it is chosen or needed.
 
     Raises
     ------
     InvalidInput
-        If the choice is unknown, "none" where the basis needs one, or the points do not determine it.
+        If the choice is unknown, "none" although the basis needs one, or the points do not determine it.
     """
     if choice not in POLYNOMIALS:
         raise InvalidInput(f"unknown polynomial {choice!r}", hint=f"known are {', '.join(POLYNOMIALS)}")
@@ -180,7 +180,7 @@ def chosen_polynomial(choice: str, basis: Basis, points: Array) -> LinearBasis |
 
 @dataclass(frozen=True, eq=False)
 class AllCentreFactorization:
-    """A system with the points and names it was made from."""
+    """A system with the points and names from which it was made."""
 
     control_points: Array
     basis: Basis

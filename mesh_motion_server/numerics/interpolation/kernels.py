@@ -1,8 +1,8 @@
-"""The table of basis functions: thesis Tables 2.1 and 2.2, with what each demands of an interpolation.
+"""The table of basis functions: thesis Tables 2.1 and 2.2, with the requirements of each on an interpolation.
 
-A basis is chosen by name. Everything an interpolation must know about it stands in one row of :data:`BASES`: whether
-its support is compact, for which polynomial its matrix is definite, whether a gradient exists at a centre, what the
-support radius means for it. A row that cannot be used stays in the table with the reason.
+A basis is chosen by name. One row of :data:`BASES` has everything that an interpolation must know about it: whether its
+support is compact, for which polynomial its matrix is definite, whether a gradient exists at a centre, what the support
+radius means for it. An unusable row stays in the table with the reason.
 
 References
 ----------
@@ -74,7 +74,7 @@ class Basis:
 
     @property
     def code(self) -> int:
-        """Number by which the compiled kernels know the function."""
+        """Number of the function in the compiled kernels."""
         return _CODES.index(self.name)
 
     @property

@@ -1,16 +1,16 @@
-"""Interpolation that repeats with a periodic domain: each control point stands for all of its images.
+"""Interpolation that repeats with a periodic domain: each control point represents all its images.
 
 With the group of the periodic images x → R_k x + s_k, thesis (2.1) becomes
 
     s(x) = Σ_j Σ_k R_k γ_j φ(|x − R_k x_j − s_k|/R),
 
 which turns and repeats exactly as the domain does: s(R_k x + s_k) = R_k s(x). So the displacement is as smooth across a
-periodic side as anywhere else. The matrix has as many unknowns as there are control points (times d where images
-turn), is symmetric, and positive definite with the basis. The support must be compact, so that finitely many images
-count: those that come closer than R to where the interpolant is evaluated.
+periodic side as anywhere else. The matrix has one unknown per control point (times d if images turn), is symmetric, and
+positive definite if the basis is. The support must be compact, so that finitely many images count: those that come
+closer than R to a point of evaluation.
 
-Control points that are closer than the matrix bears, to each other or to an image, are left to narrower levels, as
-those of other boundaries are (:mod:`.two_scale.factorization`).
+If control points are so close to each other or to an image that the matrix would be singular, narrower levels take
+them, as on other boundaries (:mod:`.two_scale.factorization`).
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ Integers = NDArray[np.int64]
 _DENSE_ORDER = 10_000
 #: Columns of images that are assembled at once.
 _IMAGES_AT_ONCE = 2048
-#: An image this close to its control point, against the extent of all images, lies on it.
+#: An image this close to its control point, relative to the extent of all images, coincides with it.
 _SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class _Images:
-    """Images of the control points that matter: which control point each is of, its place, and what turns its weight.
+    """The images that count: the control point of each, its place, and the rotation of its weight.
 
     owners : (i,) int64 array
     places : (i, d) array
@@ -179,7 +179,7 @@ def _closest(images: _Images) -> float:
 
 
 def _separated(images: _Images, count: int, separation: float, first: Integers) -> Integers:
-    """Of ``count`` control points those, ascending, that are near no other or its images; ``first`` (f,) first."""
+    """Control points of ``count``, ascending, that are near no other one or its images; ``first`` (f,) come first."""
     rank = np.empty(count, dtype=np.int64)
     rank[np.concatenate([first, np.setdiff1d(np.arange(count), first)])] = np.arange(count)
     near = cKDTree(images.places).query_pairs(separation, output_type="ndarray")

@@ -1,7 +1,7 @@
 """The linear polynomial of an interpolation, thesis (2.3), (2.4): p(x) = β₀ + Σ_m β_m (x − c)_m / s.
 
-Coordinates are taken from the control points' centre c in units of their extent s, so that the columns of P are of the
-same size wherever the mesh lies; the result is the same polynomial.
+Coordinates are relative to the control points' centre c, in units of their extent s, so that the columns of P have the
+same magnitude wherever the mesh lies; the result is the same polynomial.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The support radius and the enrichment radius that are used where none is chosen.
+"""The default support radius and enrichment radius.
 
 The rule is ``R = 2.5 min(L, 20 B)``: L the longest side of the bounding box of the mesh, B that of all moving nodes.
 
@@ -35,8 +35,8 @@ from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 __all__ = ["suggest_enrichment_radius", "suggest_support_radius", "widest_ball"]
 
 _DOMAIN_LENGTHS, _BODIES = 2.5, 20.0
-_SAMPLE = 20_000  # nodes that the largest ball is looked for at
-_EACH = 16  # of these each so many is looked at first
+_SAMPLE = 20_000  # nodes at which the largest ball is searched
+_EACH = 16  # of these every 16th is tested first
 _ROUNDING = 1e-9
 
 
@@ -51,7 +51,7 @@ def suggest_support_radius(points: NDArray[np.float64], roles: BoundaryRoles) ->
     Returns
     -------
     float, mesh length unit
-        Rounded to two digits, so that it reads well in a case file and does not depend on rounding.
+        Rounded to two digits, so that it is readable in a case file and does not depend on rounding errors.
     """
     extent = float(np.ptp(bounding_box(points), axis=0).max())
     body = float(np.ptp(bounding_box(points[roles.moving]), axis=0).max()) if len(roles.moving) else 0.0
@@ -79,10 +79,10 @@ def suggest_enrichment_radius(points: NDArray[np.float64], roles: BoundaryRoles,
 
 
 def widest_ball(points: NDArray[np.float64], roles: BoundaryRoles) -> float:
-    """Diameter of the largest ball about a node (of a sample) that no control point lies in; 0: all are controls.
+    """Diameter of the largest ball about a node (of a sample) without a control point; 0: all nodes are control points.
 
-    From one node to another the distance to the nearest control point grows by no more than their distance: a node
-    whose neighbour in the sample is nearer by more than that to a control point need not be looked at.
+    From one node to another the distance to the nearest control point grows by no more than their distance. So a node
+    is skipped if that bound, from its neighbour in the sample, cannot give a larger ball.
     """
     sample = points[:: max(len(points) // _SAMPLE, 1)]
     tree = cKDTree(points[roles.all])

@@ -1,10 +1,10 @@
-"""Does a moved boundary cross itself? Then no mesh between its parts can be valid, and none needs to be looked for.
+"""Detects a moved boundary that crosses itself: then no valid mesh exists, and none needs to be searched for.
 
-Two facets cross where an edge of one goes through the other: with its ends strictly on both sides, and strictly inside
-(signs of areas in 2D, of volumes in 3D). Facets that share a node are left out, and so is what only touches. A quad is
-two triangles; as its diagonal is a choice, an edge has to go through it with either.
+Two facets cross if an edge of one goes through the other: its ends are strictly on both sides, and it passes strictly
+inside (signs of areas in 2D, of volumes in 3D). Facets that share a node or only touch are ignored. A quad is two
+triangles; as its diagonal is arbitrary, an edge must go through it with either diagonal.
 
-Only facets near a moving one are looked at: they are sorted into classes of about equal size, with a k-d tree each.
+Only facets near a moving one are tested: they are sorted into classes of about equal size, with a k-d tree each.
 
 References
 ----------
@@ -25,7 +25,7 @@ __all__ = ["BoundaryFacets", "crossing_place"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Of the product of lengths that an area or a volume is compared with: below it, a sign is not certain.
+#: Below this share of the product of lengths, the sign of an area or a volume is not certain.
 _FLAT = 1e-12
 _SIDES = {"line": ((0, 1),), "triangle": ((0, 1), (1, 2), (2, 0)), "quad": ((0, 1), (1, 2), (2, 3), (3, 0))}
 #: The triangles of a facet, for each choice of a diagonal.
@@ -73,7 +73,7 @@ def crossing_place(boundary: BoundaryFacets, points: Floats) -> Floats | None:
 def _crossing(
     points: Floats, moving: NDArray[np.bool_], ones: tuple[str, Ints], others: tuple[str, Ints]
 ) -> Floats | None:
-    """Where an edge of one kind of facets goes through another kind, one of the two facets moving."""
+    """A place where an edge of one kind of facet goes through another kind; one of the two facets moves."""
     for a, b in ((ones, others), (others, ones)):  # a's moving facets with all of b
         rows = np.flatnonzero(moving[a[1]].any(axis=1))
         first, second = _near(points, a[1][rows], b[1])
@@ -90,7 +90,7 @@ def _crossing(
 
 
 def _near(points: Floats, ones: Ints, others: Ints) -> tuple[Ints, Ints]:
-    """Pairs (p,) of facets whose bounding circles or spheres meet."""
+    """Pairs (p,) of facets whose bounding circles or spheres intersect."""
     centres, radii = _circles(points, ones)
     other_centres, other_radii = _circles(points, others)
     pairs = [np.empty((0, 2), dtype=np.int64)]
@@ -115,7 +115,7 @@ def _circles(points: Floats, facets: Ints) -> tuple[Floats, Floats]:
 
 
 def _goes_through(ends: Floats, points: Floats, faces: Ints, kind: str) -> NDArray[np.bool_]:
-    """Whether edges with ends (p, 2, d) go through facets (p, k), whichever diagonal these have."""
+    """Whether edges with ends (p, 2, d) go through facets (p, k) with either diagonal."""
     found = np.ones(len(ends), dtype=bool)
     for split in _SPLITS[kind]:
         parts = [_pierces(ends, points[faces[:, part]]) for part in split]

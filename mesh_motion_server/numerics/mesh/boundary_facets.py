@@ -27,7 +27,7 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
     Parameters
     ----------
     cells : CellTable
-        Node indices must not be negative and no cell may name a node twice.
+        Node indices must not be negative and no cell may contain a node twice.
 
     Returns
     -------
@@ -38,13 +38,13 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
     Raises
     ------
     InvalidInput
-        If a facet belongs to more than two cells, or to two on the same side of it, which then overlap; the message
-        names the facet and the cells.
+        If a facet belongs to more than two cells, or to two overlapping cells on the same side of it; the message names
+        the facet and the cells.
 
     Notes
     -----
-    Found once for a cell table and kept as long as that lives: every part of a session asks for them. Not to be written
-    to.
+    The facets are computed once for a cell table and kept as long as it exists, because every part of a session needs
+    them. Do not modify them.
     """
     found = _KEPT.get(cells)
     if found is None:
@@ -53,7 +53,7 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
 
 
 def _found(cells: CellTable) -> dict[str, Ints]:
-    """The boundary's facets, by type."""
+    """The facets of the boundary, by type."""
     single, _, crowded = matched_facets(cells)
     if crowded >= 0:
         raise _crowded_facet(cells, crowded)

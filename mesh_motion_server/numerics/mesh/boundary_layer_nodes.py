@@ -1,13 +1,13 @@
-"""Which nodes belong to the boundary layers of the moving walls.
+"""Finds the nodes that belong to the boundary layers of the moving walls.
 
-A node belongs to it if it is no farther than the thickness from every facet that meets at its nearest place of the
+A node belongs to a layer if it is no farther than the thickness from every facet that meets at its nearest place of the
 wall: around a convex corner the layer ends at the mitre of the two offset walls, as layers of quads and prisms do, and
 not at an arc. Sharp edges, whose mitre is far away, are cut at √d thicknesses.
 
-Where other boundaries are near the layer thins out: no node belongs to it that is farther from the wall than half its
-distance to a periodic side, another body or a wall at rest. So a third of a gap between two walls stays free to deform.
-A wall on which nodes slide only counts where it
-faces the body; nodes on one that the body stands on belong to the layer and are put back onto it.
+Near other boundaries the layer is thinner: its nodes are no farther from the wall than half their distance to a
+periodic side, another body or a wall at rest. So a third of a gap between two walls stays free to deform. A wall on
+which nodes slide counts only where it faces the body. If the body stands on such a wall, the layer's nodes on it are
+put back onto it.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Marks = NDArray[np.bool_]
 
-_SHARE = 0.5  # of the distance to another boundary that a layer may reach
-_FACING = -0.8  # cosine between the ways to the wall and to a sliding wall: on opposite sides, within 37°
-_ROUNDING = 1e-6  # of the thickness: the layer's outermost nodes are meant to belong to it
+_SHARE = 0.5  # a layer may reach this share of the distance to another boundary
+_FACING = -0.8  # cosine between the directions to the wall and to a sliding wall: on opposite sides, within 37°
+_ROUNDING = 1e-6  # share of the thickness: so that the layer's outermost nodes belong to it
 
 
 class LayerNodes(NamedTuple):
-    """Nodes (l,), ascending, the places of the wall that they are tied to and the offsets (l, d) from there."""
+    """Nodes (l,), ascending, the places of the wall to which they are tied, and their offsets (l, d) from there."""
 
     nodes: Integers
     places: WallPlaces
     offsets: Floats
 
     def chosen(self, rows: Marks) -> LayerNodes:
-        """Those of the nodes where ``rows`` (l,) is true."""
+        """The nodes for which ``rows`` (l,) is true."""
         places = WallPlaces(self.places.corners[rows], self.places.weights[rows])
         return LayerNodes(self.nodes[rows], places, self.offsets[rows])
 
@@ -76,7 +76,7 @@ def layer_nodes(
 
 
 def _on_columns(found: LayerNodes, points: Floats, feet: Integers, wall: MovingWall) -> LayerNodes:
-    """The nodes with the foot (n,) of their column instead of their nearest place, where they stand in one."""
+    """The nodes tied to the foot (n,) of their column instead of their nearest place, if they are in a column."""
     corners, weights = found.places.corners.copy(), found.places.weights.copy()
     rows = np.flatnonzero(feet[found.nodes] >= 0)
     corners[rows] = np.searchsorted(wall.nodes, feet[found.nodes[rows]])[:, None]
@@ -86,7 +86,7 @@ def _on_columns(found: LayerNodes, points: Floats, feet: Integers, wall: MovingW
 
 
 def _roles(n: int, patches: Mapping[str, Patch], *roles: str) -> Marks:
-    """(n,) nodes of the patches with one of the roles."""
+    """(n,) mark of the nodes of patches with one of the roles."""
     marks = np.zeros(n, dtype=bool)
     for patch in patches.values():
         if patch.role in roles:
@@ -105,7 +105,7 @@ def _height(wall: MovingWall, found: LayerNodes) -> Floats:
     row = np.repeat(np.arange(len(corners)), count)
     facet = order[np.arange(count.sum()) - np.repeat(np.cumsum(count) - count - starts[around], count)] // d
     meets = np.ones(len(row), dtype=bool)
-    for j in range(d):  # the facet has every corner that the place touches
+    for j in range(d):  # the facet contains every corner that the place touches
         meets &= (weights[row, j] == 0.0) | (wall.simplices[facet] == corners[row, j, None]).any(axis=1)
     away = np.abs(np.sum(wall.normals[facet] * found.offsets[row], axis=1))
     height = np.zeros(len(corners))

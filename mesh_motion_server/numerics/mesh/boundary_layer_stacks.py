@@ -1,8 +1,8 @@
 """Columns of nodes above the nodes of a wall, where layers of quads, hexahedra or wedges are stacked on it.
 
-Starting from the wall's facets every step goes through a cell from one facet to the opposite one. All nodes above one
-another share the wall node at the foot of their column, even where the column leans over its neighbour's ground or
-ends on the bisector of a concave corner.
+From the wall's facets, every step goes through a cell from one facet to the opposite one. All nodes above one another
+share the wall node at the foot of their column, even if the column leans over a neighbouring wall node or ends on the
+bisector of a concave corner.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["column_feet"]
 
 Integers = NDArray[np.int64]
 
-#: Opposite facets, local node numbers in the same order, by cell type; each pair is gone through both ways.
+#: Opposite facets, local node numbers in the same order, by cell type; each pair is used in both directions.
 _OPPOSITE: dict[str, tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]] = {
     "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3))),
     "wedge": (((0, 1, 2), (3, 4, 5)),),
@@ -29,7 +29,7 @@ _OPPOSITE: dict[str, tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]] = {
 
 
 def column_feet(cells: CellTable, wall: Integers, layer: Integers, n: int) -> Integers:
-    """(n,) wall node at the foot of each node's column; −1 for nodes in no column, a wall node's own.
+    """(n,) wall node at the foot of each node's column; −1 for nodes in no column, the node itself on the wall.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def column_feet(cells: CellTable, wall: Integers, layer: Integers, n: int) -> In
 
 
 def _steps(cells: CellTable, possible: NDArray[np.bool_]) -> list[tuple[Integers, Integers]]:
-    """Facets and their opposites (c, k) of the cells whose nodes all are possible (n,)."""
+    """Facets and opposite facets (c, k) of the cells whose nodes are all ``possible`` (n,)."""
     found = []
     for block in cells:
         own = block.nodes[possible[block.nodes].all(axis=1)]

@@ -1,13 +1,13 @@
-"""The moving walls of a mesh and how they turn at each of their nodes.
+"""The moving walls of a mesh and their rotation at each of their nodes.
 
-A wall is a connected part of the boundary whose nodes have prescribed positions, at least some of them moving: a flag
-and the fixed cylinder that it is clamped to are one wall, the channel around them is none.
+A wall is a connected part of the boundary whose nodes have prescribed positions and at least one of which moves: a flag
+and the fixed cylinder to which it is clamped are one wall, the channel around them is not a moving wall.
 
 A facet of the wall (an edge in 2D, a triangle in 3D; a quad is two triangles) with the edge vectors e and the unit
 normal n deforms by ``F = [e' n'] [e n]⁻¹``, and turns by the rotation of its polar decomposition F = R U, thesis
-(5.10). A node turns by the rotation nearest to the mean of its facets' rotations, and then by the least rotation that
-takes its turned normal to its new one: at an edge of a wall that is sheared the two differ. Facets count by their angle
-at the node, which does not depend on how the wall is meshed. Neighbouring nodes share facets, so their rotations differ
+(5.10). A node turns by the rotation nearest to the mean of its facets' rotations, and then by the least rotation from
+its turned normal to its new normal: at an edge of a sheared wall the two differ. Facets are weighted by their angle at
+the node, which does not depend on how the wall is meshed. Neighbouring nodes share facets, so their rotations vary
 smoothly where the wall bends smoothly.
 
 References
@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Marks = NDArray[np.bool_]
 
-_OPPOSITE = 1e-6  # 1 + cosine: directions so nearly opposite have no least rotation
+_OPPOSITE = 1e-6  # 1 + cosine: directions nearer to opposite have no least rotation
 _ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch it
 
 
@@ -46,7 +46,7 @@ class WallPlaces(NamedTuple):
     Attributes
     ----------
     corners : (l, d) int64 array
-        Rows of the wall's nodes: the facet that each place lies on.
+        Rows of the wall's nodes: the corners of the facet on which each place lies.
     weights : (l, d) array
         Barycentric coordinates.
     """
@@ -55,7 +55,7 @@ class WallPlaces(NamedTuple):
     weights: Floats
 
     def of(self, values: Floats) -> Floats:
-        """Values (w, d) of the wall's nodes at the places, (l, d)."""
+        """Values (w, d) of the wall's nodes, interpolated at the places: (l, d)."""
         return np.asarray(np.einsum("lj,ljd->ld", self.weights, values[self.corners]))
 
 
@@ -66,9 +66,9 @@ class MovingWall:
     Attributes
     ----------
     nodes : (w,) int64 array
-        Of the mesh, ascending.
+        Mesh nodes, ascending.
     reference : (w, d) array, mesh length unit
-        Where they are in the reference mesh.
+        Their positions in the reference mesh.
     simplices : (s, d) int64 array
         Rows of ``nodes``: segments in 2D, triangles in 3D.
     """
@@ -88,7 +88,7 @@ class MovingWall:
         facets : mapping of type to (f, k) int64 array
             The boundary.
         moving, prescribed : (n,) bool arrays
-            Nodes that move; those and the fixed ones.
+            Nodes that move; moving and fixed nodes.
         """
         simplices = simplices_of(facets)
         own = simplices[prescribed[simplices].all(axis=1)]
@@ -103,13 +103,13 @@ class MovingWall:
         return _frames(self.reference[self.simplices])[:, :, -1]
 
     def bodies(self) -> Integers:
-        """(s,) number of the connected part that each facet belongs to."""
+        """(s,) number of the connected part of each facet."""
         return _connected(self.simplices, len(self.nodes))
 
     def closest(self, points: Floats, within: float = np.inf) -> tuple[WallPlaces, Integers]:
-        """The places of the reference wall nearest to points (l, d), and the facet (l,) that each lies on.
+        """The places of the reference wall nearest to points (l, d), and the facet (l,) on which each lies.
 
-        Where the wall is farther than ``within``, mesh length unit, the facet is −1 and the place means nothing.
+        If the wall is farther than ``within``, mesh length unit, the facet is −1 and the place is undefined.
         """
         corners = self.reference[self.simplices]
         places, facets = nearest_within(corners, points, within)
@@ -143,7 +143,7 @@ class MovingWall:
 
 
 def _angles(corners: Floats) -> Floats:
-    """(s, d) angle of each facet at each of its corners (s, d, d); those of segments are alike."""
+    """(s, d) angle of each facet at each of its corners (s, d, d); equal for all segments."""
     if corners.shape[1] == 2:
         return np.ones(corners.shape[:2])
     out = np.empty(corners.shape[:2])
@@ -154,7 +154,7 @@ def _angles(corners: Floats) -> Floats:
 
 
 def _least_rotation(a: Floats, b: Floats) -> Floats:
-    """(w, d, d) least rotations from the directions of a to those of b (w, d); none where they cancel out."""
+    """(w, d, d) least rotations from the directions of a to those of b (w, d); no rotation where they cancel out."""
     length = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     cosine = np.sum(a * b, axis=1)
     clear = length + cosine > _OPPOSITE * length

@@ -1,9 +1,9 @@
-"""Is a closed part of the boundary turned inside out? Its mirror image crosses nothing, and yet bounds no valid mesh.
+"""Detects a closed part of the boundary that is turned inside out: it crosses nothing, yet no valid mesh exists.
 
-Cells with positive corners may still fill it, going twice round some node: the mesh then overlaps itself. The volume
-inside a closed surface is V = 1/d ∮ x · n dA (the divergence theorem); with normals that point out of the mesh it is
+Cells with positive corners may still fill it by going twice round some node: the mesh then overlaps itself. The volume
+inside a closed surface is V = 1/d ∮ x · n dA (the divergence theorem). With normals that point out of the mesh it is
 positive for an outer boundary and negative for a hole, and keeps its sign as long as the mesh is valid. The two sides
-of a baffle are a hole that encloses nothing; when they part, V becomes negative.
+of a baffle are a hole without volume; when they separate, V becomes negative.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["overturned_place"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Of a part's contributions, what their sum has lost to rounding.
+#: Rounding error of the sum of a part's contributions, relative to their size.
 _ROUNDING = 1e-12
 
 
@@ -36,7 +36,7 @@ def overturned_place(
     facets : dict of (f, k) int64 arrays
         The whole boundary, pointing outwards, by type.
     prescribed : (n,) bool array
-        Nodes with prescribed positions; a part with another node is not looked at.
+        Nodes with prescribed positions; a part with any other node is not tested.
     reference, points : (n, d) arrays, mesh length unit
         Before and after the motion.
     """
@@ -56,7 +56,7 @@ def overturned_place(
 
 
 def _of_one_width(facets: Mapping[str, Ints]) -> Ints:
-    """(f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
+    """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
     widest = max(nodes.shape[1] for nodes in facets.values())
     width = 4 if widest > 2 else 2
     return np.concatenate(
@@ -65,7 +65,7 @@ def _of_one_width(facets: Mapping[str, Ints]) -> Ints:
 
 
 def _parts(rows: Ints, count: int) -> Ints:
-    """(f,) number of the connected part of the boundary that each facet belongs to."""
+    """(f,) number of the connected part of the boundary of each facet."""
     ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
     starts = np.broadcast_to(rows[:, :1], ends.shape)
     links = coo_array((np.ones(ends.size), (starts.ravel(), ends.ravel())), (count, count))
@@ -79,13 +79,13 @@ def _all_of(chosen: NDArray[np.bool_], rows: Ints) -> NDArray[np.bool_]:
 
 
 def _signs(parts: Ints, contributions: Floats) -> Floats:
-    """(p,) sign of the volume of each part, 0 where only rounding is left of its contributions (f,)."""
+    """(p,) sign of the volume of each part, 0 where the sum of its contributions (f,) is only rounding."""
     volume, largest = np.bincount(parts, contributions), np.bincount(parts, np.abs(contributions))
     return np.where(np.abs(volume) <= _ROUNDING * largest, 0.0, np.sign(volume))
 
 
 def _contributions(places: Floats, rows: Ints) -> Floats:
-    """(f,) x · n dA / d of each facet, x from the middle of the domain for the sake of rounding."""
+    """(f,) x · n dA / d of each facet, x from the middle of the domain to reduce rounding."""
     centred = places - 0.5 * (places.min(axis=0) + places.max(axis=0))
     real = (rows >= 0)[:, :, None]
     middles = np.where(real, centred[rows], 0.0).sum(axis=1) / real.sum(axis=1)

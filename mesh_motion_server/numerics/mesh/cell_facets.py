@@ -1,4 +1,4 @@
-"""All facets of all cells, each once, and which cells are on either side."""
+"""All facets of all cells, each once, and the cells on both sides."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class CellFacets:
     Attributes
     ----------
     nodes : (f, 4) array
-        As their first cell sees them from inside, anticlockwise from outside; filled up with -1. First those between
-        two cells, ordered by first and second cell, then those of the boundary, in the order of the cells.
+        Anticlockwise seen from outside their first cell; filled up with -1. First the facets between two cells, ordered
+        by first and second cell, then those of the boundary, in the order of the cells.
     owner : (f,) array
         Their first cell.
     neighbour : (i,) array
-        The second cell of those between two.
+        The second cell of the facets between two cells.
     """
 
     nodes: Short
@@ -33,7 +33,7 @@ class CellFacets:
 
     @classmethod
     def of(cls, cells: CellTable) -> CellFacets:
-        """Find them. Of each facet no more than two cells are seen; a checked mesh has no more."""
+        """Find the facets. At most two cells of each facet are used; a checked mesh has no more."""
         single, pairs, _ = matched_facets(cells, pairs=True)
         chosen = np.concatenate([pairs[:, 0], single])
         short = np.int32 if len(cells) < 2**31 else np.int64

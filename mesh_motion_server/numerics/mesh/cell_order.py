@@ -20,16 +20,16 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
     Parameters
     ----------
     pieces : sequence of (node map, cells)
-        New number of each node that the cells (m_i, k) name, and these cells; every number in range.
+        New number of each node of the cells (m_i, k), and these cells; every number in range.
     nodes : int
-        The new numbers are below.
+        Upper bound: all new numbers are smaller.
 
     Returns
     -------
     (m, k) int64 array
-        Rows ascending; equal ones in the order they came.
+        Rows ascending; equal rows in the input order.
     (m,) int32 or int64 array
-        Where each row came from, counted through the pieces.
+        Input row of each row, counted through the pieces.
     int
         The first row that equals the one before it, or -1.
     """
@@ -39,6 +39,6 @@ def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints,
     ]
     total = sum(len(cells) for _, cells in given)
     rows = np.empty((total, given[0][1].shape[1]), dtype=np.int64)
-    # kept as long as the session: half the memory where the numbers allow it
+    # kept as long as the session: int32, where possible, takes half the memory
     order = np.empty(total, dtype=np.int32 if total < 2**31 else np.int64)
     return rows, order, kernels.sort_cells(given, nodes, rows, order)

@@ -1,9 +1,10 @@
-"""Cell types and cell tables: which nodes span which corner simplex of which cell (thesis §2.3, Table 2.4).
+"""Cell types and cell tables: the nodes of each corner simplex of each cell (thesis §2.3, Table 2.4).
 
 Every quality metric and predictor works on *corner simplices*: a corner k of a cell with the nodes (k, a, b[, c]) has
 the Jacobian ``A_k`` whose columns are the edges ``x_a - x_k, x_b - x_k[, x_c - x_k]``; ``det A_k > 0`` in a valid
-cell. A simplex needs one corner, since all of its corners have the same determinant. In the thesis it is (3.5), of a
-triangle (3.15)–(3.17), a quad (3.23), a tetrahedron (3.25), a hexahedron (3.29), for which Table 2.4 is right.
+cell. A simplex needs one corner, since all of its corners have the same determinant. In the thesis the Jacobian is
+(3.5), of a triangle (3.15)–(3.17), a quad (3.23), a tetrahedron (3.25), a hexahedron (3.29), for which Table 2.4 is
+right.
 
 Node order is VTK's, except that a wedge's corners are listed so that the *volume* is positive for the order of Gmsh,
 SU2 and CGNS (first triangle seen anticlockwise from the second one).
@@ -56,7 +57,7 @@ class CellType:
 
     @property
     def is_simplex(self) -> bool:
-        """Whether one Jacobian says all about the cell's shape."""
+        """Whether one Jacobian determines the cell's shape."""
         return self.n_nodes == self.dimension + 1
 
     @cached_property

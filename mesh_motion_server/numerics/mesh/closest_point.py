@@ -1,8 +1,8 @@
 """The closest point of a set of segments or triangles.
 
-A k-d tree of the facets' centroids bounds the search: the closest facet's centroid lies no farther away than the
-nearest centroid plus the largest facet's radius. Among those candidates the closest point is exact; ties go to the
-lowest facet.
+A k-d tree of the facets' centroids limits the search: the closest facet's centroid is no farther away than the nearest
+centroid plus the largest facet's radius. Among those candidates the closest point is exact; of equally near facets the
+lowest is taken.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class FacetSet:
         return self.nearest(points)[0]
 
     def nearest(self, points: Array) -> tuple[Array, NDArray[np.int64]]:
-        """(n, d) points of the facets nearest to (n, d) points, and the row (n,) of the facet each lies on."""
+        """(n, d) points of the facets nearest to (n, d) points, and the row (n,) of the facet of each."""
         facets = np.zeros(len(points), dtype=np.int64)
         if not len(points):
             return points.copy(), facets
@@ -58,10 +58,10 @@ class FacetSet:
 
 
 def nearest_within(corners: Array, points: Array, distance: float) -> tuple[Array, NDArray[np.int64]]:
-    """The nearest facets of widely different sizes, no farther than a distance.
+    """The nearest facets within a distance, for facets of very different sizes.
 
-    A search is as wide as the largest facet: those of a far field would have it look everywhere. So facets are searched
-    by octaves of their radius.
+    The search radius grows with the largest facet: with facets of a far field it would cover everything. So facets are
+    searched by octaves of their radius.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def nearest_within(corners: Array, points: Array, distance: float) -> tuple[Arra
     Returns
     -------
     (n, d) array, (n,) int64 array
-        The nearest points of facets, and the facets' rows; NaN and −1 where none is near.
+        The nearest points of facets, and the facets' rows; NaN and −1 if none is near.
     """
     places, facets = np.full(points.shape, np.nan), np.full(len(points), -1, dtype=np.int64)
     best = np.full(len(points), np.inf)
@@ -92,7 +92,7 @@ def nearest_within(corners: Array, points: Array, distance: float) -> tuple[Arra
 
 
 def _near(points: Array, others: Array, distance: float) -> NDArray[np.int64]:
-    """Rows of the points (n, d) so near to one of the others (k, d)."""
+    """Rows of the points (n, d) within ``distance`` of one of the others (k, d)."""
     return np.flatnonzero(np.isfinite(cKDTree(others).query(points, distance_upper_bound=distance)[0]))
 
 

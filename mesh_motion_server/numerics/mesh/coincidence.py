@@ -1,4 +1,4 @@
-"""Points at the same place: duplicated nodes of a wake, of the two sides of an interface or of a baffle."""
+"""Points at the same place: duplicate nodes of a wake, of the two sides of an interface or of a baffle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SAME_PLACE = 1e-13
 
 
 def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int64]:
-    """For each point the lowest number of those at its place: closer than 10⁻¹³ of an extent, directly or in a chain.
+    """For each point the lowest number of the points closer than 10⁻¹³ of an extent, directly or through a chain.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int
     (n,) int64 array
     """
     place = np.arange(len(points))
-    order = np.lexsort(points.T)  # identical points first: a tree of many takes quadratic time
+    order = np.lexsort(points.T)  # identical points first: a tree of many identical points takes quadratic time
     same = np.r_[False, (points[order[1:]] == points[order[:-1]]).all(axis=1)]
     place[order] = np.minimum.reduceat(order, np.flatnonzero(~same))[np.cumsum(~same) - 1]
     distinct = np.flatnonzero(place == np.arange(len(points)))
@@ -44,7 +44,7 @@ def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int
 
 
 def coincident_nodes(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(c, 2) of the nodes (b,), ascending, of a mesh ``points`` (n, d): the first at a place, and another one there."""
+    """(c, 2) pairs of the nodes (b,), ascending, of a mesh ``points`` (n, d): the first at a place, and another."""
     first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
     others = first != nodes
     return np.column_stack([first[others], nodes[others]])

@@ -1,4 +1,4 @@
-"""A plane mesh as one layer of cells in space: what a finite-volume code makes of it."""
+"""A plane mesh as one layer of cells in space, as a finite-volume code treats it."""
 
 from __future__ import annotations
 

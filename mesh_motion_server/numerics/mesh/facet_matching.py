@@ -1,4 +1,4 @@
-"""The facets of cells: which of them belong to one cell, and which two are the same.
+"""The facets of cells: those that belong to one cell, and pairs of equal facets.
 
 A facet is a node in 1D, an edge in 2D, a triangle or quad in 3D. Facet ``f`` of cell ``c`` has the number ``8 c + f``.
 """
@@ -17,15 +17,15 @@ from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 __all__ = ["facet_nodes", "matched_facets", "padded"]
 
 Ints = NDArray[np.int64]
-#: As short as the numbers allow: meshes of millions of cells are kept so.
+#: The shortest integers that hold the numbers: they are stored for meshes of millions of cells.
 Short = NDArray[np.integer[Any]]
 
 
 def matched_facets(cells: CellTable, *, pairs: bool = False) -> tuple[Ints, Ints, int]:
-    """Numbers (b,) of the facets of one cell, ascending, and the pairs (m, 2), if asked, of those that two cells have.
+    """Numbers (b,) of the facets of one cell, ascending, and on request the pairs (m, 2) of the facets of two cells.
 
-    The pairs are ordered by their cells; of more than two cells they name the first ones. The third is the least number
-    of a facet that more cells have, or two on the same side of it, which then overlap, or -1.
+    The pairs are ordered by their cells; for a facet of more than two cells they name the first ones. The third result
+    is the least number of a facet with more than two cells, or with two overlapping cells on the same side, or -1.
     """
     tables = [_table(block.type.name) for block in cells]
     most = max(map(len, tables))

@@ -1,16 +1,16 @@
-"""A mesh as a finite-volume code looks at it: non-orthogonality, skewness and volume ratios of its faces.
+"""Finite-volume measures of a mesh: non-orthogonality, skewness and volume ratios of its faces.
 
-The definitions are those of OpenFOAM, digit by digit, so that a number here is the one that its ``checkMesh`` prints:
+The definitions are exactly those of OpenFOAM, so the numbers are those that its ``checkMesh`` prints:
 
 ==================  ==================================================================================================
 non-orthogonality   angle between a face's area vector S and the vector d between the centres of its two cells
-skewness            distance of the face's centre from where d meets the face, as a share of how far the face reaches
-                    in that direction (and at least 0.2 \\|d\\|); faces of the boundary: with d normal to the face, 0.4
+skewness            distance of the face's centre from the point where d meets the face, relative to the extent of the
+                    face in that direction (at least 0.2 \\|d\\|); boundary faces: with d normal to the face, 0.4
 volume ratio        min(V_o, V_n) / max(V_o, V_n) of a face's two cells; negative beside an inverted one
 ==================  ==================================================================================================
 
 A face's centre and area are those of its triangles around the mean of its nodes, a cell's centre and volume those of
-its pyramids around the mean of its faces' centres. A plane mesh is taken one cell thick, its edges being faces.
+its pyramids around the mean of its faces' centres. A plane mesh is treated as one cell thick; its edges are faces.
 
 References
 ----------
@@ -38,11 +38,11 @@ __all__ = ["FaceMeasures", "WorstFace", "face_measures"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
 
-#: Cells or faces at a time: some ten megabytes of coordinates.
+#: Cells or faces per batch: about ten megabytes of coordinates.
 _BLOCK = 1 << 16
 #: OpenFOAM's VSMALL and its root, which keep quotients finite.
 _TINY, _ROOT_TINY = 1e-300, 1e-150
-#: How many of the worst faces are named.
+#: Number of worst faces that are named.
 _WORST = 10
 
 
@@ -67,7 +67,7 @@ class WorstFace:
 
 @dataclass(frozen=True)
 class FaceMeasures:
-    """What a finite-volume code says of a mesh.
+    """Finite-volume measures of a mesh.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class FaceMeasures:
     max_skewness : float
         Faces of the boundary included.
     min_volume_ratio : float
-        Of two cells with a face in common; 1: equally large, negative: one of them is inverted.
+        Of two cells with a common face; 1: equally large, negative: one of them is inverted.
     worst : tuple of WorstFace
         The least orthogonal first; at most ten.
     """
@@ -94,13 +94,13 @@ class FaceMeasures:
     worst: tuple[WorstFace, ...]
 
     def numbers(self) -> dict[str, Any]:
-        """All but the worst faces, by name."""
+        """All measures except the worst faces, by name."""
         return {name: value for name, value in asdict(self).items() if name != "worst"}
 
 
 @dataclass(frozen=True, eq=False)
 class _Solid:
-    """Cells in space and their facets; of a plane mesh the layer of cells."""
+    """Cells in space and their facets; for a plane mesh the layer of cells."""
 
     cells: CellTable
     facets: CellFacets
@@ -119,7 +119,7 @@ def face_measures(points: NDArray[np.floating], cells: CellTable) -> FaceMeasure
 
     Notes
     -----
-    Which cells a face has is found once for a cell table and kept as long as that lives.
+    The cells of each face are computed once for a cell table and kept as long as it exists.
     """
     if cells.dimension == 1:
         return None
@@ -157,7 +157,7 @@ def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floa
             reach = middle - centres[owner[chosen]]
             skewness = max(skewness, _largest_skewness(reach, d, area, corners - middle[:, None], least=0.2))
         sizes = np.stack([volumes[owner], volumes[neighbour]])
-        with np.errstate(over="ignore"):  # beside a cell of no volume
+        with np.errstate(over="ignore"):  # next to a cell without volume
             ratio = min(ratio, float((sizes.min(axis=0) / (sizes.max(axis=0) + _TINY)).min()))
     for rows in _blocks(len(facets.owner), inner):
         owner = facets.owner[rows]
@@ -171,8 +171,8 @@ def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floa
 
 
 def _largest_skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: float) -> float:
-    """The largest of faces whose centre is at ``reach`` (f, 3) from the owner's and whose nodes are at ``spokes``
-    (f, k, 3) from there; ``least``: the share of |d| that a face reaches at least.
+    """The largest skewness of faces: their centre is at ``reach`` (f, 3) from the owner's centre, and their nodes at
+    ``spokes`` (f, k, 3) from the face's centre; ``least``: smallest extent of a face as a share of |d|.
     """
     skew = reach - (_dot(area, reach) / (_dot(area, d) + _ROOT_TINY))[:, None] * d
     length = _length(skew)
@@ -215,7 +215,7 @@ def _face_geometry(corners: Floats) -> tuple[Floats, Floats]:
 
 
 def _worst(points: Floats, facets: CellFacets, angles: Floats, dimension: int) -> tuple[WorstFace, ...]:
-    """The least orthogonal faces; of equal ones the first."""
+    """The least orthogonal faces; of equal faces the first."""
     found = []
     for face in _largest(angles, _WORST):
         nodes = facets.nodes[face]
@@ -226,7 +226,7 @@ def _worst(points: Floats, facets: CellFacets, angles: Floats, dimension: int) -
 
 
 def _largest(values: Floats, count: int) -> list[int]:
-    """Places of the largest values, largest first; of equal ones the first."""
+    """Indices of the largest values, largest first; of equal values the first."""
     count = min(count, len(values))
     if not count:
         return []
@@ -237,7 +237,7 @@ def _largest(values: Floats, count: int) -> list[int]:
 
 
 def _by_size(points: Floats, nodes: Ints) -> Iterator[tuple[Ints, Floats]]:
-    """Triangles and quads among faces (f, 4): their places, and their nodes' positions (., k, 3)."""
+    """Triangles and quads among faces (f, 4): their rows, and their nodes' positions (., k, 3)."""
     triangles = nodes[:, 3] < 0
     for size, mask in ((3, triangles), (4, ~triangles)):
         if mask.any():
@@ -246,13 +246,13 @@ def _by_size(points: Floats, nodes: Ints) -> Iterator[tuple[Ints, Floats]]:
 
 
 def _blocks(stop: int, start: int = 0) -> Iterator[slice]:
-    """Slices of so many cells or faces as are taken at a time."""
+    """Slices of the cells or faces of each batch."""
     for begin in range(start, stop, _BLOCK):
         yield slice(begin, min(begin + _BLOCK, stop))
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    """(f,) of (f, 3) each."""
+    """Dot products (f,) of vectors (f, 3)."""
     product: Floats = np.einsum("...i,...i->...", a, b)
     return product
 

@@ -1,8 +1,8 @@
-"""Points sorted by the cells of a grid of which only the cells next to a point are stored.
+"""Points sorted by the cells of a grid that stores only the cells next to a point.
 
-Where the cells are far smaller than the domain, as about a small body in a wide one, a grid with all its cells would
-not fit into memory, and one with larger cells would find thousands of points that are not near. A stored cell knows the
-points of all 27 around it: one look finds them, or that there are none.
+If the cells are far smaller than the domain, as around a small body in a large domain, a grid with all its cells would
+not fit into memory, and one with larger cells would find thousands of points that are not near. A stored cell lists the
+points of all 27 cells around it: one lookup finds them, or finds none.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class HashedCells:
     origin : (3,) array
     inverse_side : float
     keys : (t,) int64 array
-        A table of the stored cells by their place in the grid, −1 where it is free; t is a power of two. On a surface
-        about a third of it is taken.
+        A hash table of the stored cells by their place in the grid, −1 in free entries; t is a power of two. For points
+        on a surface about a third of it is used.
     spans : (t, 2) int32 array
         [first, last) of each cell's runs.
     runs : (r, 2) int32 array
@@ -50,5 +50,5 @@ class HashedCells:
 
     @classmethod
     def build(cls, points: Array, side: float) -> HashedCells:
-        """Sort points (n, 3) by cells of the given side, or wider ones where there would be a million along an axis."""
+        """Sort points (n, 3) by cells of the given side; by wider cells if an axis would have a million of them."""
         return cls(*kernels.store_cells(points, side))

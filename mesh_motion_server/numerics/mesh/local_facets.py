@@ -1,4 +1,4 @@
-"""Which local nodes of a cell are on which of its facets: a table without anything compiled."""
+"""The local nodes of each facet of a cell: a table that needs no compiled code."""
 
 from __future__ import annotations
 

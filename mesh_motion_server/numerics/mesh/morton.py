@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 __all__ = ["morton_codes"]
 
-#: Bits per coordinate, by dimension: as many as a code of 63 bits and a double of 53 take.
+#: Bits per coordinate, by dimension: as many as fit into a code of 63 bits and a double of 53 bits.
 _BITS = {1: 52, 2: 31, 3: 21}
 #: Shift and mask pairs that spread the bits of one coordinate: one gap for 2D, two gaps for 3D.
 _SPREAD = {
@@ -35,7 +35,7 @@ _SPREAD = {
 
 
 def morton_codes(points: NDArray[np.float64]) -> NDArray[np.uint64]:
-    """Morton code of each point in the bounding box of all.
+    """Morton code of each point in the bounding box of all points.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class _Facets:
-    """Facets (f, w) of one piece, and what gives their outward normals.
+    """Facets (f, w) of one piece, and the data for their outward normals.
 
     normals : (1, d) array of a planar piece, (s, d) of the reference facets of a curved one
     reference : FacetSet or None
@@ -53,7 +53,7 @@ class OutwardFacets:
 
     @classmethod
     def of_pieces(cls, points: Array, pieces: Sequence[Piece]) -> OutwardFacets:
-        """Of pieces of the reference mesh with nodes at points (n, d)."""
+        """Build them for pieces of the reference mesh with nodes at points (n, d)."""
         blocks = []
         for piece in pieces:
             if piece.normal is not None:
@@ -65,7 +65,7 @@ class OutwardFacets:
         return cls(tuple(blocks))
 
     def among(self, free: NDArray[np.bool_], local: Integers) -> OutwardFacets:
-        """Those with a free (n,) node, in the numbering ``local`` (n,) of a region that holds all of their nodes."""
+        """The facets with a free (n,) node, in the numbering ``local`` (n,) of a region with all their nodes."""
         blocks = []
         for block in self.blocks:
             real = block.facets >= 0

@@ -1,4 +1,4 @@
-"""Are the patches of a mesh usable, and do they cover its boundary?"""
+"""Checks that the patches of a mesh are usable and cover its boundary."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
 
 
 def _check_nodes(n: int, name: str, nodes: NDArray[np.integer]) -> None:
-    """A vector of distinct node indices in range, at least one."""
+    """Require a vector of distinct node indices in range, at least one."""
     if nodes.ndim != 1 or not np.issubdtype(nodes.dtype, np.integer):
         raise InvalidInput(
             f"patch {name!r}: expected node ids as a vector of integers, got shape {nodes.shape} of {nodes.dtype}",
@@ -79,7 +79,7 @@ def _check_nodes(n: int, name: str, nodes: NDArray[np.integer]) -> None:
 
 
 def patch_warnings(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) -> list[str]:
-    """What is odd about usable patches.
+    """Warnings about usable patches.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def patch_warnings(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) 
 
 
 def nodes_behind_fixed(n: int, cells: CellTable, boundary: Ints, patches: Mapping[str, Patch]) -> Ints:
-    """Boundary nodes (r,) in no patch that fixed nodes cut off from all other patches: those of halo cells, mostly.
+    """Boundary nodes (r,) in no patch that fixed nodes separate from all other patches: mostly nodes of halo cells.
 
-    Interpolation knows no cells, and would carry them along through the fixed nodes.
+    Interpolation does not use the cells, so it would move these nodes although fixed nodes separate them.
     """
     floating = _floating(boundary, patches)
     if not len(floating):
@@ -106,7 +106,7 @@ def nodes_behind_fixed(n: int, cells: CellTable, boundary: Ints, patches: Mappin
         (fixed if patch.role == "fixed" else other)[patch.nodes] = True
     fixed &= ~other
     part = _parts(n, cells, ~fixed)
-    meets = np.zeros(part.max() + 1, dtype=bool)  # a fixed node, by part
+    meets = np.zeros(part.max() + 1, dtype=bool)  # whether each part touches a fixed node
     for block in cells:
         rows = block.nodes[fixed[block.nodes].any(axis=1)]
         meets[part[rows[~fixed[rows]]]] = True
@@ -115,7 +115,7 @@ def nodes_behind_fixed(n: int, cells: CellTable, boundary: Ints, patches: Mappin
 
 
 def _parts(n: int, cells: CellTable, joined: NDArray[np.bool_]) -> Ints:
-    """(n,) number of the part of the mesh that each node belongs to, where only ``joined`` (n,) nodes join cells."""
+    """(n,) number of the part of the mesh of each node, if only ``joined`` (n,) nodes connect cells."""
     pairs = []
     for block in cells:
         for a, b in combinations(block.nodes.T, 2):
@@ -127,7 +127,7 @@ def _parts(n: int, cells: CellTable, joined: NDArray[np.bool_]) -> Ints:
 
 
 def _inside(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
-    """Patch nodes that are not on the boundary."""
+    """A warning about patch nodes that are not on the boundary."""
     found = []
     for name, patch in patches.items():
         inside = np.setdiff1d(patch.nodes, boundary)
@@ -139,7 +139,7 @@ def _inside(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
 
 
 def _uncovered(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) -> list[str]:
-    """Boundary nodes in no patch, and what becomes of them."""
+    """A warning about boundary nodes in no patch, and how they move."""
     fates = {
         "nothing holds them: they follow the interpolation like interior nodes": np.setdiff1d(
             _floating(boundary, patches), resting
@@ -160,7 +160,7 @@ def _floating(boundary: Ints, patches: Mapping[str, Patch]) -> Ints:
 
 
 def _shared(patches: Mapping[str, Patch]) -> list[str]:
-    """Nodes of a moving patch that a fixed patch has too."""
+    """A warning about nodes on both a moving and a fixed patch."""
     moving = [(name, patch) for name, patch in patches.items() if patch.role == "moving"]
     fixed = [(name, patch) for name, patch in patches.items() if patch.role == "fixed"]
     found = []

@@ -1,8 +1,8 @@
 """The rigid part of a boundary's motion, and paths that turn with it.
 
-A displacement scaled by t < 1 shrinks a rotating body (to a point, half way through 180°). So a large step is cut
+A displacement scaled by t < 1 shrinks a rotating body (to a point, half way through 180°). So a large step is divided
 along the motion of constant twist that its best rigid fit defines: a screw in 3D, an arc about the pole in 2D, a
-straight line without rotation. What is not rigid grows linearly in the frame of the turning body. The end is the given
+straight line without rotation. The non-rigid part grows linearly in the frame of the turning body. The end is the given
 displacement, bitwise.
 
 References
@@ -24,9 +24,9 @@ __all__ = ["RigidMotion", "fit_rigid_motion", "split_rigid", "substeps"]
 
 Array = NDArray[np.float64]
 
-#: Directions that carry less than this share of the points' spread are absent: their rotation is not determined.
+#: Directions with less than this share of the points' spread are ignored: their rotation is not determined.
 _DEGENERATE = 1e-12
-#: Rotations closer than this to 180° are 180°, with the conventional sense; the data cannot tell the two senses apart.
+#: Rotations closer than this to 180° count as 180° in the conventional sense; the data do not determine the sense.
 _HALF_TURN = 1e-12
 
 
@@ -74,9 +74,9 @@ class RigidMotion:
 
 
 def fit_rigid_motion(points: Array, moved: Array) -> RigidMotion:
-    """The rigid motion that takes points closest to their moved places, in least squares (Kabsch).
+    """The rigid motion that takes points closest to their moved positions, in least squares (Kabsch).
 
-    What the points do not determine is chosen the same way every time: no rotation for a single place, the smallest
+    If the points do not determine the motion, a fixed rule decides: no rotation for a single place, the smallest
     rotation for points on a line, anticlockwise (2D) or about the axis with positive largest component (3D) for 180°.
 
     Parameters
@@ -183,7 +183,7 @@ def _angle_axis(r: Array) -> tuple[float, Array]:
         return angle, skew / sine
     if cosine > 0.0:
         return (angle, skew / sine) if sine > 0.0 else (0.0, np.array([0.0, 0.0, 1.0]))
-    # near 180° the skew part has lost its digits: R + Rᵀ = 2 cos θ I + 2 (1 − cos θ) a aᵀ
+    # near 180° the skew part is inaccurate: R + Rᵀ = 2 cos θ I + 2 (1 − cos θ) a aᵀ
     outer = (r + r.T) / 2.0 - cosine * np.eye(3)
     axis = outer[:, int(np.argmax(np.diag(outer)))]
     axis = axis / np.linalg.norm(axis)
@@ -193,7 +193,7 @@ def _angle_axis(r: Array) -> tuple[float, Array]:
 
 
 def _upward(axis: Array) -> Array:
-    """The axis or its opposite: largest component positive."""
+    """The axis or its opposite, with a positive largest component."""
     upward: Array = axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
     return upward
 

@@ -1,9 +1,9 @@
-"""Nodes that move alike because the domain goes on periodically: pairs, and where several patches meet, orbits.
+"""Nodes that move alike because the domain is periodic: pairs, and orbits where several patches meet.
 
 The first node of each orbit, its root, moves; the others take its displacement, turned by the rotation between the two.
-So pairs stay pairs: what a node's image was in the reference mesh, it stays, bit by bit in each coordinate that the two
-have in common. A node that some way round the orbit maps onto itself with a rotation (it lies on the axis of a sector)
-has only the displacements that this rotation leaves unchanged.
+So pairs stay pairs: a node's image in the reference mesh remains its image, bitwise in each coordinate that the two
+have in common. If a rotation of the orbit maps a node onto itself (it lies on the axis of a sector), the node can only
+have displacements that this rotation leaves unchanged.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ __all__ = ["PeriodicNodes"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Entries of two rotations that are one.
+#: Two rotations are equal if their entries differ by less.
 _UNCHANGED = 1e-9
-#: Displacements of two moving images that differ by more, against the domain's extent, are not meant to be the same.
+#: Displacements of two moving images must not differ by more, relative to the domain's extent.
 _TORN = 1e-6
 
 
@@ -44,9 +44,9 @@ class PeriodicNodes:
     members, roots : (p,) int64 arrays
         Each node on a periodic patch, ascending, and the root of its orbit.
     rotations : (p, d, d) array
-        What turns the root's displacement into the member's.
+        Turn the root's displacement into the member's.
     projectors : (p, d, d) array
-        Onto the displacements that the root's orbit allows; the identity but for nodes on an axis.
+        Onto the displacements that the root's orbit allows; the identity except for nodes on an axis.
     pairs : tuple of PeriodicPair
     """
 
@@ -100,7 +100,7 @@ class PeriodicNodes:
 
     @property
     def generators(self) -> tuple[Transform, ...]:
-        """Of the group of all periodic images."""
+        """Generators of the group of all periodic images."""
         return tuple(pair.transform for pair in self.pairs)
 
     @property
@@ -109,13 +109,13 @@ class PeriodicNodes:
         return any(generator.turns for generator in self.generators)
 
     def root_of(self, nodes: Integers) -> Integers:
-        """(k,) root of each of the nodes (k,); itself where it is in no orbit."""
+        """(k,) root of each of the nodes (k,); the node itself if it is in no orbit."""
         number = np.arange(len(self.reference))
         number[self.members] = self.roots
         return np.asarray(number[nodes])
 
     def tied(self, positions: Array, left: Integers) -> Array:
-        """Positions (n, d) with every orbit as its root is; the nodes ``left`` (k,) stay as they are."""
+        """Positions (n, d) with every orbit placed by its root; the nodes ``left`` (k,) stay unchanged."""
         out = positions.copy()
         others = self.of(~np.isin(self.members, left))
         out[others.members] = others.images(positions[others.roots])
@@ -133,7 +133,7 @@ class PeriodicNodes:
         return PeriodicNodes(self.reference, self.members[chosen], roots, rotations, projectors, self.pairs)
 
     def closed(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The marked (n,) nodes and all of their images."""
+        """The marked (n,) nodes and all their images."""
         found = np.zeros(len(marked), dtype=bool)
         found[self.roots[marked[self.members]]] = True
         out = marked.copy()
@@ -141,7 +141,7 @@ class PeriodicNodes:
         return out
 
     def images(self, positions: Array) -> Array:
-        """Where the members are (p, d) when their roots are at ``positions`` (p, d)."""
+        """Positions (p, d) of the members when their roots are at ``positions`` (p, d)."""
         origin, own = self.reference[self.roots], self.reference[self.members]
         step = np.einsum("pij,pj->pi", self.projectors, positions - origin)
         turned = np.einsum("pij,pj->pi", self.rotations, step)
@@ -150,14 +150,14 @@ class PeriodicNodes:
         return np.where(straight & (origin == own), positions, own + turned)
 
     def carry(self, origin: Array, goal: Array) -> RigidMotion | None:
-        """The mean translation that takes control points from origin to goal (k, d); None where the period turns."""
+        """The mean translation that takes control points from origin to goal (k, d); None if the period rotates."""
         if self.turns:
             return None
         shift = np.asarray((goal - origin).mean(axis=0))
         return RigidMotion(np.zeros(len(shift)), shift, 0.0, np.array([0.0, 0.0, 1.0]))
 
     def check_targets(self, moving: Integers, targets: Array) -> None:
-        """Refuse targets (k, d) of the moving nodes (k,) that tear a pair apart.
+        """Refuse targets (k, d) of the moving nodes (k,) that separate a pair.
 
         Raises
         ------
@@ -209,11 +209,11 @@ class PeriodicNodes:
 
 
 def _orbit(root: int, links: Mapping[int, list[tuple[int, Transform]]], d: int) -> tuple[dict[int, Array], Array]:
-    """Rotation from the root to each node of its orbit, and the projector onto what all ways round leave unchanged."""
+    """Rotation from the root to each node of its orbit, and the projector onto what all its cycles leave unchanged."""
     found = {root: np.eye(d)}
     round_trips = [np.zeros((1, d))]
     queue = [root]
-    for node in queue:  # grows while it is walked
+    for node in queue:  # grows during the loop
         for other, transform in links[node]:
             turned = transform.rotation @ found[node] if transform.turns else found[node]
             if other not in found:

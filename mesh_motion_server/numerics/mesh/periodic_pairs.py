@@ -1,9 +1,10 @@
-"""Pairs of periodic patches: which patch is the image of which, by what translation or rotation, and node by node.
+"""Pairs of periodic patches: the image of each patch, the translation or rotation, and the pairs of nodes.
 
 A translation is found from the patches' centroids. A rotation is found from two nodes that characterise a patch (the
 farthest from the centroid, and in space the one that spans the largest triangle with it) and every pair of nodes of the
-other patch that could be their images; it has to be a whole fraction of a full turn about an axis, without a shift
-along it. Either way every node must then have an image among the other patch's nodes, close against the local spacing.
+other patch that could be their images; it must be a full turn divided by an integer, about an axis, without a shift
+along it. In both cases every node must then have an image among the other patch's nodes, close relative to the local
+spacing.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ __all__ = ["PeriodicPair", "periodic_pairs"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: An image may be off by this share of the distance to the nearest other node of its patch.
+#: Largest error of an image, as a share of the distance to the nearest other node of its patch.
 _TOLERANCE = 1e-3
-#: A rotation found from few nodes may be off by more before all nodes have corrected it.
+#: The larger error allowed for a rotation from few nodes, before it is fitted to all nodes.
 _ROUGH = 0.1
 #: Largest number of sectors of a full turn.
 _MOST_SECTORS = 100_000
-_AXIS = 1e-9  # a direction this close to a coordinate axis is that axis
+_AXIS = 1e-9  # a direction this close to a coordinate axis is set to that axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class PeriodicPair:
     first, second : str
         Names of the patches.
     transform : Transform
-        Takes the first one onto the second.
+        Maps the first patch onto the second.
     nodes : (p, 2) int64 array
         Each node of the first patch and its image.
     error : float, mesh length unit
@@ -58,7 +59,7 @@ class PeriodicPair:
     error: float
 
     def describe(self) -> str:
-        """In words: the patches, and the translation or the number of sectors between them."""
+        """A description: the patches, and the translation or the number of sectors between them."""
         how = f"translation by ({', '.join(f'{s:g}' for s in self.transform.shift)})"
         if self.transform.turns:
             how = f"rotation by 360°/{_sectors(_angle(self.transform.rotation))}"
@@ -67,7 +68,7 @@ class PeriodicPair:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """A periodic patch: its name, nodes, their places, the spacing at each, and the sum of its area vectors."""
+    """A periodic patch: its name, nodes, their positions, the spacing at each, and the sum of its area vectors."""
 
     name: str
     nodes: Integers
@@ -97,7 +98,7 @@ def periodic_pairs(
     sides = [_side(points, facets, name, np.sort(patches[name])) for name in sorted(patches)]
     _refuse_same(sides)
     pairs: list[PeriodicPair] = []
-    for candidates in (_translations, _rotations):  # a box has both, and translations are meant
+    for candidates in (_translations, _rotations):  # a box allows both, and translations come first
         for place, first in enumerate(sides):
             for second in sides[place + 1 :]:
                 taken = {name for pair in pairs for name in (pair.first, pair.second)}
@@ -130,7 +131,7 @@ def _images(first: _Side, second: _Side, transform: Transform) -> tuple[Array, I
 
 
 def _pair(first: _Side, second: _Side, candidates: Iterator[Transform]) -> PeriodicPair | None:
-    """The pair, by the first candidate that maps all nodes."""
+    """The pair, with the first candidate that maps all nodes."""
     for transform in candidates:
         distance, rows = _images(first, second, transform)
         if (distance <= _TOLERANCE * first.spacing).all() and len(np.unique(rows)) == len(second.nodes):
@@ -140,7 +141,7 @@ def _pair(first: _Side, second: _Side, candidates: Iterator[Transform]) -> Perio
 
 
 def _translations(first: _Side, second: _Side) -> Iterator[Transform]:
-    """The translation between the centroids, if the sides have as many nodes."""
+    """The translation between the centroids, if the sides have the same number of nodes."""
     if len(first.nodes) == len(second.nodes):
         shift = second.places.mean(axis=0) - first.places.mean(axis=0)
         shift[np.abs(shift) <= _TOLERANCE * first.spacing.min()] = 0.0  # along a coordinate: that coordinate is equal
@@ -150,7 +151,7 @@ def _translations(first: _Side, second: _Side) -> Iterator[Transform]:
 
 
 def _rotations(first: _Side, second: _Side) -> Iterator[Transform]:
-    """Rotations by a whole fraction of a turn that may map the first side onto the second, smaller angles first."""
+    """Rotations by 1/N of a turn that may map the first side onto the second, smaller angles first."""
     if len(first.nodes) != len(second.nodes) or first.places.shape[1] == 1:
         return
     found = []
@@ -164,7 +165,7 @@ def _rotations(first: _Side, second: _Side) -> Iterator[Transform]:
 
 
 def _faces(transform: Transform, first: Array, second: Array) -> bool:
-    """Whether the first side's outward area vector becomes the second's inward one: the domain goes on behind it."""
+    """Whether the first side's outward area vector maps to the second's inward one: the domain continues behind it."""
     if len(first) == 1:  # the ends of a line
         return True
     return float(np.linalg.norm(transform.rotation @ first + second)) <= _ROUGH * float(np.linalg.norm(second))
@@ -201,7 +202,7 @@ def _fitted(origin: Array, goal: Array) -> Transform:
 
 
 def _as_sector(found: Transform, spacing: float) -> Transform | None:
-    """The rotation by exactly a whole fraction of a turn that is nearest; None if there is none, or it is a screw."""
+    """The nearest rotation by exactly 1/N of a turn; None if there is none, or it is a screw."""
     angle = _angle(found.rotation)
     sectors = _sectors(angle)
     if not 2 <= sectors <= _MOST_SECTORS or abs(abs(angle) - 2.0 * math.pi / sectors) > 1e-3 * abs(angle):
@@ -227,7 +228,7 @@ def _angle(rotation: Array) -> float:
 
 
 def _sectors(angle: float) -> int:
-    """How often the angle goes into a full turn; 0 for no angle."""
+    """Number of times that the angle fits into a full turn; 0 for no angle."""
     return round(2.0 * math.pi / abs(angle)) if abs(angle) > 1e-6 else 0
 
 
@@ -243,7 +244,7 @@ def _axis(rotation: Array) -> Array:
 
 
 def _refuse_same(sides: list[_Side]) -> None:
-    """Raise for two patches of the same nodes: a turn may map a side onto itself, which makes no period."""
+    """Raise for two patches of the same nodes: a rotation may map a side onto itself, which is not a period."""
     for place, first in enumerate(sides):
         for second in sides[:place]:
             if np.array_equal(first.nodes, second.nodes):

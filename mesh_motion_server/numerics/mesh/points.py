@@ -1,4 +1,4 @@
-"""Points of one, two or three coordinates: as three coordinates each, and the box around them."""
+"""Points of one, two or three coordinates: padded to three coordinates, and their bounding box."""
 
 from __future__ import annotations
 

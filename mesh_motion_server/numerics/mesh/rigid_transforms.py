@@ -15,7 +15,7 @@ __all__ = ["Transform", "generated_group"]
 
 Array = NDArray[np.float64]
 
-#: Elements that are composed differently but differ by less (a rotation's entries, a shift against the scale) are one.
+#: Elements that differ by less (a rotation's entries, a shift relative to the scale) are equal but for rounding.
 _SAME = 1e-6
 _MOST_ELEMENTS = 20_000
 
@@ -56,7 +56,7 @@ class Transform:
 
     @property
     def turns(self) -> bool:
-        """Whether it rotates."""
+        """Whether the transform rotates."""
         return not np.array_equal(self.rotation, np.eye(len(self.shift)))
 
     def __call__(self, points: Array) -> Array:
@@ -64,28 +64,28 @@ class Transform:
         return np.asarray(points @ self.rotation.T + self.shift) if self.turns else points + self.shift
 
     def after(self, first: Transform) -> Transform:
-        """The transform that does ``first`` and then this one."""
+        """The transform that applies ``first`` and then this one."""
         rotation = self.rotation @ first.rotation if self.turns else first.rotation
         return Transform(rotation, self.rotation @ first.shift + self.shift)
 
     def inverse(self) -> Transform:
-        """The way back."""
+        """The inverse transform."""
         return Transform(self.rotation.T, -(self.rotation.T @ self.shift) if self.turns else -self.shift)
 
 
 def generated_group(
     generators: Sequence[Transform], dimension: int, scale: float, wanted: Callable[[Transform], bool]
 ) -> list[Transform]:
-    """The wanted elements that the generators and their inverses give, the identity first.
+    """The wanted elements of the group of the generators and their inverses, the identity first.
 
-    Elements are reached through wanted ones only: ``wanted`` says whether the images of something bounded come near.
+    Elements are found only through wanted ones: ``wanted`` says whether the images of a bounded set come near.
 
     Parameters
     ----------
     generators : sequence of Transform
     dimension : int
     scale : float, mesh length unit
-        Of the shifts, to tell two elements apart.
+        Scale of the shifts, to distinguish elements.
     wanted : callable
 
     Raises
@@ -96,7 +96,7 @@ def generated_group(
     steps = [step for generator in generators for step in (generator, generator.inverse())]
     found = [Transform.identity(dimension)]
     known = {_key(found[0], scale)}
-    for element in found:  # grows while it is walked
+    for element in found:  # grows during the loop
         for step in steps:
             further = step.after(element)
             key = _key(further, scale)
@@ -116,6 +116,6 @@ def generated_group(
 
 
 def _key(element: Transform, scale: float) -> bytes:
-    """The same for elements that are the same but for rounding."""
+    """A key that is the same for elements that are equal but for rounding."""
     numbers = np.concatenate([element.rotation.ravel(), element.shift / scale])
     return np.asarray(np.round(numbers / _SAME) + 0.0).tobytes()

@@ -1,7 +1,7 @@
 """Patches and their roles: which nodes have prescribed positions, which stay, which slide.
 
-A node on several patches gets one role: moving wins over fixed, fixed wins over slip and symmetry. A node on a periodic
-patch moves like its image whatever else it does; it is free to go anywhere where it has no other role.
+A node on several patches gets one role: moving overrides fixed, fixed overrides slip and symmetry. A node on a periodic
+patch always moves like its image; without another role it is free to move anywhere.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from mesh_motion_server.errors import InvalidInput
 
 __all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch"]
 
-#: Every role of the wire and the case file.
+#: Every role in messages and case files.
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
-#: Roles whose nodes stay on the surface they started on.
+#: Roles whose nodes stay on their initial surface.
 SLIDING_ROLES = ("slip", "symmetry")
 
 
@@ -46,11 +46,11 @@ class BoundaryRoles:
     Attributes
     ----------
     moving, fixed : (k,), (f,) int64 arrays
-        Nodes whose positions are prescribed by the driver, or stay where the reference mesh has them.
+        Nodes whose positions the driver prescribes; nodes that keep their reference positions.
     sliding : (s,) int64 array
         Nodes of slip and symmetry patches that are neither moving nor fixed.
     periodic : (p,) int64 array
-        Nodes of periodic patches that are none of these.
+        Nodes of periodic patches with none of these roles.
     """
 
     moving: NDArray[np.int64]
@@ -87,7 +87,7 @@ class BoundaryRoles:
 
     @cached_property
     def all(self) -> NDArray[np.int64]:
-        """(k + f + s,) every node whose position is prescribed or that slides, ascending: the control points."""
+        """(k + f + s,) all nodes with a prescribed position and all sliding nodes, ascending: the control points."""
         return np.union1d(self.prescribed, self.sliding)
 
 

@@ -1,13 +1,13 @@
 """Slip and symmetry patches: nodes that may move along their surface, and must not leave it.
 
-Where a sliding node may go follows from the smooth pieces of the sliding patches that it started on:
+A sliding node's reference position lies on smooth pieces of the sliding patches. They determine where it may move:
 
-- planar pieces: its own plane through its reference place; on two, their line of intersection; on three, its place;
+- planar pieces: its own plane through its reference place; on two, their line of intersection; on three, it stays;
 - one curved piece: the piece's facets in the reference mesh, which represent the surface exactly as the mesh does;
-- a curved and another piece, or two pieces in one plane: the curve where they meet; more of them: its place.
+- a curved and another piece, or two pieces in one plane: the curve where they meet; on more pieces, it stays.
 
 So a corner stays a corner, an edge an edge, and a box whose six sides are one patch keeps its shape. Everything refers
-to the reference mesh: nothing drifts however often positions are projected.
+to the reference mesh: repeated projections cause no drift.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class SlidingSurfaces:
     Attributes
     ----------
     nodes : (s,) int64 array
-        The sliding nodes, in the order of the rows that :meth:`project` takes.
+        The sliding nodes, in the order of the rows of :meth:`project`.
     reference : (s, d) array, mesh length unit
-        Their reference places.
+        Their reference positions.
     groups : tuple of (rows, constraint)
         Each row of ``nodes`` in exactly one group.
     pieces : tuple of Piece
@@ -71,13 +71,13 @@ class SlidingSurfaces:
             Reference coordinates.
         cells : CellTable
         patches : dict of (p,) int64 arrays
-            Node indices of each slip or symmetry patch, with those that another role takes precedence on.
+            Node indices of each slip or symmetry patch, including nodes with another role of higher precedence.
         nodes : (s,) int64 array
             The nodes that slide.
         images : sequence of Transform
-            Of a periodic domain: a curved surface goes on behind its periodic sides.
+            Of a periodic domain: a curved surface continues behind its periodic sides.
         mirrors : collection of str
-            Symmetry patches: each of their smooth pieces has to be planar.
+            Symmetry patches: each of their smooth pieces must be planar.
 
         Raises
         ------
@@ -105,7 +105,7 @@ class SlidingSurfaces:
         Parameters
         ----------
         positions : (s, d) array, mesh length unit
-            Where the sliding nodes would go; a row for each of ``nodes``.
+            Unconstrained positions of the sliding nodes; a row for each of ``nodes``.
 
         Returns
         -------
@@ -123,7 +123,7 @@ class SlidingSurfaces:
         return out
 
     def tangents(self, positions: Array) -> Array:
-        """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may go."""
+        """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may move."""
         out = np.empty((*positions.shape, positions.shape[1]))
         for rows, constraint in self.groups:
             out[rows] = constraint.tangents(positions[rows])
@@ -144,7 +144,7 @@ class SlidingSurfaces:
 
 
 def _pieces(points: Array, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
-    """The smooth pieces of the patches; what is on two patches counts once."""
+    """The smooth pieces of the patches; facets on two patches count once."""
     found: dict[bytes, Piece] = {}
     for name in sorted(patches):
         for piece in smooth_pieces(points, facets, patches[name]):
@@ -153,7 +153,7 @@ def _pieces(points: Array, facets: dict[str, Integers], patches: Mapping[str, In
 
 
 def _pieces_of(pieces: list[Piece], n_points: int, nodes: Integers) -> list[tuple[int, ...]]:
-    """Numbers of the pieces that hold each node."""
+    """Numbers of the pieces that contain each node."""
     place = np.full(n_points, -1, dtype=np.int64)
     place[nodes] = np.arange(len(nodes))
     keys: list[tuple[int, ...]] = [()] * len(nodes)
@@ -178,7 +178,7 @@ def _refuse_stray(keys: list[tuple[int, ...]], patches: Mapping[str, Integers], 
 
 
 def _refuse_curved(points: Array, name: str, pieces: list[Piece]) -> None:
-    """Raise if a piece of a symmetry patch has no plane; names its node farthest from the best one."""
+    """Raise if a piece of a symmetry patch is not planar; names its node farthest from the best plane."""
     curved = next((piece for piece in pieces if piece.normal is None), None)
     if curved is None:
         return
@@ -194,7 +194,7 @@ def _refuse_curved(points: Array, name: str, pieces: list[Piece]) -> None:
 
 
 def _constraint(points: Array, pieces: list[Piece], images: Sequence[Transform]) -> SurfaceConstraint:
-    """Where a node on these pieces may go."""
+    """The constraint of a node on these pieces."""
     planes = OnPlanes.from_normals([piece.normal for piece in pieces if piece.normal is not None])
     if len(planes.normals) == len(pieces):
         return planes

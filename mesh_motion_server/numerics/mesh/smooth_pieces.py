@@ -19,11 +19,11 @@ __all__ = ["Piece", "area_vectors", "sides", "smooth_pieces"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Sharp edges turn by more: a circle of ten segments is still smooth, a hexagon is not.
+#: Edges with a larger angle are sharp: a circle of ten segments is still smooth, a hexagon is not.
 _SMOOTH_COSINE = float(np.cos(np.radians(40.0)))
-#: A piece is planar if its nodes lie this close to a plane, against its extent (single-precision files leave 1e-7).
+#: A piece is planar if its nodes lie this close to a plane, relative to its extent (single-precision files give 1e-7).
 _PLANAR = 1e-6
-#: Normals this close to a coordinate axis are that axis: the coordinate then stays bitwise.
+#: Normals this close to a coordinate axis are set to that axis: the coordinate then stays bitwise.
 _AXIS = 1e-9
 
 
@@ -55,7 +55,7 @@ class Piece:
 
 
 def smooth_pieces(points: Array, facets: dict[str, Integers], nodes: Integers) -> list[Piece]:
-    """Pieces of the boundary facets that have all of their nodes in a patch.
+    """Smooth pieces of the boundary facets that have all their nodes in a patch.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def smooth_pieces(points: Array, facets: dict[str, Integers], nodes: Integers) -
 
 
 def sides(facets: Integers) -> tuple[Integers, Integers]:
-    """Sides (s, 1 or 2) of the facets, nodes ascending, and the row of the facet each belongs to.
+    """Sides (s, 1 or 2) of the facets, nodes ascending, and the row of each side's facet.
 
     The sides of an edge are its nodes, those of a triangle or quad its edges; a vertex has none.
     """

@@ -1,8 +1,8 @@
-"""Where a sliding node may go: planes through its reference place, facets of the reference mesh, or nowhere.
+"""Where a sliding node may move: on planes through its reference place, on facets of the reference mesh, or nowhere.
 
-Each constraint answers two questions. *Where is the nearest admissible position* (projection), exactly on the planes or
-facets. *Which directions are tangential there*, for steps that are projected afterwards: on facets the normal (on a
-curve the tangent) is interpolated between the corners, so that it turns smoothly where the facets have kinks.
+Each constraint gives the nearest admissible position (projection), exactly on the planes or facets. It also gives the
+tangential directions there, for steps that are projected afterwards: on facets the normal (on a curve the tangent) is
+interpolated between the corners, so that it turns smoothly where the facets have kinks.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Planes whose normals differ by less (as a sine) are one plane: they have no line of intersection to stay on.
+#: Planes whose normals differ by less (as a sine) count as one plane: their line of intersection is not determined.
 _PARALLEL = 1e-6
 
 
 class SurfaceConstraint(Protocol):
-    """Where some nodes may go."""
+    """The constraint of some nodes."""
 
     @property
     def freedom(self) -> int:
-        """Dimension of the space of directions a node may go: 0 if it stays."""
+        """Dimension of the space of directions in which a node may move: 0 if it stays."""
         ...
 
     def project(self, positions: Array, reference: Array) -> Array:
-        """The admissible positions (m, d) nearest to the given ones, of nodes that started at ``reference`` (m, d)."""
+        """The admissible positions (m, d) nearest to the given ones, of nodes with ``reference`` positions (m, d)."""
         ...
 
     def tangents(self, positions: Array) -> Array:
-        """(m, d, d) orthogonal projectors onto the directions that nodes at admissible positions (m, d) may go."""
+        """(m, d, d) orthogonal projectors onto the directions in which nodes at admissible positions (m, d) can go."""
         ...
 
 
@@ -51,7 +51,7 @@ class OnPlanes:
 
     @classmethod
     def from_normals(cls, normals: Sequence[Array]) -> OnPlanes:
-        """From unit normals (d,), in their order; nearly parallel ones count once."""
+        """Build it from unit normals (d,), in their order; nearly parallel normals count once."""
         basis: list[Array] = []
         for normal in normals:
             rest = normal.copy()
@@ -91,7 +91,7 @@ class OnFacets:
     facets : FacetSet
     corners : (f, 2 or 3, d) array, mesh length unit
     tensors : (f, 2 or 3, d, d) array
-        At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighed by
+        At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighted by
         their size: its first eigenvector is the tangent of the curve, or the normal of the surface.
     """
 
@@ -101,7 +101,7 @@ class OnFacets:
 
     @classmethod
     def from_simplices(cls, points: Array, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
-        """From points (n, d) and the nodes (f, 2 or 3) of segments or triangles, and their nearest periodic images."""
+        """Build it from points (n, d), the nodes (f, 2 or 3) of segments or triangles, and their periodic images."""
         for image in images:
             count, forth = len(points), image(points)
             points = np.concatenate([points, forth, image.inverse()(points)])
@@ -137,7 +137,7 @@ class OnFacets:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Nowhere but at the reference place."""
+    """The node stays at its reference place."""
 
     freedom: int = 0
 

@@ -1,1 +1,1 @@
-"""The Move: interpolate, judge, correct, judge, accept; or lead the mesh there in sub-steps."""
+"""One motion of the mesh: interpolate, judge, correct, judge, accept; or lead the mesh there in sub-steps."""

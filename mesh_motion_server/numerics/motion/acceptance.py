@@ -1,4 +1,4 @@
-"""What a method accepts: how far it corrects, what it refuses or warns of, and which part of a refusal would do."""
+"""What a method accepts: how far it corrects, what it refuses or warns of, which part of a refused motion it takes."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ __all__ = [
     "refuse_unacceptable",
 ]
 
-#: Halvings of the search for the largest fraction that is valid without a correction: known to 1/2⁵ ≈ 3 %.
+#: Bisection steps of the search for the largest fraction that is valid without a correction: accurate to 1/2⁵ ≈ 3 %.
 _HALVINGS = 5
-#: Of what is left of the displacement beyond it, which parts are tried.
+#: Shares of the rest of the displacement beyond that fraction that are tried.
 _SHARES = (0.7, 0.3)
 _LEAST = 0.004
 
 
 def correction_settings(method: Method, enrichment_radius: float) -> CorrectionSettings:
-    """What a method asks of its correction; ``enrichment_radius`` in mesh length units."""
+    """The correction settings of a method; ``enrichment_radius`` in mesh length units."""
     return CorrectionSettings(
         correction=method.correction,
         quality_metric=method.quality_metric,
@@ -39,7 +39,7 @@ def correction_settings(method: Method, enrichment_radius: float) -> CorrectionS
 
 
 def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:
-    """Refuse an inverted mesh, or one that has not ``reached`` the threshold where that is not wanted.
+    """Refuse an inverted mesh, or one below the threshold (not ``reached``) if the method does not accept that.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> No
 
 
 def quality_warnings(method: Method, quality: Judgement, reached: bool) -> list[str]:
-    """What is kept although it is not as it should be."""
+    """Warnings about a mesh that is accepted although its quality is too low."""
     name, threshold = method.quality_metric, method.quality_threshold
     found = []
     if quality.inverted:
@@ -75,7 +75,7 @@ def quality_warnings(method: Method, quality: Judgement, reached: bool) -> list[
 
 
 def reduction_warnings(method: Method, error: float, control_points: int) -> list[str]:
-    """Of an ``error`` (a share of the largest displacement) that a reduction left above its tolerance."""
+    """A warning if a reduction left an ``error`` (a share of the largest displacement) above its tolerance."""
     if error <= method.reduction_tolerance:
         return []
     return [
@@ -85,15 +85,15 @@ def reduction_warnings(method: Method, error: float, control_points: int) -> lis
 
 
 def largest_accepted(accepts: Callable[[float], bool], valid: Callable[[float], bool]) -> float:
-    """A fraction of a refused displacement that is accepted, the largest of few that are tried; 0 if none is.
+    """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
-    Corrections are dear, so only as many are tried as an accepted motion takes twice: between the largest fraction at
-    which the motion is ``valid`` without one and the whole, and then from the former down.
+    Corrections are expensive, so only few fractions are tried: first between the largest fraction at which the motion
+    is ``valid`` without a correction and 1, then from that fraction down.
 
     Returns
     -------
     float
-        A multiple of a thousandth, which is itself what was tried: three digits say it exactly.
+        A multiple of a thousandth: exactly the fraction that was tried, so three digits print it exactly.
     """
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):

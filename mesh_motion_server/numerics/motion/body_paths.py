@@ -1,21 +1,21 @@
-"""Ways for the moving boundary from where it is to where it shall be, every body along a path of its own.
+"""Ways for the moving boundary from its present to its target position. Every body follows its own path.
 
 A body is a connected part of the moving boundary. Its path is the motion of constant twist of its best rigid fit
-(:mod:`.paths`): a body that is only carried stays rigid all the way, whatever the others do. A body that hangs on
-nodes that do not move (a flag behind a cylinder, a wing on its symmetry plane) turns about the seam.
+(:mod:`.paths`): a body in rigid motion stays rigid all the way, whatever the other bodies do. A body that is attached
+to nodes that do not move (a flag behind a cylinder, a wing on its symmetry plane) turns about the seam.
 
-The rigid fit cannot know on which side of the domain there is room. So there are up to four ways, tried in this order:
+The rigid fit does not know on which side of the domain there is room. So up to four ways are tried, in this order:
 
 turning
-    every body along its twist; exactly half a turn is anticlockwise (2D) or about the axis with a positive largest
+    every body follows its twist; exactly half a turn is anticlockwise (2D) or about the axis with a positive largest
     component (3D)
 the other way round
-    bodies that turn by more than a quarter take the rest of the full turn, backwards
+    bodies that turn by more than a quarter turn the other way, by the rest of the full turn
 straight
-    the displacement scaled
+    the displacement is scaled
 around each other
-    the centres of free bodies along the twist of the best rigid fit of all centres, every body turning as above:
-    bodies that change places do not meet half way
+    the centres of free bodies follow the twist of the best rigid fit of all centres, and every body turns as above:
+    two bodies that exchange their places do not meet half way
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ __all__ = ["Body", "Way", "moving_bodies", "straight_way", "ways"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Angles below it leave nothing to turn, radians.
+#: Smaller angles count as no rotation, radians.
 _NO_TURN = 1e-9
-_NO_ORBIT = np.pi / 12  # less is as good as straight
+_NO_ORBIT = np.pi / 12  # the straight way serves smaller angles as well
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +49,9 @@ class Body:
     Attributes
     ----------
     rows : (b,) int64 array
-        Its nodes, as rows among the moving ones.
+        Its nodes, as rows among the moving nodes.
     seam : (s,) int64 array
-        Those of them that share a boundary facet with a node that does not move.
+        Its nodes that share a boundary facet with a node that does not move.
     """
 
     rows: Indices
@@ -64,8 +64,8 @@ class _Piece:
 
     rows : (b,) its nodes
     rigid : its rigid motion
-    remainder : (b, d) what is not rigid, in the frame of the turning body
-    detour : (centre's motion among all centres, (d,) its remainder), where the centre takes another way
+    remainder : (b, d) the non-rigid part of its motion, in the frame of the turning body
+    detour : (rigid motion of all centres, (d,) remainder of this centre), if the centre takes another way
     """
 
     rows: Indices
@@ -90,7 +90,7 @@ class Way:
     Attributes
     ----------
     origin, targets : (k, d) arrays, mesh length unit
-        Positions at 0 and 1; there bitwise.
+        Positions at 0 and 1, bitwise.
     pieces : tuple
         Bodies that turn; the other nodes go straight.
     """
@@ -112,7 +112,7 @@ class Way:
 def moving_bodies(cells: CellTable, moving: Indices) -> tuple[Body, ...]:
     """The bodies of a mesh: moving nodes (k,) connected by boundary facets whose nodes all move.
 
-    Moving nodes on no such facet belong to one body together. Bodies are in the order of their first nodes.
+    All moving nodes on no such facet form one body. Bodies are in the order of their first nodes.
     """
     facets = list(boundary_facets(cells).values())
     row_of = np.full(1 + max(int(moving.max()), *(int(nodes.max()) for nodes in facets)), -1)
@@ -140,7 +140,7 @@ def straight_way(origin: Floats, targets: Floats) -> Way:
 
 
 def ways(origin: Floats, targets: Floats, bodies: tuple[Body, ...]) -> Iterator[Way]:
-    """The ways worth trying from ``origin`` to ``targets`` (k, d), the likeliest first."""
+    """The ways to try from ``origin`` to ``targets`` (k, d), the most promising first."""
     pieces = [_piece(origin, targets, body) for body in bodies]
     turning = tuple(piece for piece in pieces if abs(piece.rigid.angle) > _NO_TURN)
     if turning:
@@ -165,12 +165,12 @@ def _piece(origin: Floats, targets: Floats, body: Body) -> _Piece:
 
 
 def _far(piece: _Piece) -> bool:
-    """Whether a body turns by more than a quarter, so that the other sense is a choice too."""
+    """Whether a body turns by more than a quarter, so that the other direction is tried too."""
     return abs(piece.rigid.angle) > np.pi / 2
 
 
 def _around_each_other(pieces: list[_Piece]) -> tuple[_Piece, ...]:
-    """The same ends with the centres on their common twist; none where they do not turn about each other."""
+    """The same end positions with the centres on their common twist; empty if they do not turn about each other."""
     if len(pieces) < 2:
         return ()
     centres = np.array([piece.rigid.centre for piece in pieces])
@@ -183,6 +183,6 @@ def _around_each_other(pieces: list[_Piece]) -> tuple[_Piece, ...]:
 
 
 def _other_way(piece: _Piece) -> _Piece:
-    """The same end by the rest of the full turn, backwards."""
+    """The same end position, reached in the other direction by the rest of the full turn."""
     angle = piece.rigid.angle
     return replace(piece, rigid=replace(piece.rigid, angle=angle - np.copysign(2.0 * np.pi, angle)))

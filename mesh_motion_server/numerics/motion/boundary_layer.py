@@ -1,17 +1,17 @@
-"""Boundary layers that move with their wall: distance and direction to it stay as they are in the reference mesh.
+"""Boundary layers that move with their wall: their distance and direction to it stay as in the reference mesh.
 
-A node x of the layer remembers a place p = Σ b_j x_j of the reference wall, the foot of its column where layers of
-cells are stacked (:mod:`.boundary_layer_stacks`) and the nearest one otherwise, and goes to::
+Each node x of the layer belongs to a place p = Σ b_j x_j of the reference wall: the foot of its column where layers of
+cells are stacked (:mod:`.boundary_layer_stacks`), otherwise the nearest place. The node goes to::
 
     x' = p' + |x − p| t / |t|,      p' = Σ b_j x_j',      t = Σ b_j R_j (x − p)
 
-with the wall's nodes at x_j' and their rotations R_j (:mod:`.boundary_layer_wall`). So its distance from the wall's
-place is kept to rounding, nodes above one another stay on one line, and a wall that moves rigidly takes its layer along
-rigidly. All is measured from the reference mesh: nothing drifts.
+with the wall's nodes at x_j' and their rotations R_j (:mod:`.boundary_layer_wall`). So its distance from p is kept to
+rounding, nodes above one another stay on one line, and a wall that moves rigidly carries its layer rigidly. All
+positions follow from the reference mesh: nothing drifts.
 
-The other nodes are interpolated, but not from the wall: the layer's outermost nodes shield it. They take the place of
-the wall's nodes behind them among the control points, so that the system does not grow, and inner nodes cost no sum at
-all. Where the layer ends the wall's own nodes remain.
+The other nodes are interpolated, but not from the wall: the layer's outermost nodes shield it. They replace the wall's
+nodes behind them as control points, so the system does not grow, and inner nodes need no evaluation. Where the layer
+ends, the wall's own nodes remain control points.
 
 References
 ----------
@@ -42,17 +42,17 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Marks = NDArray[np.bool_]
 
-_REFUSED_NEAR = 3.0  # thicknesses from a bad cell within which a layer gives way
+_REFUSED_NEAR = 3.0  # a layer gives way within this many thicknesses of a bad cell
 
 
 class Shield(NamedTuple):
-    """The layer's outermost nodes (e,), and the wall's nodes (s,) that only have cells behind them."""
+    """The layer's outermost nodes (e,), and the wall's nodes (s,) whose cells all lie behind them."""
 
     outermost: Integers
     behind: Integers
 
     def instead(self, controls: Integers) -> Integers:
-        """The control nodes (c,) with the outermost nodes instead of those behind them."""
+        """The control nodes (c,), with the outermost nodes instead of the wall's nodes behind them."""
         if not len(self.outermost):
             return controls
         return np.union1d(np.setdiff1d(controls, self.behind), self.outermost)
@@ -72,11 +72,11 @@ class BoundaryLayer:
     wall : MovingWall
     tied : LayerNodes
     sliding : SlidingSurfaces or None
-        Of the layer's nodes that slide; None without such nodes.
+        The surfaces of the layer's sliding nodes; None without such nodes.
     shield : Shield
     thickness : float, mesh length unit
     refused : bool
-        Whether it has given way near cells already.
+        Whether the layer has already given way near bad cells.
     """
 
     points: Floats
@@ -118,25 +118,25 @@ class BoundaryLayer:
 
     @property
     def carrying(self) -> Integers:
-        """The wall's nodes and the layer's, ascending: the body that the other nodes see."""
+        """The wall's nodes and the layer's, ascending: for the other nodes they are the body."""
         return np.union1d(self.wall.nodes, self.nodes)
 
     @property
     def known(self) -> Marks:
-        """(n,) nodes whose places follow from the moving nodes' alone: those, fixed nodes and the layer."""
+        """(n,) nodes whose positions follow from the moving nodes alone: moving nodes, fixed nodes and the layer."""
         known = self.prescribed.copy()
         known[self.nodes] = True
         return known
 
     def carried(self, moved: Floats) -> Floats:
-        """(l, d) where the layer's nodes go with the moving nodes at their rows of ``moved`` (n, d)."""
+        """(l, d) new positions of the layer's nodes, with the moving nodes at their rows of ``moved`` (n, d)."""
         wall = moved[self.wall.nodes]
         corners, weights = self.tied.places
         turned = np.einsum("ljab,lb->lja", self.wall.rotations(wall)[corners], self.tied.offsets)
         mean = np.einsum("lj,lja->la", weights, turned)
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         distance = np.linalg.norm(self.tied.offsets, axis=1, keepdims=True)
-        first = turned[np.arange(len(weights)), np.argmax(weights, axis=1)]  # where opposite rotations cancel out
+        first = turned[np.arange(len(weights)), np.argmax(weights, axis=1)]  # if opposite rotations cancel out
         scale = np.divide(distance, length, out=np.zeros_like(length), where=length > 0.0)
         out = self.tied.places.of(wall) + np.where(length > 0.0, scale * mean, first)
         if self.sliding is not None:
@@ -162,7 +162,7 @@ class BoundaryLayer:
         return self.without(released)
 
     def without_near(self, cells: Sequence[int]) -> BoundaryLayer | None:
-        """The layer without its nodes near cells that are no good with it; at the second time None."""
+        """The layer without its nodes near cells that it makes bad; None at the second call."""
         if self.refused or not cells:
             return None
         centres = self.cells.centres(self.points, np.array(cells, dtype=np.int64))

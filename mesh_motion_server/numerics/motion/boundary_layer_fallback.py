@@ -1,8 +1,8 @@
-"""A boundary layer gives way rather than spoil cells, or have a motion refused that is valid without it.
+"""A boundary layer gives way where it would spoil cells, or where a motion is valid only without it.
 
-First go the layer's nodes in cells that carrying alone would spoil: in concave corners that close, for example. If no
-valid mesh is found with the rest of it, the layer gives way near the worst cells, and if that does not help,
-everywhere; also if the mesh is nearly inverted, where giving way at least doubles its minimum quality.
+First the layer loses its nodes in cells that it would spoil by itself, for example in concave corners that close. If no
+valid mesh is found with the rest, the layer gives way near the worst cells, and if that does not help, everywhere. It
+also gives way if the mesh is nearly inverted and its minimum quality at least doubles without the layer.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ Floats = NDArray[np.float64]
 NEARLY_INVERTED = 0.2
 """Share of the threshold below which a mesh is nearly inverted, and of a layer cell's quality in the reference mesh."""
 
-_WORTH_IT = 2.0  # times the minimum quality with more of the layer
+_WORTH_IT = 2.0  # factor on the minimum quality that justifies a smaller layer
 
 
 def fitting_layer(
     layer: BoundaryLayer, moved: Floats, mesh: TrialMesh, valid: Floats | None = None
 ) -> BoundaryLayer | None:
-    """The layer without the cells that it would spoil and no correction could mend; itself if there is none.
+    """The layer without the cells that it would spoil and no correction could repair; unchanged if there are none.
 
     Parameters
     ----------
     layer : BoundaryLayer
     moved : (n, d) array, mesh length unit
-        The moving nodes where they shall be, all others as in the reference mesh.
+        The moving nodes at their targets, all others as in the reference mesh.
     mesh : TrialMesh
     valid : (n, d) array, mesh length unit, optional
-        A valid mesh that a correction is to begin from: what of the layer gave way there does so here.
+        A valid mesh from which a correction will begin: the layer's parts that gave way there also give way here.
     """
     trial = moved.copy()
     trial[layer.nodes] = layer.carried(moved)
@@ -58,18 +58,18 @@ def fitting_layer(
 
 @dataclass(eq=False)
 class LayerAttempts:
-    """Which part of a boundary layer the next attempt keeps, by what the attempts before it gave.
+    """Decides from the earlier attempts which part of a boundary layer the next attempt keeps.
 
     Attributes
     ----------
     layer : BoundaryLayer or None
-        Of the next attempt.
+        The layer of the next attempt.
     threshold : float
-        Of the quality.
+        The quality threshold.
     least : float
-        Minimum quality that an attempt with a layer must reach; otherwise there is none.
+        Minimum quality that an attempt with a layer must reach; below it, the next attempt has no layer.
     best : (Motion, BoundaryLayer or None) or None
-        What was accepted, and its layer.
+        The accepted motion and its layer.
     over : bool
         Whether ``best`` is the answer.
     """
@@ -82,30 +82,30 @@ class LayerAttempts:
 
     @property
     def answer(self) -> tuple[Motion, BoundaryLayer | None]:
-        """The motion, and what is left of the layer; once it is over."""
+        """The motion and the rest of the layer; only once ``over``."""
         assert self.best is not None
         return self.best
 
     def accepted(self, motion: Motion) -> None:
-        """The attempt gave this motion."""
+        """Record the motion of an accepted attempt."""
         if self.best is None or motion.corrected.metric.min > _WORTH_IT * max(self.best[0].corrected.metric.min, 0.0):
             self.best = motion, self.layer
         self._go_on([cell.number for cell in motion.corrected.worst])
 
     def refused(self, refusal: NumericalError) -> None:
-        """The attempt was refused.
+        """Record a refused attempt.
 
         Raises
         ------
         NumericalError
-            The refusal, where nothing is left to try.
+            The refusal, if nothing is left to try.
         """
         if self.layer is None and self.best is None:
             raise refusal
         self._go_on(refusal.cells)
 
     def _go_on(self, cells: Sequence[int]) -> None:
-        """What comes after an attempt with these worst cells."""
+        """Choose the layer of the next attempt after one with these worst cells."""
         minimum = -math.inf if self.best is None else self.best[0].corrected.metric.min
         settled = self.best is not None and (self.layer is None or minimum >= NEARLY_INVERTED * self.threshold)
         if self.layer is not None and not settled:
@@ -117,6 +117,6 @@ class LayerAttempts:
 
 
 def given_way(asked: BoundaryLayer, left: BoundaryLayer | None) -> list[str]:
-    """A warning where nodes of a layer gave way."""
+    """A warning if nodes of a layer gave way."""
     gone = len(asked.nodes) - (0 if left is None else len(left.nodes))
     return [f"the boundary layer gave way at {gone} of its {len(asked.nodes)} nodes"] if gone else []

@@ -39,12 +39,12 @@ class PossibleCrossing:
 
     @classmethod
     def build(cls, reference: Floats, cells: CellTable, roles: BoundaryRoles) -> PossibleCrossing:
-        """Of a checked mesh."""
+        """Build it for a checked mesh."""
         facets = BoundaryFacets.build(boundary_facets(cells), roles.moving, roles.fixed, len(reference))
         return cls(reference, cells, roles, facets)
 
     def refuse(self, points: Floats, targets: Floats, refusal: NumericalError | None = None) -> None:
-        """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d), where no valid one exists.
+        """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) if no valid mesh exists.
 
         Raises
         ------

@@ -1,7 +1,7 @@
-"""Displacements and the coordinates that they lead to: of the boundary as a request gives it, of all nodes in a reply.
+"""Displacements and the resulting coordinates: of the boundary in a request, of all nodes in a reply.
 
-All of it is as large as the mesh, so an array is written once or, where only few numbers change, in place; nothing is
-summed, and the results are the same for any number of threads.
+The arrays are as large as the mesh, so each is written once or, where only few numbers change, in place. Nothing is
+summed, so the results are the same for any number of threads.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Indices = NDArray[np.int64]
 
 
 class BoundaryDisplacement(NamedTuple):
-    """What a motion is asked for: (k, d) positions of the moving nodes, and their displacement (k, d) from there."""
+    """The requested motion: (k, d) start positions of the moving nodes, and their displacement (k, d) from there."""
 
     origin: Floats
     displacement: Floats
@@ -30,14 +30,14 @@ class BoundaryDisplacement(NamedTuple):
 
 
 def settle(moved: Floats, base: Floats, nodes: Indices, displacement: Floats) -> bool:
-    """Change ``moved`` into ``base`` plus its rounded differences to it; return whether that changed nothing.
+    """Change ``moved`` to ``base`` plus the rounded difference ``moved - base``; return whether nothing changed.
 
     Parameters
     ----------
     moved, base : (n, d) arrays, mesh length unit
         C-contiguous.
     nodes : (k,) int64 array
-        Those whose ``displacement`` (k, d) is given, mesh length unit.
+        Nodes whose ``displacement`` (k, d) is given, mesh length unit.
     """
     before = moved[nodes]
     changed = kernels.round_differences(moved.reshape(-1), base.reshape(-1))

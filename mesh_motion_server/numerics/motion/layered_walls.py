@@ -1,9 +1,9 @@
 """Layers of thin cells on the moving walls: where a mesh has them, and whether a motion would spoil them.
 
-A wall is layered where its cells are much longer than high in every direction along it. Interpolation alone keeps such
-cells well where other boundaries are far away; in a narrow passage the field changes so fast near the wall that they
-lean over and change their height. Then the layer moves with its wall (:mod:`.boundary_layer`), as far up as cells are
-thin, and no further than they are long.
+A wall is layered where its cells are much longer than high in every direction along it. Interpolation alone preserves
+such cells where other boundaries are far away. In a narrow passage the field changes so fast near the wall that the
+cells lean over and change their height. Then the layer moves with its wall (:mod:`.boundary_layer`), up to the height
+of the thin cells, at most their length.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Marks = NDArray[np.bool_]
 
-#: Edges along the wall over a cell's height from which the cell is thin.
+#: Least ratio of the edges along the wall to the height of a thin cell.
 _THIN = 5.0
-#: Least share of a wall's nodes with thin cells above them.
+#: Least share of a layered wall's nodes with thin cells above them.
 _LAYERED = 0.3
 #: Change of a first edge's length, and its turn against the wall in radians, that a motion may cause.
 _STRETCH, _TURN = 0.005, 0.008
@@ -72,7 +72,7 @@ class LayeredWalls:
     def build(
         cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], sliding: SlidingSurfaces | None
     ) -> LayeredWalls | None:
-        """Of a checked mesh; None where no moving wall has layers."""
+        """Build them for a checked mesh; None if no moving wall has layers."""
         if points.shape[1] < 2:
             return None
         roles = BoundaryRoles.from_patches(patches)
@@ -91,7 +91,7 @@ class LayeredWalls:
         return cls(points, cells, patches, sliding, wall, rows, above[wall.nodes[rows]], along)
 
     def spoiled_by(self, moved: Floats) -> bool:
-        """Whether positions (n, d) have a first edge that is longer, shorter or leaning more than is good."""
+        """Whether at positions (n, d) a first edge has changed its length or direction by more than is allowed."""
         feet = self.wall.nodes[self.rows]
         turn = self.wall.rotations(moved[self.wall.nodes])[self.rows]
         before = np.einsum("kij,kj->ki", turn, self.points[self.above] - self.points[feet])
@@ -102,7 +102,7 @@ class LayeredWalls:
         return bool(np.any(np.linalg.norm(now / own[:, None] - before / length[:, None], axis=1) > _TURN))
 
     def needed_for(self, moved: Floats, *, corrected: bool) -> BoundaryLayer | None:
-        """The layer, where positions (n, d) without it would spoil it, or are to be ``corrected``, which may."""
+        """The layer, if positions (n, d) found without it spoil it, or will be ``corrected``, which may spoil it."""
         return self.layer if corrected or self.spoiled_by(moved) else None
 
     @cached_property
@@ -112,7 +112,7 @@ class LayeredWalls:
         return BoundaryLayer.build(self.points, self.cells, self.patches, thickness=thickness, sliding=self.sliding)
 
     def _thickness(self) -> float:
-        """How far thin cells reach above most layered nodes, at most an edge along the wall; mesh length unit."""
+        """Height of the thin cells above most layered nodes, at most one edge along the wall; mesh length unit."""
         foot = np.full(len(self.points), -1)
         foot[self.wall.nodes] = self.wall.nodes
         blocks = [(block.nodes, _shortest(self.points, block)) for block in self.cells]
@@ -158,7 +158,7 @@ def _squares(points: Floats, ends: Indices) -> Floats:
 
 
 def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Indices, Floats, Floats]:
-    """For each node on the wall the end and length of its shortest edge off it, and the length of that along it."""
+    """For each node on the wall: end and length of its shortest edge off the wall, and length of that along it."""
     above, height = np.full(len(points), -1), np.full(len(points), np.inf)
     along = np.full(len(points), np.inf)
     for block in cells:

@@ -1,9 +1,9 @@
-"""Does the method fit the mesh? What only both together can answer, refused when a session is built.
+"""Checks that the method fits the mesh, when a session is built.
 
-What the keys alone can answer is refused before (:mod:`~mesh_motion_server.numerics.method`). A basis function may be
-unusable here because it has no gradient at a control point although one will be needed there, or because it has a shape
-parameter and none was given. Conditionally definite functions are usable beside the linear polynomial only, which the
-control points must determine.
+Errors in the keys alone are refused earlier (:mod:`~mesh_motion_server.numerics.method`). A basis function may be
+unusable here because it has no gradient at a control point where one is needed, or because it needs a shape parameter
+and none was given. Conditionally definite functions are usable only with the linear polynomial, which the control
+points must determine.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mesh_motion_server.numerics.method import Method
 
 __all__ = ["check_method"]
 
-#: A length of the method is at most so many extents of the mesh, and an extent at most so many lengths.
+#: Largest ratio between a length of the method and the extent of the mesh, either way.
 _EXTENTS = 1e12
 
 
@@ -44,10 +44,10 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     Raises
     ------
     InvalidInput
-        On an unusable basis, a missing shape parameter, a length that is none of this mesh, control points that do not
-        determine the polynomial of the basis, or a boundary layer in 1D; with periodic patches on a basis without
-        compact support, or a reduction. ``.MESH_DEGENERATE`` on boundary nodes at the same place, where only distinct
-        ones will do.
+        On an unusable basis, a missing shape parameter, a length out of range for this mesh, control points that do not
+        determine the polynomial of the basis, or a boundary layer in 1D; with periodic patches, on a basis without
+        compact support or a reduction. ``.MESH_DEGENERATE`` on boundary nodes at the same place, if the method needs
+        distinct nodes.
     ResourceError
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
@@ -69,8 +69,8 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
 
 
 def _checked_basis(method: Method, dimension: int) -> Basis:
-    """The basis function, if it has what will be asked of it."""
-    # above 1D the imposed gradient is one of cells and not of the field
+    """The basis function, if it has the gradients and the shape parameter that the method needs."""
+    # above 1D the imposed gradient is that of cells, not of the field
     with _naming("basis", method):
         basis = basis_named(method.basis, gradient=method.correction == "imposed-gradient" and dimension == 1)
     if basis.radius_meaning == "shape":
@@ -81,7 +81,7 @@ def _checked_basis(method: Method, dimension: int) -> Basis:
 
 @contextmanager
 def _naming(setting: str, method: Method) -> Iterator[None]:
-    """What is refused inside is this setting's fault, and says so."""
+    """Attribute an invalid input raised inside to this setting, and name the setting in the message."""
     try:
         yield
     except InvalidInput as error:
@@ -91,14 +91,14 @@ def _naming(setting: str, method: Method) -> Iterator[None]:
 
 
 def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:
-    """A setting that does not go with the others or with the mesh."""
+    """The error for a setting that does not fit the other settings or the mesh."""
     return InvalidInput(
         message, code="INVALID_ARGUMENT.SETTINGS", hint=hint or "set another value", details={"setting": setting}
     )
 
 
 def _check_lengths(method: Method, points: NDArray[np.float64]) -> None:
-    """Refuse lengths that are none of this mesh: r/R overflows or is lost in rounding, for any function."""
+    """Refuse lengths out of range for this mesh: r/R overflows or is lost in rounding, for any function."""
     extent = float(np.ptp(bounding_box(points), axis=0).max())
     for name in ("support_radius", "enrichment_radius", "boundary_layer_thickness"):
         length = getattr(method, name)
@@ -112,7 +112,7 @@ def _check_lengths(method: Method, points: NDArray[np.float64]) -> None:
 
 
 def _check_periodic(method: Method, basis: Basis) -> None:
-    """Refuse what an interpolation that repeats with the domain has not."""
+    """Refuse settings that a periodic interpolation does not support."""
     if not basis.compact:
         raise _unfit(
             "basis",
@@ -130,7 +130,7 @@ def _check_periodic(method: Method, basis: Basis) -> None:
 def _check_places(
     method: Method, basis: Basis, points: NDArray[np.float64], roles: BoundaryRoles, *, periodic: bool
 ) -> None:
-    """Refuse control points at the same place, but where they are interpolated as one."""
+    """Refuse control points at the same place, unless they are interpolated as one."""
     if method.reduction != "none":
         reason = f"reduction = {method.reduction!r}"
     elif not basis.compact:

@@ -1,11 +1,11 @@
 """One motion of one mesh, end to end: the data flow of every Move.
 
 An *attempt* interpolates the boundary's displacement, judges the mesh, corrects it, judges it again, and accepts or
-refuses it. It keeps as much of a boundary layer as does no harm. A refused attempt is followed by a second one: the
-mesh is led to its targets in sub-steps, which are attempts of their own, and corrected from there.
+refuses it. It keeps as much of a boundary layer as does no harm. A second attempt follows a refused one: the mesh is
+led to its targets in sub-steps, which are attempts themselves, and corrected from there.
 
 Pure: the result depends on the model, the committed points and the targets; the factor cache only saves time. No node
-moves before a motion is accepted: an unacceptable one raises with the best that was found.
+moves before a motion is accepted: an unacceptable motion raises an error with the best result found.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ __all__ = ["MotionModel"]
 
 Floats = NDArray[np.float64]
 
-#: Of the minimum quality without a boundary layer, what a motion that keeps the layer must have.
+#: Share of the minimum quality without a boundary layer that a motion with the layer must have.
 _AS_GOOD = 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """What an attempt is given.
+    """The input of an attempt.
 
     committed : (n, d) committed positions, mesh length unit
-    targets : (k, d) where the moving nodes shall be
-    factors : where factorizations come from
-    valid : (n, d) a valid mesh from which the correction begins, where one is known
+    targets : (k, d) targets of the moving nodes
+    factors : source of the factorizations
+    valid : (n, d) a valid mesh from which the correction begins, if one is known
     """
 
     committed: Floats
@@ -66,7 +66,7 @@ class _Step:
 class _Predicted:
     """An interpolated motion and its quality.
 
-    factors : what was found in the cache for it
+    factors : the factorizations found in the cache for it
     """
 
     motion: StandardMotion
@@ -94,16 +94,16 @@ class MotionModel(PreparedMesh):
         committed : (n, d) array
             Committed positions, mesh length unit.
         targets : (k, d) array
-            Where ``roles.moving`` shall be.
+            Targets of ``roles.moving``.
         factors : FactorSource, optional
         boundary_displacement : BoundaryDisplacement, optional
-            What the targets are the sum of; by default the committed positions of the moving nodes and what is left.
+            The two terms of the targets; by default the committed positions of the moving nodes and the difference.
 
         Raises
         ------
         NumericalError
-            When no valid mesh (or, where asked, none at the threshold) was found; carries the best minimum quality, the
-            worst cells and the largest fraction found of the ``boundary_displacement`` that is accepted instead of it.
+            When no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
+            worst cells and the largest accepted fraction found of the ``boundary_displacement``.
         """
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
@@ -128,7 +128,7 @@ class MotionModel(PreparedMesh):
     # --- the sequence ------------------------------------------------------------------------------------------------
 
     def _accept_or_lead(self, step: _Step) -> Motion:
-        """Attempt the step at once; where that is refused, lead the mesh to its targets and go on from there."""
+        """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
         refusal = None
         if self.method.sub_steps != "always":
             try:
@@ -147,10 +147,10 @@ class MotionModel(PreparedMesh):
         return replace(motion, sub_steps=walk.legs, correction=correction, seconds=seconds)
 
     def _attempt(self, step: _Step) -> Motion:
-        """One step: interpolate, judge, correct, judge, accept; again with less of a boundary layer that does harm.
+        """One step: interpolate, judge, correct, judge, accept; repeat with a smaller boundary layer if it does harm.
 
-        A layer that the method asks for gives way where it has to. One that nobody asked for moves with its wall only
-        where interpolation would spoil it, or a correction may, and only if the mesh is about as good with it.
+        A layer that the method requests gives way only where it must. A layer that is not requested moves with its wall
+        only where interpolation or a correction may spoil it, and only if the mesh is about as good with it.
         """
         watch, asked, plain = Stopwatch(), self.standard_motion.layer, None
         attempts = LayerAttempts(asked, self.method.quality_threshold)
@@ -178,13 +178,13 @@ class MotionModel(PreparedMesh):
     # --- its parts ---------------------------------------------------------------------------------------------------
 
     def _interpolate(self, step: _Step, layer: BoundaryLayer | None, watch: Stopwatch) -> _Predicted:
-        """Interpolate, judge."""
+        """Interpolate and judge."""
         factors, motion = Recorded(step.factors), self.motion_with(layer)
         trial = motion.trial(step.committed, step.targets, factors, watch)
         with watch.phase("predict"):
             predicted = _Predicted(motion, trial, self.summary(trial.points), factors)
         if predicted.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
-            # no correction would find a mesh, or it would find cells that are all positive, and overlap
+            # a correction would find no mesh, or one whose cells are all positive but overlap
             worst = [cell.number for cell in predicted.quality.worst]
             refusal = NumericalError("", best=predicted.quality.metric.min, cells=worst)
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
@@ -198,14 +198,14 @@ class MotionModel(PreparedMesh):
         return self.layered.needed_for(plain.trial.points, corrected=bad)
 
     def _fitting(self, layer: BoundaryLayer, step: _Step) -> BoundaryLayer | None:
-        """What of a boundary layer can be carried to the targets."""
+        """The part of a boundary layer that can be carried to the targets."""
         moved = self.points.copy()
         moved[self.roles.moving] = step.targets
         mesh = TrialMesh(self.points, self.cells, self.reference_sizes, self.held, self.method.quality_metric)
         return fitting_layer(layer, moved, mesh, step.valid)
 
     def _correct(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Correction:
-        """The correction of an interpolated mesh, from a valid one where one is known."""
+        """The correction of an interpolated mesh, from a valid one if one is known."""
         layer, standard, quality = predicted.motion.layer, predicted.trial, predicted.quality
         near = self._near(step, predicted, watch) if step.valid is None else None
         problem = CorrectionProblem(
@@ -229,7 +229,7 @@ class MotionModel(PreparedMesh):
             return correct(problem, correction_settings(self.method, radius))
 
     def _judge(self, predicted: _Predicted, correction: Correction, watch: Stopwatch) -> Judgement:
-        """Quality of the corrected mesh; that of the interpolated one where nothing was corrected."""
+        """Quality of the corrected mesh; that of the interpolated one if nothing was corrected."""
         if correction.points is predicted.trial.points:
             return predicted.quality
         with watch.phase("predict"):
@@ -257,7 +257,7 @@ class MotionModel(PreparedMesh):
         )
 
     def _near(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Floats | None:
-        """The standard motion with the committed mesh's correction (n, d), where that is cheap and one is smooth."""
+        """The standard motion plus the committed mesh's correction (n, d), if that is smooth and cheap to get."""
         smooth, committed = self.smooth_with(predicted.motion.layer), step.committed
         if smooth is None or self.method.displacement != "absolute" or np.array_equal(committed, self.points):
             return None
@@ -267,15 +267,15 @@ class MotionModel(PreparedMesh):
     def _lead(self, step: _Step, refusal: NumericalError | None) -> Walk:
         """Lead the mesh to its targets along the first of the bodies' ways on which it stays valid.
 
-        Each leg (:mod:`.sub_steps`) is an attempt from the mesh of the one before, corrected up to the threshold. The
-        first starts where the method's displacement counts from: at the committed mesh, or the reference mesh. So the
-        result depends on that mesh and the targets only.
+        Each leg (:mod:`.sub_steps`) is an attempt from the mesh of the leg before, corrected up to the threshold. The
+        first leg starts from the mesh that the method's displacement refers to: the committed mesh or the reference
+        mesh. So the result depends on that mesh and the targets only.
 
         Raises
         ------
         NumericalError
-            When the boundary crosses itself at the targets, or no way leads there: says how far the mesh could be kept
-            valid. With what the ``refusal`` of a single step says, if there was one.
+            When the boundary crosses itself at the targets, or no way leads there: says how far the mesh stayed valid.
+            Includes the details of the ``refusal`` of a single step, if there was one.
         """
         start = step.committed if self.method.displacement == "relative" else self.points
         self.boundary.refuse(start, step.targets, refusal)
@@ -307,13 +307,13 @@ class MotionModel(PreparedMesh):
         return walk
 
     def _ways(self, origin: Floats, targets: Floats) -> Iterator[Way]:
-        """Ways for the moving nodes (k, d); periodic ones have to go alike, which a scaled displacement does."""
+        """Ways for the moving nodes (k, d); periodic nodes must move alike, so their displacement is only scaled."""
         if self.standard_motion.periodic is not None:
             return iter([straight_way(origin, targets)])
         return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
 
     def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
-        """A fraction of the ``whole`` displacement that is accepted instead of all of it."""
+        """A fraction of the ``whole`` displacement that is accepted."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
@@ -329,5 +329,5 @@ class MotionModel(PreparedMesh):
 
 
 def _of_the_mesh(refusal: NumericalError) -> bool:
-    """Whether a mesh was refused; otherwise a system could not be solved, and a smaller step does not help."""
+    """Whether a mesh was refused; otherwise a system could not be solved, and smaller steps do not help."""
     return refusal.code == NumericalError.default_code

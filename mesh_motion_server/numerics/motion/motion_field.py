@@ -24,11 +24,11 @@ class Stage:
     Attributes
     ----------
     rigid : RigidMotion or None
-        None is the identity.
+        None means the identity.
     interpolant : Interpolant or TwoScaleInterpolant
-        S, or its first level where few control points stand for the boundary.
+        S, or its first level if few control points represent the boundary.
     further : tuple of Interpolant
-        Its other levels, to be added.
+        The other levels of S; S is the sum of all levels.
     """
 
     rigid: RigidMotion | None
@@ -36,7 +36,7 @@ class Stage:
     further: tuple[AnyInterpolant, ...] = ()
 
     def with_largest(self, displacement: float) -> Stage:
-        """The same with a largest ``displacement``, of whose tolerance each level takes its share."""
+        """The same stage for a largest ``displacement``: the levels share its tolerance."""
         levels = 1 + len(self.further)
 
         def scaled(level: AnyInterpolant) -> AnyInterpolant:
@@ -47,7 +47,7 @@ class Stage:
         )
 
     def positions(self, points: Floats, evaluator: Evaluator, prepared: Prepared | None = None) -> Floats:
-        """(n, d) where the stage puts points (n, d), with what the evaluator has prepared for them."""
+        """(n, d) new positions of points (n, d), with the evaluator's preparation for them."""
         carried = points if self.rigid is None else self.rigid.apply(points)
         if prepared is not None and isinstance(evaluator, PreparingEvaluator):
             moved = evaluator.displacement(self.interpolant, points, prepared)

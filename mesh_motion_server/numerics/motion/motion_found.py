@@ -1,4 +1,4 @@
-"""What one motion of a mesh found: positions, qualities, what the correction did, and what it cost."""
+"""The result of one motion of a mesh: positions, qualities, what the correction did, and what it cost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Motion"]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """An accepted motion; still a trial.
+    """An accepted motion; it is a trial until it is committed.
 
     Attributes
     ----------
@@ -31,10 +31,10 @@ class Motion:
     seconds : dict
         Wall time of ``solve``, ``predict``, ``correct``, ``displace`` and their ``total``.
     caches : dict
-        ``"reused"`` or ``"made"`` for each kind of what depends on the state alone (``factorization``, ``operators``),
-        ``bytes``: what the cache holds of each; and what a model adds to it.
+        ``"reused"`` or ``"made"`` for each cached kind (``factorization``, ``operators``), which depend on the state
+        alone; ``bytes``: the cache's size for each kind; and entries that a model adds.
     control_points : (nc,) int64 array
-        Nodes that the standard motion was interpolated from.
+        Nodes from which the standard motion was interpolated.
     support_radius : float
         R of the standard motion, mesh length unit.
     warnings : list of str

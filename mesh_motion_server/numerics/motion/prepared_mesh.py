@@ -1,4 +1,4 @@
-"""What every motion of a session needs and none changes: the reference mesh, its roles, and what is made of them."""
+"""The data that every motion of a session needs and none changes: the reference mesh, its roles, and derived data."""
 
 from __future__ import annotations
 
@@ -48,23 +48,23 @@ class PreparedMesh:
     method : Method
         With both radii filled in.
     reference_sizes : (m,) array or CellsAtRest
-        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews where these count.
+        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if these count.
     held : (n,) bool array
-        Nodes on the boundary or on a patch, which no correction may move; nor may it move those of a boundary layer.
+        Nodes on the boundary or on a patch. No correction may move them, nor the nodes of a boundary layer.
     standard_motion : StandardMotion
     constraint : BoundaryConstraint or None
-        Which of the held nodes the optimised correction may move nevertheless, and how.
+        Which of the held nodes the optimised correction may still move, and how.
     warnings : tuple of str
-        What :func:`checked_mesh` noticed.
+        The warnings of :func:`checked_mesh`.
     evaluator : Evaluator
     smooth : SmoothInTime or None
-        What ``correction_in_time`` "smooth" prepares.
+        The prepared correction for ``correction_in_time`` "smooth".
     judge : Judge or None
-        What judges whole meshes; None: this machine.
+        Judges whole meshes; None: this machine judges them.
     layered : LayeredWalls or None
-        Walls whose layers move with them where interpolation would spoil these; None where the method says which do.
+        Walls whose layers move with them if interpolation would spoil the layers; None if the method selects layers.
     distributions : bool
-        Whether a judgement has the distributions, or the worst cells alone.
+        Whether a judgement contains the distributions, or the worst cells alone.
     """
 
     points: Floats
@@ -138,17 +138,17 @@ class PreparedMesh:
         )
 
     def close(self) -> None:
-        """Nothing is held on other machines."""
+        """Do nothing: this mesh holds no resources on other machines."""
 
     def without_distributions(self) -> Self:
-        """The same, which judges a mesh by its worst cells, exactly, and leaves its distributions out.
+        """The same mesh, judged exactly by its worst cells, without distributions.
 
-        Where partitions elsewhere are judged it is this one.
+        If the partitions are judged on other machines, this returns the mesh itself.
         """
         return self if self.judge is not None else replace(self, distributions=False)
 
     def with_method(self, **choices: Any) -> Self:
-        """The same with other choices of its method that need no other preparation."""
+        """The same mesh with other choices of its method that need no new preparation."""
         method = replace(self.method, **choices)
         return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))
 
@@ -167,7 +167,7 @@ class PreparedMesh:
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.
 
-        Where the ``quality`` of every cell there is known, this machine judges no cell again.
+        If the ``quality`` of every cell there is given, this machine judges no cell again.
         """
         metric = self.method.quality_metric
         if self.judge is not None:
@@ -188,12 +188,12 @@ class PreparedMesh:
         return replace(self.constraint, released=self.constraint.released & ~layer.known)
 
     def smooth_with(self, layer: BoundaryLayer | None) -> SmoothInTime | None:
-        """The prepared correction that is smooth in time; with another layer it is prepared when it is needed."""
+        """The prepared correction that is smooth in time; for another layer it is prepared when needed."""
         return self.smooth if layer is self.standard_motion.layer else None
 
 
 def with_radii(method: Method, points: Floats, roles: BoundaryRoles) -> Method:
-    """The method with the radii that it leaves to us chosen from the mesh with nodes at ``points`` (n, d)."""
+    """The method with its missing radii chosen from the mesh with nodes at ``points`` (n, d)."""
     radius = method.support_radius or suggest_support_radius(points, roles)
     enrichment_radius = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
     return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)

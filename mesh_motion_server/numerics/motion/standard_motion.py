@@ -1,22 +1,23 @@
-"""Standard RBF motion: the displacement of every node from that of the boundary (thesis (2.6)), nothing corrected.
+"""Standard RBF motion: the displacement of every node from that of the boundary (thesis (2.6)), without correction.
 
-Where it starts and how it gets there is the *displacement* of the method:
+The *displacement* of the method says from which mesh and how it interpolates:
 
 relative
     from the committed mesh, with the displacement since then. Drifts on periodic motion.
 absolute
-    from the reference mesh, with the total displacement. Depends on the boundary alone: no drift.
+    from the reference mesh, with the total displacement. The result depends on the boundary alone: no drift.
 reanchored
     from the reference mesh, through sub-steps along a path that rotates with the body; each sub-step interpolates from
-    the mesh of the one before. Depends on the boundary alone too, and takes larger rotations than ``absolute``.
+    the mesh of the one before. The result depends on the boundary alone too, and allows larger rotations than
+    ``absolute``.
 
-Nodes of a boundary layer (:mod:`.boundary_layer`) are carried by their wall, and those outside follow the layer.
+The wall carries the nodes of its boundary layer (:mod:`.boundary_layer`), and the nodes outside follow the layer.
 
 With a point reduction the interpolation starts from few of the boundary nodes and is corrected near the surface
 (:mod:`.reduced_motion`); everything else stays the same.
 
-When every prescribed node moves (no node is fixed or slides), the best rigid motion is taken out first and applied to
-all nodes exactly: a mesh that is only carried along is not deformed at all.
+When every prescribed node moves (no node is fixed or slides), the best rigid motion is separated first and applied to
+all nodes exactly: a mesh in rigid motion is not deformed at all.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ __all__ = ["StandardMotion", "StandardTrial"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: A re-anchored motion takes a sub-step for each such share of the domain's extent that a boundary node moves …
+#: A re-anchored motion takes one sub-step for each such share of the domain's extent that a boundary node moves …
 _SUBSTEP_FRACTION = 0.025
 #: … and at most this many.
 _MAX_SUBSTEPS = 20
@@ -67,23 +68,23 @@ _MAX_SUBSTEPS = 20
 
 @dataclass(frozen=True, eq=False)
 class StandardTrial:
-    """Where the standard motion would put every node.
+    """The positions of all nodes by the standard motion.
 
     Attributes
     ----------
     start : (n, d) array
-        Positions the interpolation started from, mesh length unit.
+        Positions from which the interpolation started, mesh length unit.
     points : (n, d) array
         Trial positions.
     field : MotionField
         The displacement from ``start``, anywhere.
     factorization : Factorization
-        Of all nodes with a role at ``start`` (of a boundary layer's outermost nodes instead of the wall behind them),
-        with a reduction made only when it is first used; of periodic nodes only if an enrichment follows.
+        Of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall behind them);
+        with a reduction, it is made at its first use. It includes periodic nodes only if an enrichment follows.
     reused : bool
         Whether every factorization came from the cache.
     control_points : (nc,) int64 array
-        Nodes that the last interpolation started from: all with a role, or those that a reduction chose.
+        Control nodes of the last interpolation: all nodes with a role, or those that a reduction chose.
     reduction_error : float
         Largest error that a reduction left at a boundary node before it was corrected, as a share of the largest
         displacement of that interpolation; 0 without a reduction.
@@ -114,9 +115,9 @@ class StandardMotion:
     periodic : PeriodicNodes or None
         Nodes that move alike; None without periodic patches.
     spacing : float, mesh length unit
-        Of the moving nodes in the reference mesh; 0 where no reduction asks for it.
+        Of the moving nodes in the reference mesh; 0 if no reduction needs it.
     plans : TwoScalePlans
-        Which control nodes are interpolated in two scales.
+        Tell which control nodes are interpolated in two scales.
     evaluator : Evaluator
     layer : BoundaryLayer or None
         Nodes that the moving walls carry with them.
@@ -154,7 +155,7 @@ class StandardMotion:
         return plain.with_layer(layer)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
-        """The same with another boundary layer, or none: with other control points."""
+        """The same motion with another boundary layer, or none, and so with other control points."""
         other = replace(self, layer=layer)
         offered = self.periodic is None
         plans = TwoScalePlans.build(self.reference, self.roles, self.method, offered=offered, controls=other._controls)
@@ -191,7 +192,7 @@ class StandardMotion:
         )
 
     def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
-        """Positions of the moving nodes after each sub-step; the last are the targets."""
+        """Positions of the moving nodes after each sub-step, the targets last."""
         if self.method.displacement != "reanchored":
             return [targets]
         origin = start[self.roles.moving]
@@ -204,9 +205,9 @@ class StandardMotion:
     def _interpolate(
         self, points: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch
     ) -> tuple[Floats, _Solved]:
-        """One interpolation from the mesh ``points`` (n, d): the new positions, and what gave them."""
+        """One interpolation from the mesh ``points`` (n, d): the new positions and the solved stage."""
         roles = self.roles
-        # of a plain motion only the nodes with a role are looked at: pages never touched cost nothing
+        # a plain motion reads only the nodes with a role: untouched memory pages cost nothing
         prescribed = points.copy() if self.layer is not None or self.periodic is not None else np.zeros(points.shape)
         prescribed[roles.moving] = targets
         prescribed[roles.fixed] = self.reference[roles.fixed]
@@ -229,7 +230,7 @@ class StandardMotion:
         return moved, replace(solved, reused=solved.reused and reused)
 
     def _controls(self, nodes: Indices) -> Indices:
-        """The control nodes for nodes (c,) with a role: a layer's outermost ones for those behind them."""
+        """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
 
     def _displaced(self, points: Floats, prescribed: Floats, stage: Stage, factors: FactorSource) -> Floats:
@@ -251,7 +252,7 @@ class StandardMotion:
     ) -> _Solved:
         """The stage that takes the control nodes from ``points`` (n, d) to ``prescribed`` (n, d)."""
         with watch.phase("solve"):
-            if self.periodic is not None:  # one of each orbit: it stands for its images
+            if self.periodic is not None:  # one node of each orbit represents its images
                 controls = np.unique(self.periodic.root_of(controls))
             origin, goal = points[controls], prescribed[controls]
             rigid = None
@@ -285,7 +286,7 @@ class StandardMotion:
     def _all_factorized(self, points: Floats, controls: Indices, factors: FactorSource) -> tuple[Factorization, bool]:
         """The factorization of all control nodes (c,) of the mesh ``points`` (n, d).
 
-        Where the boundary has changed so much that the reference mesh's plan does no longer, with a new one.
+        If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
         """
         plan = self.plans.of(controls)
         try:
@@ -299,11 +300,11 @@ class StandardMotion:
         return two_scale_factorization_of(points[controls], bounding_box(points), anew, factors)
 
     def _tied(self, positions: Floats) -> Floats:
-        """Positions (n, d) with periodic images where their roots put them, except the moving nodes."""
+        """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""
         return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
 
     def _boundary_factorization(self, start: Floats, own: Factorization, factors: FactorSource) -> Factorization:
-        """The motion's own factorization, or where an enrichment has to vanish on periodic sides too, one with them."""
+        """The motion's own factorization; if an enrichment must vanish on periodic sides too, one with them."""
         if self.periodic is None or self.method.correction in ("none", "optimised"):
             return own
         nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
@@ -312,7 +313,7 @@ class StandardMotion:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A stage, the boundary's factorization, whether what was needed came from the cache, the nodes (nc,) in use."""
+    """A stage, the boundary's factorization, whether it came from the cache, and the control nodes (nc,)."""
 
     stage: Stage
     factorization: Factorization

@@ -1,9 +1,9 @@
 """Sub-steps: a large motion in legs, each corrected before the next begins, so that the mesh is valid all the way.
 
-One step takes most motions, far rotations included. Where it ends in a mesh that cannot be untangled, the mesh is led
-there: every leg starts from the valid mesh of the one before and moves the boundary a little further along its way
-(:mod:`.body_paths`). The length of a leg follows what happens: a leg that fails is halved, after one whose plain
-interpolation inverts no cell it is doubled. No choice depends on the time it takes or on earlier motions.
+One step is enough for most motions, large rotations included. If it ends in a mesh that cannot be untangled, the mesh
+is led there: every leg starts from the valid mesh of the leg before and moves the boundary a little further along its
+way (:mod:`.body_paths`). The length of a leg adapts: a leg that fails is halved; after a leg whose plain interpolation
+inverts no cell, the length is doubled. No choice depends on computing time or on earlier motions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _MOST_TRIES = 48
 
 
 class Leg(NamedTuple):
-    """A leg that ended in a valid mesh (n, d): was it easy, and the iterations of its correction."""
+    """A leg that ended in a valid mesh (n, d): whether it was easy, and the iterations of its correction."""
 
     points: Floats
     easy: bool
@@ -42,13 +42,13 @@ class Walk:
     points : (n, d) array, mesh length unit
         The last valid mesh.
     fraction : float
-        Of the way; 1 at its end.
+        Fraction of the way; 1 at its end.
     legs, tries : int
-        Legs that ended in a valid mesh; all, with those that failed.
+        Number of legs that ended in a valid mesh; number of all legs, failed ones included.
     iterations : int
-        Of the corrections of the legs.
+        Sum over the corrections of the legs.
     refusal : NumericalError or None
-        Of the last leg that failed.
+        The error of the last leg that failed.
     """
 
     points: Floats
@@ -62,7 +62,7 @@ class Walk:
 def furthest_walk(
     start: Floats, ways: Iterable[Callable[[float], Floats]], move: Callable[[Floats, Floats], Leg]
 ) -> Walk:
-    """The walk along the first way that leads to its end, or of all the one that leads furthest; see :func:`walk`."""
+    """The walk along the first way that reaches its end, otherwise the walk that got furthest; see :func:`walk`."""
     furthest: Walk | None = None
     for way in ways:
         found = walk(start, way, move)
@@ -76,7 +76,7 @@ def furthest_walk(
 
 
 def walk(start: Floats, way: Callable[[float], Floats], move: Callable[[Floats, Floats], Leg]) -> Walk:
-    """Lead a mesh along a way, as far as valid meshes are found.
+    """Lead a mesh along a way as far as valid meshes are found.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def walk(start: Floats, way: Callable[[float], Floats], move: Callable[[Floats, 
     way : callable
         Fraction → (k, d) positions of the moving nodes.
     move : callable
-        (mesh (n, d), positions (k, d)) → :class:`Leg`; raises NumericalError where no valid mesh is found.
+        (mesh (n, d), positions (k, d)) → :class:`Leg`; raises NumericalError if no valid mesh is found.
     """
     points, fraction, length = start, 0.0, _FIRST
     legs = tries = iterations = 0

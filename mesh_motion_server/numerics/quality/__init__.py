@@ -1,1 +1,1 @@
-"""Quality of cells: as they are, as a displacement would make them, and in summary."""
+"""Quality of cells: now, after a planned displacement, and in summary."""

@@ -1,11 +1,11 @@
-"""Is this mesh usable? Every error names the first offender and the way out; what is only odd becomes a warning.
+"""Checks whether a mesh is usable. Every error names the first bad item and a remedy; smaller oddities give warnings.
 
-A mesh is checked once, when a session is built; everything behind this trusts the result. The checks go from cheap and
-basic to dependent ones, so the first error is the one to mend first: shapes and numbers, node indices, the cells'
-geometry, the patches, the boundary.
+A mesh is checked once, when a session is built; all later code trusts the result. Cheap and basic checks come before
+the checks that depend on them, so the first error is the one to repair first: shapes and numbers, node indices, the
+cells' geometry, the patches, the boundary.
 
 Boundary nodes in no patch are allowed: they follow the interpolation like interior nodes, and no correction moves
-them; those behind fixed nodes rest. That is rarely wanted at a wall, hence the warning.
+them; those behind fixed nodes do not move. That is rarely wanted at a wall, hence the warning.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from mesh_motion_server.numerics.quality.orientation import OrientedCells, orien
 
 __all__ = ["CheckedMesh", "check_mesh", "checked_mesh", "suggest_support_radius"]
 
-# A skew that only rounding keeps from 0; cells of a boundary layer with aspect ratio 10⁶ are at 10⁻⁶ and pass.
+# A smaller skew is 0 but for rounding; cells of a boundary layer with aspect ratio 10⁶ have 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
 # Squares of sizes in 3D (sixth powers) of cells 10⁻⁶ as long stay normal numbers, and so do those of motions 10¹² as
 # long.
@@ -38,12 +38,12 @@ _SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-30, 1e30
 
 
 class CheckedMesh(NamedTuple):
-    """What is found out about a usable mesh.
+    """The result of the check of a usable mesh.
 
     Attributes
     ----------
     cells : CellTable
-        In one orientation (:mod:`.orientation`); everything behind the check computes with these.
+        In one orientation (:mod:`.orientation`); all later code computes with these.
     reference_sizes : (m,) array
         Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`, all positive.
     warnings : list of str
@@ -58,12 +58,12 @@ class CheckedMesh(NamedTuple):
 
 
 def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
-    """Refuse an unusable mesh, and list what looks odd about a usable one: parameters and errors as below."""
+    """Refuse an unusable mesh, and list the warnings of a usable one: parameters and errors as below."""
     return checked_mesh(points, cells, patches).warnings
 
 
 def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
-    """Refuse an unusable mesh, and say of a usable one what looks odd.
+    """Refuse an unusable mesh, and collect the warnings of a usable one.
 
     Parameters
     ----------
@@ -74,16 +74,16 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     Returns
     -------
     CheckedMesh
-        Warnings: cells listed the other way round, boundary nodes at the same place, orphan nodes, patch nodes inside
+        Warnings: cells in the opposite orientation, boundary nodes at the same place, orphan nodes, patch nodes inside
         the mesh, boundary nodes without a patch, patches that share nodes.
 
     Raises
     ------
     InvalidInput
-        ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is no number; ``.MESH_DEGENERATE`` for node
+        ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is not finite; ``.MESH_DEGENERATE`` for node
         indices out of range, repeated nodes in a cell, inverted or flat cells, and facets of more than two cells;
-        ``.MESH`` for an extent that leaves the floating-point range and for patches (unknown role, no or repeated
-        nodes, nothing moving).
+        ``.MESH`` for an extent outside the floating-point range and for patches (unknown role, no or repeated nodes, no
+        moving patch).
     """
     _check_points(points, cells.dimension)
     _check_extent(points)
@@ -100,7 +100,7 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
 
 
 def _check_points(points: NDArray[np.float64], dimension: int) -> None:
-    """Shape (n, d), n > 0, every coordinate finite."""
+    """Require the shape (n, d), n > 0, and finite coordinates."""
     if points.ndim != 2 or points.shape[1] != dimension or not len(points):
         raise InvalidInput(
             f"points: expected an array of shape (n, {dimension}) with n > 0 for {dimension}D cells, "
@@ -121,7 +121,7 @@ def _check_points(points: NDArray[np.float64], dimension: int) -> None:
 
 
 def _check_extent(points: NDArray[np.float64]) -> None:
-    """Lengths whose powers (a size is a product of d of them) stay within the floating-point range."""
+    """Require lengths whose powers (a size is a product of d lengths) stay within the floating-point range."""
     low, high = bounding_box(points)
     extent = float((high / 2 - low / 2).max()) * 2  # halves: no overflow
     if 0.0 < extent < _SMALLEST_EXTENT or extent > _LARGEST_EXTENT:
@@ -134,7 +134,7 @@ def _check_extent(points: NDArray[np.float64]) -> None:
 
 
 def _check_indices(n: int, cells: CellTable) -> None:
-    """Every node index in range, no node twice in a cell."""
+    """Require every node index in range, and no node twice in a cell."""
     for block, first in zip(cells.blocks, cells.offsets, strict=False):
         if block.nodes.min() < 0 or block.nodes.max() >= n:
             row, place = (int(i) for i in np.argwhere((block.nodes < 0) | (block.nodes >= n))[0])
@@ -156,14 +156,14 @@ def _check_indices(n: int, cells: CellTable) -> None:
 
 
 def _check_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> None:
-    """Every corner determinant positive and no cell flat; sizes (m,)."""
+    """Require positive corner determinants and no flat cell; sizes (m,)."""
     extremes = quality_extremes(points, cells, sizes, "skew")  # in one pass that stores nothing
     if extremes.inverted or not extremes.minimum > _FLAT_SKEW:
         _refuse_geometry(points, cells, sizes)
 
 
 def _boundary_of(points: NDArray[np.float64], listed: CellTable, read: OrientedCells) -> NDArray[np.int64]:
-    """(b,) nodes of the boundary. Mirrored cells that then overlap their neighbours were inverted: a folded mesh."""
+    """(b,) nodes of the boundary. Mirrored cells that overlap their neighbours were inverted: a folded mesh."""
     try:
         return boundary_nodes(read.cells)
     except InvalidInput as error:
@@ -174,13 +174,13 @@ def _boundary_of(points: NDArray[np.float64], listed: CellTable, read: OrientedC
 
 
 def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> NoReturn:
-    """Name the first bad cell."""
+    """Raise an error that names the first bad cell."""
     quality = cell_quality(points, cells, sizes)
     bad = quality.inverted | ~(quality.skew > _FLAT_SKEW)
     cell, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
     block, row = cells.locate(cell)
     corners = points[block.nodes[row][block.type.corner_array]]
-    with np.errstate(divide="ignore"):  # numpy takes the logarithm of edges that are nearly nothing
+    with np.errstate(divide="ignore"):  # numpy takes the logarithm of edges of nearly zero length
         determinants = np.linalg.det(corners[:, 1:] - corners[:, :1])
     size = block.type.size_factor * float(determinants.sum())
     raise InvalidInput(
@@ -195,7 +195,7 @@ def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArr
 
 
 def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
-    """What a mesh with these bad cells most likely suffers from."""
+    """The most likely cause of these bad cells."""
     for block, first in zip(cells.blocks, cells.offsets, strict=False):
         if bad[first : first + len(block)].all():
             return f"all cells of type {block.type.name!r} are: their node order differs from VTK's and Gmsh's"

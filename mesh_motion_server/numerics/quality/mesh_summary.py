@@ -1,13 +1,13 @@
 """The quality of a mesh in a few numbers: its distributions, or only its worst cells, which decide about a motion.
 
-:func:`mesh_summary` and :func:`lowest_quality` go through the cells once and store nothing of the size of the mesh;
-:func:`summarize` and :func:`lowest_of` take the quality of every cell, where it is known. All give the same bits.
+:func:`mesh_summary` and :func:`lowest_quality` go through the cells once and store no array as large as the mesh;
+:func:`summarize` and :func:`lowest_of` take the known quality of every cell. All give bitwise equal results.
 
-For the worst cells alone most tetrahedra are excluded by a comparison of sixth powers
+To find only the worst cells, a comparison of sixth powers excludes most tetrahedra
 (``kernels/src/quality/summaries.h``).
-Bounds on how much a cell can have changed since another motion were measured and are not used: a bound per chunk of 128
-cells from the range of its nodes' displacements is 45 times the true distortion, and with the chunk's affine part taken
-out it costs half of what evaluating all cells does.
+Bounds on the change of a cell since another motion were measured and are not used: a bound per chunk of 128 cells from
+the range of its nodes' displacements is 45 times the true distortion; without the chunk's affine part, it costs half as
+much as evaluating all cells.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def mesh_summary(
     metric: str = "size-skew",
     worst: int = 10,
 ) -> QualitySummary:
-    """Quality of all cells as a report says it.
+    """Quality of all cells in the form of a report.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def mesh_summary(
     metric : str
         One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`; ranks the worst cells.
     worst : int
-        How many of the worst cells to name.
+        Number of worst cells to name.
 
     Raises
     ------
@@ -137,6 +137,6 @@ def lowest_of(
 def _named(
     numbers: Ints, points: NDArray[np.floating], cells: CellTable, at_rest: AtRest, metric: str
 ) -> tuple[WorstCell, ...]:
-    """The cells with these numbers (s,), with their quality."""
+    """The worst-cell records of the cells with these numbers (s,)."""
     quality = subset_quality(points, cells, at_rest, numbers)
     return worst_cells(numbers, quality, cells.centres(points, numbers), metric)

@@ -3,8 +3,8 @@
 The size metric compares a cell with itself in the reference mesh, ``τ = Σ_k α_k / Σ_k α_k⁰`` with the corner
 determinants α_k (on a line the ratio of lengths (3.6)), ``size = sign(τ) · min(|τ|, 1/|τ|)``: thesis (2.13), which as
 printed sums the ratios and so gives n for an undeformed cell. Skew is absolute: 1 for the ideal cell, 0 for a
-degenerate one. It is made of the entries of λ = AᵀA (3.22), thesis (2.14), (3.30); the formulas of all cell types stand
-in ``kernels/src/quality/cell_types.h``. Size and skew are combined to
+degenerate one. It is computed from the entries of λ = AᵀA (3.22), thesis (2.14), (3.30); the formulas of all cell types
+are in ``kernels/src/quality/cell_types.h``. Size and skew are combined to
 
 ======================  =================================  =========================================
 metric                  formula                            source
@@ -19,12 +19,12 @@ metric                  formula                            source
 ======================  =================================  =========================================
 
 The last one compares both with the cell itself in the reference mesh, ``min(1, skew / skew at rest)``: 1 at rest and
-wherever the cell has only been carried along, whatever it looks like. A triangle of a boundary layer that is a thousand
-times as long as high has a skew of 1e-3 for ever; its relative skew falls when its height does.
+after any rigid motion of the cell, whatever its shape. A triangle of a boundary layer that is a thousand times as long
+as high always has a skew of 1e-3; its relative skew falls when its height does.
 
-Skew is never negative. A cell whose corners are all inverted keeps the skew of its mirror image, so that size-skew
-tells a badly inverted cell from a slightly inverted one; a cell of which some corners are inverted has skew 0. A cell
-with a position that is not finite has -inf in every metric: worse than any number, and never equal to a good value.
+Skew is never negative. A cell whose corners are all inverted has the skew of its mirror image, so size-skew
+distinguishes a badly inverted cell from a slightly inverted one; a cell with only some corners inverted has skew 0. A
+cell with a position that is not finite has -inf in every metric: worse than any number, never equal to a good value.
 
 Node indices are not checked here: :func:`~mesh_motion_server.numerics.quality.mesh_check.check_mesh` does that once.
 
@@ -99,7 +99,7 @@ class CellQuality:
     inverted : (m,) bool array
         Any corner determinant ≤ 0 (or not a number).
     rest : (m,) array, optional
-        Skew at rest, where it is known: what "relative-size-skew" needs.
+        Skew at rest, if it is known; "relative-size-skew" needs it.
     """
 
     size: Floats
@@ -111,17 +111,17 @@ class CellQuality:
         return len(self.size)
 
     def subset(self, numbers: Ints | slice) -> CellQuality:
-        """Of the cells with the given numbers only, in that order."""
+        """The quality of the cells with the given numbers only, in that order."""
         rest = None if self.rest is None else self.rest[numbers]
         return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
 
     @property
     def relative_skew(self) -> Floats:
-        """Skew relative to that at rest (m,), at most 1; InvalidInput where the skews at rest are not known."""
+        """Skew relative to that at rest (m,), at most 1; InvalidInput if the skews at rest are not known."""
         return np.minimum(self.skew / _known(self.rest), 1.0)
 
     def relative_extremes(self) -> tuple[float, float]:
-        """The smallest relative skew, 0 of an inverted cell, and the smallest size."""
+        """The smallest relative skew (0 for an inverted cell) and the smallest size."""
         relative = np.where(self.inverted, 0.0, self.relative_skew)
         return float(relative.min()), float(self.size.min())
 
@@ -131,7 +131,7 @@ class CellQuality:
         Raises
         ------
         InvalidInput
-            On an unknown name, or one that needs the cells' skews at rest where they are not known.
+            On an unknown name, or one that needs the cells' skews at rest if they are not known.
         """
         code, skew = metric_code(name), self.skew
         if name in ("size", "skew"):
@@ -145,7 +145,7 @@ class CellQuality:
 
 @dataclass(frozen=True, eq=False)
 class CellsAtRest:
-    """What the cells of the reference mesh are measured by.
+    """Sizes and skews of the cells in the reference mesh; moved cells are measured against them.
 
     Attributes
     ----------
@@ -186,7 +186,7 @@ def skews_of(rest: AtRest) -> Floats | None:
 
 
 def rest_for(metric: str, rest: AtRest) -> AtRest:
-    """Of the cells at rest what a metric needs: the sizes alone, but for "relative-size-skew"."""
+    """The data of the cells at rest that a metric needs: the sizes alone, except for "relative-size-skew"."""
     metric_code(metric)
     if metric != _RELATIVE:
         return sizes_of(rest)
@@ -195,14 +195,14 @@ def rest_for(metric: str, rest: AtRest) -> AtRest:
 
 
 class Extremes(NamedTuple):
-    """What one pass over a mesh says without storing anything.
+    """The result of one pass over a mesh that stores nothing per cell.
 
     Attributes
     ----------
     minimum : float
         The smallest value of the metric.
     cell : int
-        The cell it belongs to; of equal ones the first.
+        The cell with this value; of equal cells the first.
     inverted : int
         Number of inverted cells.
     """
@@ -222,7 +222,7 @@ def metric_code(name: str) -> int:
 
 
 def uses_angles(cell_type: CellType) -> bool:
-    """Whether the angles between its edges make a cell type's skew, and not the mean ratio."""
+    """Whether the skew of a cell type follows from the angles between its edges, not from the mean ratio."""
     return cell_type.name in ("quad", "hexahedron", "wedge")
 
 
@@ -238,14 +238,14 @@ def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
 
 
 def judged(cells: CellTable, rest: AtRest) -> tuple[list[Ints], Floats, Floats]:
-    """What loops over all cells take: the nodes of each block, the reference sizes, and the skews at rest, if known."""
+    """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews at rest if known."""
     skews = skews_of(rest)
     nodes = [np.ascontiguousarray(block.nodes) for block in cells]
     return nodes, np.ascontiguousarray(sizes_of(rest)), _NO_SKEWS if skews is None else np.ascontiguousarray(skews)
 
 
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
-    """Points as the compiled loops want them; InvalidInput if they are not (n, d) with the cells' dimension."""
+    """Points in the form that compiled loops need; InvalidInput if they are not (n, d) with the cells' dimension."""
     positions = np.ascontiguousarray(points, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != dimension:
         raise InvalidInput(
@@ -257,7 +257,7 @@ def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
 
 
 def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
-    """Σ_k det A_k of every cell of the reference mesh: what τ is measured against.
+    """Σ_k det A_k of every cell of the reference mesh: the reference of τ.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes
     points : (n, d) array, mesh length unit
     cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
-        From :func:`reference_sizes` or :func:`cells_at_rest` of the mesh that cells are measured against; non-zero.
+        From :func:`reference_sizes` or :func:`cells_at_rest` of the reference mesh; non-zero.
     """
     positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
     out = empty_quality(len(cells))
@@ -310,7 +310,7 @@ def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes
 def subset_quality(
     points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, numbers: NDArray[np.integer]
 ) -> CellQuality:
-    """As :func:`cell_quality` for the cells with the given numbers (s,) only, in that order; cost follows s."""
+    """As :func:`cell_quality` for the cells with the given numbers (s,) only, in that order; the cost is O(s)."""
     positions = as_positions(points, cells.dimension)
     chosen, sizes, skews = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes), skews_of(reference_sizes)
     out = empty_quality(len(chosen))
@@ -354,7 +354,7 @@ def _block_quality(points: Floats, nodes: Ints, reference: Floats, out: CellQual
 
 
 def _chosen_quality(points: Floats, block: CellBlock, chosen: Ints, reference: Floats, out: CellQuality) -> None:
-    """Quality of the cells of a block with the given numbers (s,) in it."""
+    """Quality of the cells with the given numbers (s,) in a block."""
     kernels.chosen_quality(
         points,
         np.ascontiguousarray(block.nodes),

@@ -1,9 +1,9 @@
-"""Cells listed in either orientation: those listed the other way round are read as their mirror image, as solvers do.
+"""Cells listed in either orientation: cells in the opposite orientation are mirrored, as solvers do.
 
-A cell is listed the other way round where the determinant at each of its corners is negative; with any other sign it
-is kept, and judged by :mod:`.mesh_check`. In a mesh that is folded such cells are no mistake of the list: once they
-are mirrored, they and their neighbours lie on the same side of a facet, which
-:func:`~mesh_motion_server.numerics.mesh.boundary_facets.boundary_facets` finds.
+A cell has the opposite orientation if the determinant at each of its corners is negative; any other cell is kept, and
+:mod:`.mesh_check` judges it. In a folded mesh such cells are really inverted: after mirroring, they and their
+neighbours lie on the same side of a facet, which
+:func:`~mesh_motion_server.numerics.mesh.boundary_facets.boundary_facets` detects.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class OrientedCells(NamedTuple):
     Attributes
     ----------
     cells : CellTable
-        The same table where none was listed the other way round.
+        The same table object if no cell was mirrored.
     sizes : (m,) array
         Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`.
     mirrored : (k,) int64 array
@@ -51,7 +51,7 @@ class OrientedCells(NamedTuple):
 
     @property
     def warnings(self) -> list[str]:
-        """What was done, in one line, or none."""
+        """One line about the mirrored cells, or none."""
         counts = np.histogram(self.mirrored, [*self.cells.offsets])[0]
         found = [
             f"{count} of {len(block)} {_plural(block.type.name)}"
@@ -66,7 +66,7 @@ class OrientedCells(NamedTuple):
 
 
 def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
-    """Mirror the cells that are listed the other way round.
+    """Mirror the cells in the opposite orientation.
 
     Parameters
     ----------
@@ -88,13 +88,13 @@ def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
 
 
 def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[CellTable, CellsAtRest]:
-    """The cells in one orientation, and what quality is measured by; parameters as for :func:`oriented`."""
+    """The cells in one orientation, and their sizes and skews at rest; parameters as for :func:`oriented`."""
     read = oriented(points, cells)
     return read.cells, cells_at_rest(points, read.cells, read.sizes)
 
 
 def _mirrored(cells: CellTable, numbers: NDArray[np.int64]) -> CellTable:
-    """The cells, those with these numbers as their mirror images."""
+    """The cells, with those of these numbers replaced by their mirror images."""
     blocks = []
     for block, first in zip(cells, cells.offsets, strict=False):
         rows = numbers[(numbers >= first) & (numbers < first + len(block))] - first

@@ -1,7 +1,7 @@
 """The quality a mesh would have after a displacement, before any node moves (thesis chapter 3).
 
 A corner Jacobian A becomes ``A + [S(x_a) - S(x_k), S(x_b) - S(x_k), …]`` with the displacement S of the nodes at x_k:
-thesis (3.1)–(3.4). The predictors differ in what they know of S:
+thesis (3.1)–(3.4). The predictors differ in what they use of S:
 
 ===========================  ==================================================  ===============  ================
 predictor                    new Jacobian                                        triangle, tetra  line, quad,
@@ -12,11 +12,11 @@ predictor                    new Jacobian                                       
 ``trial-nodes``              from the displacements of the nodes                 exact            exact
 ===========================  ==================================================  ===============  ================
 
-The thesis takes (3.20) to be of second order on triangles (Fig. 3.10). It is of first: a corner's edges have their
-midpoints O(h) away from the centre of a simplex, while the errors of opposite corners of a quad cancel. ``trial-nodes``
-is the default: it is exact, and a mesh of tetrahedra has five to six times fewer nodes than cells.
+The thesis takes (3.20) to be of second order on triangles (Fig. 3.10). It is of first order: the midpoints of a
+corner's edges are O(h) away from the centre of a simplex, while the errors of opposite corners of a quad cancel.
+``trial-nodes`` is the default: it is exact, and a mesh of tetrahedra has five to six times fewer nodes than cells.
 
-A Move predicts by ``trial-nodes``; the others serve the thesis' studies.
+A motion is predicted by ``trial-nodes``; the other predictors serve the thesis' studies.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Cells handled at a time by the gradient predictors: bounds their memory, whatever the size of the mesh.
+# Cells per batch of the gradient predictors: bounds their memory for any size of the mesh.
 _BATCH = 32768
 
 
@@ -102,7 +102,7 @@ class InterpolantField:
 def predict(
     name: str, points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, field: DisplacementField
 ) -> CellQuality:
-    """Quality of every cell after the displacement, without displacing a node.
+    """Quality of every cell after the displacement, without moving a node.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def transformed_quality(
 def _centre_gradient(
     points: Floats, cells: CellTable, reference_sizes: Floats, field: DisplacementField
 ) -> CellQuality:
-    """Thesis (3.20), (3.27): one gradient for a cell."""
+    """Thesis (3.20), (3.27): one gradient for each cell."""
     out = empty_quality(len(cells))
     for _, nodes, rows in _batches(cells):
         gradients = field.gradient(points[nodes].mean(axis=1))
@@ -182,7 +182,7 @@ def _transform(
 def _edge_midpoint_gradient(
     points: Floats, cells: CellTable, reference_sizes: Floats, field: DisplacementField
 ) -> CellQuality:
-    """One gradient for an edge: the midpoint rule for S(x_a) - S(x_k) = ∫ ∇S e ds, hence of second order."""
+    """One gradient for each edge: the midpoint rule for S(x_a) - S(x_k) = ∫ ∇S e ds, hence of second order."""
     out = empty_quality(len(cells))
     for cell_type, nodes, rows in _batches(cells):
         ends, columns = _corner_edges(nodes, cell_type)
@@ -201,7 +201,7 @@ def _edge_midpoint_gradient(
 
 
 def _trial_nodes(points: Floats, cells: CellTable, reference_sizes: Floats, field: DisplacementField) -> CellQuality:
-    """Thesis (3.2) for the nodes: nothing is neglected."""
+    """Thesis (3.2) for the nodes, exact."""
     return cell_quality(points + field.displacement(points), cells, reference_sizes)
 
 
@@ -214,7 +214,7 @@ PREDICTORS: dict[str, Callable[[Floats, CellTable, Floats, DisplacementField], C
 
 
 def _batches(cells: CellTable) -> Iterator[tuple[CellType, Ints, slice]]:
-    """Runs of cells of one type with their cell numbers."""
+    """Batches of cells of one type with their cell numbers."""
     for block, rows in block_slices(cells):
         for first in range(0, len(block), _BATCH):
             nodes = block.nodes[first : first + _BATCH]

@@ -63,7 +63,7 @@ class WorstCell:
     centre : tuple of d floats
         Mean of the cell's nodes, mesh length unit.
     value : float
-        Of the metric the summary ranks by.
+        Value of the metric that ranks the cells.
     size, skew, size_skew : float
     """
 
@@ -89,12 +89,12 @@ class Minimum:
 
 @dataclass(frozen=True)
 class LowestQuality:
-    """What decides about a mesh: its worst cells, without the distributions; all exact.
+    """The worst cells of a mesh, which decide about it, without the distributions; all exact.
 
     Attributes
     ----------
     metric_name : str
-        The metric that ``metric`` and ``worst`` are about.
+        The metric of ``metric`` and ``worst``.
     metric : Minimum
     inverted, cells, worst
         As in :class:`QualitySummary`.
@@ -119,14 +119,14 @@ class QualitySummary:
     Attributes
     ----------
     metric_name : str
-        The metric that ``metric`` and ``worst`` are about.
+        The metric of ``metric`` and ``worst``.
     metric, size, skew, size_skew : Distribution
     inverted : int
         Number of cells with a corner determinant ≤ 0.
     cells : int
         Number of cells.
     worst : tuple of WorstCell
-        Worst first; of equal ones the lower cell number.
+        Worst first; of equal cells the lower number first.
     """
 
     metric_name: str
@@ -148,7 +148,7 @@ class QualitySummary:
         cells: int,
         worst: tuple[WorstCell, ...],
     ) -> QualitySummary:
-        """From the distributions of :func:`reported_metrics`, by name."""
+        """Build it from the distributions of :func:`reported_metrics`, by name."""
         size, skew, size_skew = (found[name] for name in ("size", "skew", "size-skew"))
         return cls(metric, found[metric], size, skew, size_skew, inverted, cells, worst)
 
@@ -158,19 +158,19 @@ class QualitySummary:
         return {"size": self.size, "skew": self.skew, "size_skew": self.size_skew, "metric": self.metric}
 
 
-#: What is said of a mesh: all of it, or what decides.
+#: The quality of a mesh: complete, or only its worst cells.
 Judgement = QualitySummary | LowestQuality
 
 
 class Judge(Protocol):
-    """Says how good a mesh is whose nodes it may already have."""
+    """Judges the quality of a mesh; it may already have the nodes."""
 
     def summary(self, points: NDArray[np.float64], metric: str) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
 
 
 def reported_metrics(metric: str) -> list[str]:
-    """The metrics whose distributions a report has, that of the session at the end if it is none of the others."""
+    """The metrics whose distributions a report has; the session's metric is last if it is none of the others."""
     return list(dict.fromkeys(("size", "skew", "size-skew", metric)))
 
 
@@ -186,12 +186,12 @@ def smallest(values: Floats, count: int) -> Ints:
 
 
 def percentile_ranks(count: int) -> list[int]:
-    """Ranks, from 0 in ascending order, of the percentiles p1, p5 and p50 of so many values."""
+    """Ranks, from 0 in ascending order, of the percentiles p1, p5 and p50 of ``count`` values."""
     return [p * (count - 1) // 100 for p in _PERCENTILES]
 
 
 def worst_cells(numbers: Ints, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
-    """The cells with these numbers (s,), their quality and centres (s, d)."""
+    """The worst-cell records for cell numbers (s,), with their quality and centres (s, d)."""
     columns = [quality.metric(name).tolist() for name in (metric, "size", "skew", "size-skew")]
     return tuple(
         WorstCell(number, tuple(centre), *values)

@@ -1,7 +1,7 @@
 """Point reduction: the displacement of a boundary from few of its nodes (thesis §2.2).
 
-One algorithm a module, all called ``reduce(problem) -> Reduced``; :data:`REDUCTIONS` chooses by name. What an
-algorithm leaves at the boundary nodes is in ``Reduced.error``.
+One algorithm per module, all called ``reduce(problem) -> Reduced``; :data:`REDUCTIONS` chooses by name. The error that
+remains at the boundary nodes is in ``Reduced.error``.
 """
 
 from __future__ import annotations

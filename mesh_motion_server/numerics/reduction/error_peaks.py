@@ -36,7 +36,7 @@ def reduce(problem: ReductionProblem, *, share: float = PEAK_SHARE) -> Reduced:
         if progress.record(len(selected), error):
             return Reduced((level,), selected, error, tuple(progress.history))
         size = lengths(error)
-        size[selected] = -1.0  # what is left there is rounding
+        size[selected] = -1.0  # the error there is only rounding
         peaks = error_peaks(size, neighbours)
         peaks = peaks[size[peaks] >= max(share * size.max(), problem.allowed_error, 0.0)]
         selected = np.concatenate([selected, peaks[: problem.limit - len(selected)]])

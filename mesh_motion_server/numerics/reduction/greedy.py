@@ -33,5 +33,5 @@ def reduce(problem: ReductionProblem) -> Reduced:
         if progress.record(len(selected), error):
             return Reduced((level,), selected, error, tuple(progress.history))
         size = lengths(error)
-        size[selected] = -1.0  # what is left there is rounding
+        size[selected] = -1.0  # the error there is only rounding
         selected = np.append(selected, np.argmax(size))

@@ -1,9 +1,9 @@
 """The grouping-circular-based greedy algorithm: the errors of one group of nodes at a time (thesis §2.2.3, Fig 2.8).
 
-The boundary nodes are dealt into m groups. Each iteration computes the errors of *one* group only and adds the node of
-its largest; the next iteration looks at the next group, cyclically. So every node has its say, for ``N_c N_b / m``
-values of φ an iteration instead of ``N_c N_b``. It ends when a whole cycle is within the tolerance with no node added
-in between: then all nodes are.
+The boundary nodes are divided into m groups. Each iteration computes the errors of *one* group only and adds its node
+of largest error; the next iteration uses the next group, cyclically. So every node is tested, with ``N_c N_b / m``
+values of φ per iteration instead of ``N_c N_b``. It ends when a whole cycle is within the tolerance and no node was
+added in between: then all nodes are within it.
 
 References
 ----------
@@ -30,7 +30,7 @@ _MAX_GROUPS = 32
 
 
 def default_groups(n_points: int) -> int:
-    """m for so many boundary nodes."""
+    """m for this number of boundary nodes."""
     return max(1, min(_MAX_GROUPS, n_points // _MIN_GROUP))
 
 
@@ -66,7 +66,7 @@ def select(problem: ReductionProblem, m: int, progress: Progress) -> NDArray[np.
         if worst is not None:
             progress.count(solve=growing.append(worst))
             free[worst] = False
-        # dealt like cards, so that every group is spread over all surfaces
+        # nodes are assigned to the groups in turn, so that every group is spread over all surfaces
         group = turn + m * np.flatnonzero(free[turn::m])
         turn = (turn + 1) % m
         worst, within = None, within + 1

@@ -38,7 +38,7 @@ class GrowingSet:
 
     @property
     def selected(self) -> Indices:
-        """(count,) nodes in the order they came."""
+        """(count,) nodes in the order of selection."""
         return self._selected[: self.count]
 
     @property
@@ -47,16 +47,16 @@ class GrowingSet:
         return self._weights[: self.count]
 
     def errors(self, nodes: Indices) -> Floats:
-        """(len(nodes), k) what is left there, thesis (2.12)."""
+        """(len(nodes), k) errors at the nodes, thesis (2.12)."""
         return self._problem.displacement[nodes] - self._problem.columns(self.selected, rows=nodes) @ self.weights
 
     def append(self, node: int) -> float:
-        """Append a node; the multiply-adds it took.
+        """Append a node; return the number of multiply-adds.
 
         Raises
         ------
         NumericalError
-            If nothing is left of its pivot but rounding.
+            If its pivot is only rounding.
         """
         n = self.count
         self._reserve(n + 1)
@@ -75,7 +75,7 @@ class GrowingSet:
         return float(n) * n  # two products with a triangle
 
     def _reserve(self, size: int) -> None:
-        """Room for so many nodes."""
+        """Allocate memory for ``size`` nodes."""
         room = len(self._inverse)
         if size > room:
             self._inverse = np.pad(self._inverse, (0, room))

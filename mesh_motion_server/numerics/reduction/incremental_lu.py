@@ -47,7 +47,7 @@ def reduce(problem: ReductionProblem) -> Reduced:
         if progress.record(len(selected), error):
             return Reduced((level,), selected, error, tuple(progress.history))
         size = lengths(error)
-        size[selected] = -1.0  # what is left there is rounding
+        size[selected] = -1.0  # the error there is only rounding
         node = int(np.argmax(size))
 
 
@@ -72,7 +72,7 @@ class GrowingLU:
         Raises
         ------
         NumericalError
-            If the new pivot is lost in rounding.
+            If the new pivot is only rounding.
         """
         n, column = self.order, np.ascontiguousarray(column)
         if n == len(self._forward):
@@ -102,7 +102,7 @@ class GrowingLU:
         return n * n + self._forward.shape[1] * (n + 0.5 * n * n)
 
     def _enlarge(self) -> None:
-        """Room for twice the order."""
+        """Allocate memory for twice the order."""
         n = self.order
         lower, upper = np.eye(2 * n), np.zeros((2 * n, 2 * n))
         lower[:n, :n], upper[:n, :n] = self._lower, self._upper_transposed

@@ -1,4 +1,4 @@
-"""A sum of interpolants, each of what those before it left; shared by the algorithms that work in levels."""
+"""A sum of interpolants, each of the error of those before it; shared by the algorithms that work in levels."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class LevelSum:
         self.centres = 0
 
     def require_compact(self, name: str) -> None:
-        """Raise InvalidInput if the levels' radii would mean nothing."""
+        """Raise InvalidInput if the basis has no compact support, so that the levels' radii have no meaning."""
         if not self._problem.row.compact:
             raise InvalidInput(
                 f"reduction {name!r} needs a basis of compact support, not {self._problem.basis!r}",
@@ -61,7 +61,7 @@ class LevelSum:
         return self.add(selected, self._problem.support_radius)
 
     def append(self, level: Level, selected: Indices, *, solve_operations: float) -> bool:
-        """Append a level on the selected nodes, found for so many multiply-adds; as :meth:`add`."""
+        """Append a level on the selected nodes, with its cost in multiply-adds; as :meth:`add`."""
         problem = self._problem
         self.error -= problem.values(level)
         self._levels.append(level)

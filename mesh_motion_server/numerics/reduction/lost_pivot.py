@@ -1,4 +1,4 @@
-"""A pivot of which rounding left nothing: its point cannot be told from the selected ones."""
+"""A pivot that is only rounding: its point is numerically equal to a selected one."""
 
 from __future__ import annotations
 

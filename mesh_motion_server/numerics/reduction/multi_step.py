@@ -1,4 +1,4 @@
-"""The multi-step interpolation of Floater and Iske: from coarse to fine, each level on what the last one left.
+"""The multi-step interpolation of Floater and Iske: from coarse to fine, each level on the error of the last one.
 
     X_1 ⊂ X_2 ⊂ …        nested subsets of the boundary nodes, each well separated
     s_k on X_k            interpolates the displacement minus s_1 + … + s_(k−1), with the support radius R / 2^(k−1)

@@ -7,8 +7,8 @@ points times M, not with its square. A level's nodes are chosen greedily, two at
 of the largest error, and the *other edge*, the node whose error is most opposed to it.
 
 Levels share one support radius and are not orthogonal to each other: together they hold more control points than one
-interpolant of the same error, and a node may serve in several levels. Should they need as many as there are boundary
-nodes, reducing does not pay, and all nodes are interpolated at once.
+interpolant of the same error, and a node may be in several levels. If they need as many as there are boundary nodes, a
+reduction saves nothing, and all nodes are interpolated at once.
 
 References
 ----------
@@ -39,7 +39,7 @@ POINTS_PER_LEVEL = 128
 
 
 def reduce(problem: ReductionProblem, *, points_per_level: int = POINTS_PER_LEVEL) -> Reduced:
-    """Add levels of so many points until the tolerance is met.
+    """Add levels of a fixed number of points until the tolerance is met.
 
     ``max_points`` bounds the control points of all levels together.
     """

@@ -100,7 +100,7 @@ class _Corrections:
         return level, self.progress.record(len(selected), self.error)
 
     def _correct(self, node: int) -> None:
-        """Take the error at a node away, thesis (2.8)–(2.10)."""
+        """Remove the error at a node, thesis (2.8)–(2.10)."""
         problem, beta = self.problem, self.error[node] / self._at_zero
         self._worst = kernels.subtract_function(
             problem.row.code, self._points, node, 1.0 / problem.support_radius, beta, self.error, self._size

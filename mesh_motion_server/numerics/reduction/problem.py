@@ -1,4 +1,4 @@
-"""What every point reduction takes and gives (thesis §2.2.1–2.2.3).
+"""The input and result of every point reduction (thesis §2.2.1–2.2.3).
 
 A reduction interpolates the displacement of all boundary nodes from few of them. All algorithms have one calling
 convention, ``reduce(problem) -> Reduced``, so that they can be exchanged by name and compared on one footing.
@@ -33,7 +33,7 @@ Level = Interpolant
 
 @dataclass(frozen=True, eq=False)
 class ReductionProblem:
-    """Displacements of boundary nodes that few of them shall reproduce.
+    """Displacements of boundary nodes, to be reproduced from few of them.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class ReductionProblem:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where an algorithm stood once it had errors at the boundary nodes.
+    """The state of an algorithm each time it has computed errors at the boundary nodes.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class Reduced:
 
 
 def _squared_lengths(vectors: Floats) -> Floats:
-    """(n,) of (n, k)."""
+    """(n,) squared lengths of (n, k) vectors."""
     return np.asarray(np.einsum("ij,ij->i", vectors, vectors))
 
 

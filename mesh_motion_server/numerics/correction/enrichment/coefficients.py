@@ -6,8 +6,8 @@ coefficients that minimise the p-mean of the distortion (:mod:`.correction.disto
 the same projected Gauss–Newton as free nodes, with its steps restricted to the space of the ψ: a dense system of at
 most 2 K d² unknowns.
 
-On a large mesh only a working set of cells enters: the worst ones and a sample of the others. The result is judged on
-all cells, and those that turn out worse than the working set join it.
+On a large mesh only a working set of cells is used: the worst cells and a sample of the others. The result is judged on
+all cells, and cells that are worse than the working set join it.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ RADIUS_CYCLE = (1.0, 2.0)
 
 _ROUNDS = 4
 _DEPENDENT = 3e-6  # singular values below this share of the largest; ten times as much costs up to 6 % of the quality
-_RIDGES = (1e-6, 1e-4, 1e-2)  # beside a unit diagonal
+_RIDGES = (1e-6, 1e-4, 1e-2)  # added to a unit diagonal
 
 
 def optimised_placement(start: Floats, cells: CellTable, quality: Floats, *, count: int, radius: float) -> Placement:
     """Enrichment points for :func:`optimised_enrichment`, at bad cells (quality (m,)) far from each other.
 
-    Badness enters squared: it gives up to a tenth more of the ceiling in 3D than once, and the same in 2D.
+    The badness is squared: in 3D this gives up to a tenth more of the best possible quality, in 2D the same.
     """
     squared = 1.0 - (1.0 - np.clip(quality, -1.0, 1.0)) ** 2
     placement = spread_placement(start, cells, squared, count=count, radius=radius)
@@ -76,8 +76,9 @@ class Enriched:
 class _SpaceSteps:
     """Newton steps within the span of functions (f, s) at the free nodes.
 
-    The functions are nearly dependent. An orthonormal basis of what they tell apart is so well conditioned that the
-    Hessian can be reduced in single precision, which takes two thirds (20 points) to a third (60) of the time.
+    The functions are nearly dependent. An orthonormal basis of their span without its negligible directions is so well
+    conditioned that the Hessian can be reduced in single precision, in two thirds (20 points) to a third (60) of the
+    time.
     """
 
     def __init__(self, functions: Floats) -> None:
@@ -135,7 +136,7 @@ def optimised_enrichment(
     ----------
     mesh : TrialMesh
     start, standard : (n, d) arrays, mesh length unit
-        Positions before the motion, and where the standard motion would put the nodes.
+        Positions before the motion, and those of the standard motion.
     space : EnrichmentSpace
         Over the positions ``start``.
     target : float
@@ -158,7 +159,7 @@ def optimised_enrichment(
 
 
 def _working_set(quality: Floats) -> NDArray[np.bool_]:
-    """Mark (m) the cells that enter: all, or half of the places for the worst and half for a sample of the rest."""
+    """Mark (m) the cells to use: all, or one half the worst cells and one half a sample of the rest."""
     chosen = np.ones(len(quality), dtype=bool)
     if len(quality) > WHOLE_CELLS:
         chosen[:] = False

@@ -1,12 +1,12 @@
-"""The thesis' Algorithm 1: which change of the displacement gradient makes a bad cell better.
+"""The thesis' Algorithm 1: which change of the displacement gradient improves a bad cell.
 
-The scaling factors of a cell are the eigenvalues of ``B = I + J``. A factor ≤ 0 becomes +0.1; without one, the smaller
-gains 0.1. The directions V stay: ``B_new = V Λ_new V⁻¹``, ``dJ = B_new - B`` (thesis (5.13), (5.14)).
+The scaling factors of a cell are the eigenvalues of ``B = I + J``. A factor ≤ 0 becomes +0.1; if there is none, the
+smaller factor gains 0.1. The directions V stay: ``B_new = V Λ_new V⁻¹``, ``dJ = B_new - B`` (thesis (5.13), (5.14)).
 
-The printed algorithm sets ``λ ← −0.1`` in a loop that would not end; +0.1 is what its text and comment say. Two cases
-it leaves open are settled here. A complex pair is a rotation: the pair gains 0.1 together, 0.05 along each of its two
-directions, which is the real part of V Λ_new V⁻¹. (Nearly) equal eigenvalues whose directions are parallel, a pure
-shear, would ask for an unbounded change; they are treated as the complex pair that they are the limit of.
+The printed algorithm sets ``λ ← −0.1`` in a loop that would not end; its text and comment say +0.1. Two cases that it
+does not define are handled here. A complex pair is a rotation: the pair gains 0.1 together, 0.05 along each of its two
+directions, which is the real part of V Λ_new V⁻¹. (Nearly) equal eigenvalues with parallel directions, a pure shear,
+would need an unbounded change; they are treated as a complex pair, of which they are the limit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 INCREMENT = 0.1
 """The thesis' constant, both as the new value of a factor ≤ 0 and as the gain of the smaller one."""
 
-# Condition of V from which directions count as parallel: the change is 10 times what a symmetric B would get.
+# From this condition number of V on, directions count as parallel: the change is 10 times that of a symmetric B.
 _PARALLEL = 100.0
 
 

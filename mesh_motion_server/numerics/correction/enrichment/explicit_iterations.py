@@ -1,15 +1,16 @@
 """The thesis' method of explicit iterations (§5.3): one enrichment point at a time, until the prediction is good.
 
-Each iteration takes the worst predicted cell, asks a correction by decomposition (Algorithm 1 by default, see
-:data:`~.stretch_correction.CELL_CORRECTIONS`) for the change dJ of the displacement gradient that makes this cell
-better, and adds an enrichment point at its centre with the coefficients ``relaxation × dJ / c`` (5.17; at its point ∇H
-is c times the identity, c = 1 for H1). The boundary condition is kept by (5.16): the
-RBF weights take up what the enrichment does to the boundary nodes. Earlier points stay; the boundary's matrix is
-factorized once. The best predicted iterate is the result, since improving one place may worsen another.
+Each iteration takes the worst predicted cell, computes by a decomposition (Algorithm 1 by default, see
+:data:`~.stretch_correction.CELL_CORRECTIONS`) the change dJ of the displacement gradient that improves this cell, and
+adds an enrichment point at its centre with the coefficients ``relaxation × dJ / c`` (5.17; at its point ∇H is c times
+the identity, c = 1 for H1). By (5.16) the boundary condition still holds: the RBF weights compensate the enrichment at
+the boundary nodes. Earlier points stay; the boundary's matrix is factorized once. The best predicted iterate is the
+result, since improving one place may worsen another.
 
-The thesis predicts with the gradients at the cell centres. That prediction passes a threshold before the mesh does
+The thesis predicts with the gradients at the cell centres. That prediction reaches a threshold before the mesh does
 (rotation case of Table 5.6 after 15 iterations: predicted 0.28, actual 0.12), so the default here predicts with trial
-nodes, which is exact, needs a few more iterations and reaches more. Both values are reported for every iterate.
+nodes, which is exact, needs a few more iterations and reaches a better quality. Both values are reported for every
+iterate.
 """
 
 from __future__ import annotations
@@ -51,13 +52,13 @@ class ExplicitSettings:
     threshold : float
         Stop when the predicted minimum reaches it.
     max_points : int
-        At most so many iterations, each of which adds a point; the thesis takes 20.
+        Largest number of iterations, each of which adds a point; the thesis uses 20.
     metric : str
         Chooses the worst cell and is compared with the threshold; the thesis' 2D results are about ``size``.
     relaxation : float
-        Over-relaxation of the coefficients; 1.3 to 2 work, the thesis does not print its own.
+        Over-relaxation of the coefficients; 1.3 to 2 work, the thesis does not give its value.
     predictor : str
-        One of :data:`~mesh_motion_server.numerics.quality.prediction.PREDICTORS`; the thesis' is ``centre-gradient``.
+        One of :data:`~mesh_motion_server.numerics.quality.prediction.PREDICTORS`; the thesis uses ``centre-gradient``.
     function : {"H1", "H2", "H3"}
         Enrichment function.
     decomposition : {"eigen", "polar", "svd", "qr"}
@@ -81,12 +82,12 @@ class ExplicitSettings:
             raise InvalidInput(f"unknown predictor {self.predictor!r}; known are {', '.join(PREDICTORS)}")
         if self.decomposition not in CELL_CORRECTIONS:
             raise InvalidInput(f"unknown decomposition {self.decomposition!r}; known are {', '.join(CELL_CORRECTIONS)}")
-        functions.slope_at_point(self.function, self.enrichment_radius)  # knows the functions
+        functions.slope_at_point(self.function, self.enrichment_radius)  # refuses unknown functions
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """One iterate: minimum of the metric as predicted and as the displaced mesh has it, and the next worst cell."""
+    """One iterate: predicted minimum of the metric, that of the displaced mesh, and the next worst cell."""
 
     predicted: float
     actual: float
@@ -105,7 +106,7 @@ class ExplicitResult:
     coefficients : (K, d, d) array
         ``[:, m, i]``: α, β of (5.15), the factor of H_m in component i of the displacement.
     best : int
-        Which iterate it is; 0 is the standard motion.
+        Number of this iterate; 0 is the standard motion.
     reached : bool
         Whether its prediction is at or above the threshold.
     history : tuple of Iterate
@@ -176,7 +177,7 @@ class SumField:
 
 @dataclass
 class _Trial:
-    """The motion with the points added so far; nothing of it has moved a node of the mesh."""
+    """The motion with the points added so far; no node of the mesh has moved yet."""
 
     problem: CorrectionProblem
     settings: ExplicitSettings
@@ -203,7 +204,7 @@ class _Trial:
         return mean_gradient(self.problem.start, self.positions, self.problem.cells, cell)
 
     def add(self, centre: Floats, change: Floats) -> None:
-        """Add an enrichment point that changes the gradient by (d, d) at its centre; held nodes do not feel it."""
+        """Add an enrichment point that changes the gradient by (d, d) at its centre; held nodes do not move."""
         p, radius, function = self.problem, self.settings.enrichment_radius, self.settings.function
         coefficients = change.T / functions.slope_at_point(function, radius)
         term = EnrichmentTerm.build(centre, radius, coefficients, p.factorization, p.evaluator, function=function)
@@ -221,7 +222,7 @@ def explicit_iterations(
     problem : CorrectionProblem
     settings : ExplicitSettings
     standard : DisplacementField, optional
-        The standard motion as a field from ``problem.start``; needed by the predictors that take gradients.
+        The standard motion as a field from ``problem.start``; the predictors that use gradients need it.
 
     Raises
     ------
@@ -238,7 +239,7 @@ def explicit_iterations(
         centre = problem.cells.centres(problem.start, np.array([cell]))[0]
         gradient = trial.gradient(cell, centre)
         if not np.isfinite(gradient).all():
-            break  # the motion itself is no number; nothing local mends that
+            break  # the motion itself is not finite; no local change repairs that
         trial.add(centre, settings.relaxation * CELL_CORRECTIONS[settings.decomposition](gradient))
         history.append(_iterate(trial))
         if history[-1].predicted > history[best].predicted:

@@ -6,8 +6,8 @@ With φ Wendland's C2 function of r/R_l and ρ = x − x_c, component m of each 
 - ``H2_m = ∂φ/∂x_m = −20 ρ_m (R_l − r)³ / R_l⁵``;
 - ``H3_m = ∂φ/∂x_m φ``.
 
-All vanish at their point and beyond R_l. (4.7) as printed has ρ² for ρ and R_l − r³ for (R_l − r)³; the forms here are
-the ones its figures and Table 4.1 were made with.
+All vanish at their point and beyond R_l. (4.7) as printed has ρ² for ρ and R_l − r³ for (R_l − r)³; the figures and
+Table 4.1 of the thesis use the forms given here.
 """
 
 from __future__ import annotations

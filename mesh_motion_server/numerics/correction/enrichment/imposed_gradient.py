@@ -1,8 +1,8 @@
 """Imposed-gradient correction in one dimension (thesis chapter 4).
 
 An enrichment point x_c adds one function H(x − x_c, R_l) and one condition: there the displacement has the slope J of a
-straight line between the two boundary nodes that bracket it. Together with the boundary conditions that is one linear
-system for the weights γ and the enrichment's coefficients β, thesis (4.2), (4.3), (4.9)::
+straight line between the two boundary nodes that bracket it. With the boundary conditions this gives one linear system
+for the weights γ and the enrichment's coefficients β, thesis (4.2), (4.3), (4.9)::
 
     [ φ_bb    H_bc  ] [ γ ]   [ d_b ]
     [ ∇φ_cb   ∇H_cc ] [ β ] = [  J  ]
@@ -98,7 +98,7 @@ def bracketing_slopes(boundary: Array, displacement: Array, enrichment_points: A
     Parameters
     ----------
     boundary, displacement : (nb,) arrays, mesh length unit
-        All boundary nodes with a prescribed displacement, those that stay included; any order.
+        All boundary nodes with a prescribed displacement, fixed nodes included; any order.
     enrichment_points : (nc,) array, mesh length unit
 
     Raises
@@ -143,9 +143,9 @@ def solve_imposed_gradient(
     Raises
     ------
     InvalidInput
-        On an unusable basis, function or radius, or a point between no two boundary nodes.
+        On an unusable basis, function or radius, or a point that does not lie between two boundary nodes.
     NumericalError
-        If the system is singular: an enrichment point on another one, or without influence.
+        If the system is singular: two enrichment points coincide, or one has no influence.
     """
     if slopes_at_points is None:
         slopes_at_points = bracketing_slopes(boundary, displacement, enrichment_points)

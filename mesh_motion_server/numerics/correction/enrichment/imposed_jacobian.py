@@ -1,20 +1,20 @@
 """Imposed gradients in two and three dimensions (thesis §5.1.2): the chapter 4 system with d × d Jacobians.
 
-At every enrichment point the displacement is given a Jacobian J_S (5.5), which with the boundary conditions makes one
-system for the weights γ and the coefficients α, β, … (5.4), (5.6), the last of which are here the rows of C::
+At every enrichment point a Jacobian J_S (5.5) is imposed on the displacement. With the boundary conditions this gives
+one system for the weights γ and the coefficients α, β, … (5.4), (5.6), which are here the rows of C::
 
     [ φ_bb    H_bc  ] [ γ ]   [ d_b ]
     [ ∇φ_cb   ∇H_cc ] [ C ] = [ J_S ]
 
-Its first row is eliminated with the factorization that the motion has anyway: with the functions ψ of
-:mod:`.space` the displacement is ``S + ψ C``, S the standard motion, and ``∇ψ_cc C = J_S − ∇S_c`` is left, K d unknowns
-for each component in any dimension d and for any solver.
+The existing factorization of the motion eliminates its first row: with the functions ψ of :mod:`.space` the
+displacement is ``S + ψ C``, S the standard motion. ``∇ψ_cc C = J_S − ∇S_c`` remains, with K d unknowns for each
+component, in any dimension d and for any solver.
 
-Which Jacobian to impose the thesis leaves open in 2D: its parametric study (§5.1.2, Table 5.3) shows no pattern, and it
-turns to "the predicted Jacobian values at the control point" (§5.1.3). So does :func:`imposed_jacobians`: it imposes
-what a correction by decomposition makes of the cell's own Jacobian, at all worst-quality minima (4.11) at once, and
-again until the prediction reaches the threshold. Neighbouring points ask for what one displacement cannot give; so the
-system is solved with a small penalty on the coefficients.
+The thesis does not say which Jacobian to impose in 2D: its parametric study (§5.1.2, Table 5.3) shows no pattern, and
+it then uses "the predicted Jacobian values at the control point" (§5.1.3). :func:`imposed_jacobians` does the same: it
+corrects the cell's own Jacobian by a decomposition and imposes the result, at all worst-quality minima (4.11) at once,
+and repeats this until the prediction reaches the threshold. One displacement cannot meet the conditions of neighbouring
+points exactly, so the system is solved with a small penalty on the coefficients.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ __all__ = ["ImposedJacobians", "ImposedSettings", "cell_gradients", "impose", "i
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Penalty on the coefficients, relative to the slope of a function at its point: 0.01 to 0.1 do about equally well, and
-#: without it neighbouring points oppose each other until cells invert.
+#: Penalty on the coefficients, relative to the slope of a function at its point. Values from 0.01 to 0.1 work about
+#: equally well; without it neighbouring points oppose each other until cells invert.
 PENALTY = 0.05
-#: Points nearer than this share of R_l to another one are not taken.
+#: Least distance between two points, as a share of R_l.
 SPACING = 0.1
 
 
@@ -59,7 +59,7 @@ class ImposedSettings:
         Stop when the predicted minimum reaches it.
     max_points : int
     max_rounds : int
-        How often the Jacobians are imposed, at most.
+        Largest number of times that the Jacobians are imposed.
     function : {"H1", "H2", "H3"}
     decomposition : {"eigen", "polar", "svd", "qr"}
         How a cell's Jacobian is corrected.
@@ -82,7 +82,7 @@ class ImposedJacobians:
     points : (n, d) array, mesh length unit
     enrichment_points : (K, d) array, mesh length unit
     minima : tuple of float
-        Smallest quality after each round, the standard motion's first.
+        Smallest quality after each round; the first is that of the standard motion.
     """
 
     points: Floats
@@ -100,7 +100,7 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
     change : (K, d, d) array
         ``[c, i, j]``: J_S − ∇S at point c, ``∂S_i/∂x_j``; the thesis' J_S (5.5) is its transpose.
     penalty : float
-        Weight of the coefficients beside the conditions, which are then met in the least-squares sense.
+        Weight of the coefficients relative to the conditions, which are then met in the least-squares sense.
     """
     _, s, d = function_gradients.shape
     matrix = function_gradients.transpose(0, 2, 1).reshape(-1, s)
@@ -136,14 +136,14 @@ class _Imposed:
 
     @classmethod
     def nowhere(cls, problem: CorrectionProblem, settings: ImposedSettings) -> _Imposed:
-        """Without points: functions (n, 0), their gradients (0, 0, d)."""
+        """No points yet: functions (n, 0), gradients (0, 0, d)."""
         n, d = problem.start.shape
         return cls(
             problem, settings, np.empty(0, dtype=np.int64), np.empty((0, d)), np.empty((n, 0)), np.empty((0, 0, d))
         )
 
     def add(self, minima: Ints) -> None:
-        """Take the minima, worst first, that are apart from the points there are."""
+        """Add the minima, worst first, that are not near the existing points."""
         p, settings = self.problem, self.settings
         first = len(self.numbers)
         for cell, centre in zip(minima.tolist(), p.cells.centres(p.start, minima), strict=True):
@@ -160,7 +160,7 @@ class _Imposed:
             self.slopes = cell_gradients(p.start, self.functions, p.cells, self.numbers)
 
     def positions(self, points: Floats, quality: Floats) -> Floats:
-        """Positions (n, d) with what the correction makes of the cells' Jacobians imposed; good cells keep theirs."""
+        """Positions (n, d) with the corrected Jacobians of the cells imposed; good cells keep their Jacobians."""
         p, numbers = self.problem, self.numbers
         wanted = cell_gradients(p.start, points - p.start, p.cells, numbers)
         for row in np.flatnonzero(quality[numbers] < self.settings.threshold):
@@ -178,13 +178,13 @@ def imposed_jacobians(problem: CorrectionProblem, mesh: TrialMesh, settings: Imp
     ----------
     problem : CorrectionProblem
     mesh : TrialMesh
-        Judges.
+        Judges the quality.
     settings : ImposedSettings
 
     Notes
     -----
-    "The Jacobian at a point" is that of its cell's nodes: for simplices then the cell itself gets what is imposed, and
-    not the field at its centre, which differs from it by O(h).
+    "The Jacobian at a point" is computed from its cell's nodes. So for simplices it is imposed on the cell itself, not
+    on the field at the cell's centre, which differs from it by O(h).
     """
     imposed, points = _Imposed.nowhere(problem, settings), problem.standard
     quality = mesh.quality(points)

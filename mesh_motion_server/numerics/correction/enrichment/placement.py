@@ -1,6 +1,6 @@
 """Where enrichment points go: to the worst predicted cells, and apart from each other.
 
-Points at the K worst cells would crowd in one place and oppose each other, as the thesis saw (§5.4.1). There are two
+Points at the K worst cells would crowd in one place and oppose each other, as the thesis found (§5.4.1). There are two
 ways to keep them apart:
 
 - :func:`spread_placement`: the worst cell comes first, and each further point goes to the bad cell that is best by
@@ -33,7 +33,7 @@ Ints = NDArray[np.int64]
 BAD_QUALITY = 0.4
 #: … and at least so many cells for each point.
 CANDIDATES_PER_POINT = 4
-#: Radii of consecutive points, relative to R_l: wide and narrow functions together fit better than equal ones.
+#: Radii of consecutive points, relative to R_l: a mix of wide and narrow functions fits better than equal ones.
 RADIUS_CYCLE = (1.0, 0.5, 2.0)
 
 
@@ -70,7 +70,7 @@ def spread_placement(points: Floats, cells: CellTable, quality: Floats, *, count
     quality : (m,) array
         Predicted quality of each cell.
     count : int
-        K; fewer points come back only if there are fewer candidates.
+        K; fewer points are returned only if there are fewer candidates.
     radius : float, mesh length unit
         R_l; the points' radii cycle through :data:`RADIUS_CYCLE` times it.
     """
@@ -82,9 +82,9 @@ def spread_placement(points: Floats, cells: CellTable, quality: Floats, *, count
 
 
 def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Ints:
-    """Cells below a threshold that are no better than any cell they share a node with, the worst first.
+    """Cells below a threshold that are no better than any cell that shares a node with them, the worst first.
 
-    Thesis (4.11) on a mesh: ∂f/∂x = 0 and ∂²f/∂x² > 0 where the predicted quality f is sampled at the cells. Of
+    Thesis (4.11) on a mesh: ∂f/∂x = 0 and ∂²f/∂x² > 0 where the predicted quality f is sampled at the cells. Among
     neighbours of equal quality the first counts.
 
     Parameters
@@ -104,7 +104,7 @@ def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Ints:
 
 
 def gap_middle(points: Floats, cells: CellTable, quality: Floats, held: NDArray[np.bool_]) -> Floats:
-    """(1, 1) the middle between the two boundary nodes that bracket the worst cell, in 1D: thesis §4.3.1."""
+    """(1, 1) middle between the two boundary nodes that bracket the worst cell, in 1D: thesis §4.3.1."""
     place = cells.centres(points, np.array([worst_cell(quality)]))[0, 0]
     x = np.sort(points[held, 0])
     gap = int(np.clip(np.searchsorted(x, place), 1, len(x) - 1))
@@ -120,7 +120,7 @@ def _candidates(quality: Floats, count: int) -> Ints:
 
 
 def _spread(centres: Floats, badness: Floats, count: int) -> Ints:
-    """Rows chosen greedily: the first, then the largest distance × badness, until none is left at a distance."""
+    """Rows chosen greedily: the first, then the largest distance × badness, until all distances are zero."""
     chosen = [0][: min(count, len(centres))]
     distance = np.full(len(centres), np.inf)
     while 0 < len(chosen) < count:

@@ -1,11 +1,11 @@
-"""The functions ψ of some enrichment points: enrichment functions that leave the boundary where it is.
+"""The functions ψ of some enrichment points: enrichment functions that do not move the boundary.
 
 With H_m the enrichment functions and φ_bb the boundary's interpolation matrix, ::
 
     ψ_m(x) = H_m(x) − φ(x, b) φ_bb⁻¹ H_m(b)
 
 vanishes on the boundary nodes: it is thesis (5.16) as a function, or the boundary's rows of (4.2) and (5.6) eliminated.
-What is added to a motion in these functions keeps its boundary condition for any coefficients.
+A motion plus these functions keeps its boundary condition for any coefficients.
 """
 
 from __future__ import annotations

@@ -1,20 +1,20 @@
 """Corrections of a cell's deformation by its stretches: polar, singular value and QR, beside Algorithm 1's eigenvalues.
 
-As in Algorithm 1 a stretch ≤ 0 becomes +0.1, and without one the smallest gains 0.1; what differs is which numbers are
-called stretches, and what is kept:
+As in Algorithm 1 a stretch ≤ 0 becomes +0.1; if there is none, the smallest gains 0.1. The methods differ in the
+definition of the stretches and in what they keep:
 
 ==========  ============  ===========================================================================================
 function    B =           what becomes of it
 ==========  ============  ===========================================================================================
 ``polar``   Q S (5.10)    the rotation Q is kept, the principal stretches of S are clamped
-``svd``     U s Vᵀ (5.8)  as polar, and the largest stretch loses 0.1 where the cell is valid: §5.3.1's words, "reducing
-                          the ratio between the two scaling factors", taken at both ends
+``svd``     U s Vᵀ (5.8)  as polar, and in a valid cell the largest stretch loses 0.1: §5.3.1's "reducing the ratio
+                          between the two scaling factors", applied at both ends
 ``qr``      Q R (5.9)     the rotation and the shears are kept, the diagonal of R is clamped; depends on the coordinates
 ==========  ============  ===========================================================================================
 
-Clamping the stretches of the singular value decomposition and nothing more is the polar correction, since
+The polar correction is the same as clamping the stretches of the singular value decomposition and nothing more, since
 ``Q = U Vᵀ`` and ``S = V diag(s) Vᵀ``. All rotations are proper, so an inverted cell has one negative stretch. Unlike
-eigenvalues, stretches are always real and their directions orthogonal: dJ is never larger than the stretches ask for.
+eigenvalues, stretches are always real and their directions orthogonal: dJ is never larger than the stretches require.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ def svd_correction(gradient: Floats) -> Floats:
     """Change dJ of a displacement gradient J (d, d) that brings its principal stretches together."""
     left, stretches, right = (part[0] for part in svd(deformation(gradient)[None]))
     gains = _gains(stretches)
-    if (stretches > 0.0).all() and stretches[0] > stretches[-1] + 2.0 * INCREMENT:  # they must not change places
+    if (stretches > 0.0).all() and stretches[0] > stretches[-1] + 2.0 * INCREMENT:  # the order must not change
         gains[0] -= INCREMENT
     return np.asarray(left * gains @ right.T)
 
 
 def qr_correction(gradient: Floats) -> Floats:
-    """Change dJ of a displacement gradient J (d, d) by the diagonal of its triangle: rotation and shears kept."""
+    """Change dJ of a displacement gradient J (d, d) by the diagonal of R: rotation and shears kept."""
     rotation, triangle = (part[0] for part in qr(deformation(gradient)[None]))
     return np.asarray(rotation * _gains(np.diagonal(triangle)))
 
 
 def _gains(stretches: Floats) -> Floats:
-    """What each stretch (d,) gains: those ≤ 0 become the increment; without one, the smallest gains it."""
+    """Gain of each stretch (d,): those ≤ 0 become the increment; if there is none, the smallest gains it."""
     gains = np.where(stretches <= 0.0, INCREMENT - stretches, 0.0)
     if not gains.any():
         gains[np.argmin(stretches)] = INCREMENT

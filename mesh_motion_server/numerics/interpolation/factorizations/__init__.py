@@ -1,7 +1,7 @@
-"""Solvers for the interpolation matrix ``φ(|x_i − x_j|/R)`` of distinct control points, one a module.
+"""Solvers for the interpolation matrix ``φ(|x_i − x_j|/R)`` of distinct control points, one per module.
 
-Each holds what it needs to solve again for other displacements: a time step's coupling iterations share one. A
-*linear solver* gives weights; a *system* gives weights and, where there is a polynomial, its coefficients.
+Each keeps the data to solve again for other displacements: the coupling iterations of a time step share one. A
+*linear solver* gives weights; a *system* gives weights and, if there is a polynomial, its coefficients.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class System(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the linear solver in it."""
+        """Name of its linear solver."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""The interpolation system of a positive definite basis, with a linear polynomial or without.
+"""The interpolation system of a positive definite basis, with or without a linear polynomial.
 
 With a polynomial, thesis (2.4) is solved by its Schur complement: ``S = Pᵀ φ⁻¹ P``, ``S β = Pᵀ φ⁻¹ d``,
 ``γ = φ⁻¹ (d − P β)``, which works with every linear solver and keeps a sparse matrix sparse.
@@ -38,7 +38,7 @@ class BorderedSystem:
 
     @property
     def name(self) -> str:
-        """Of the linear solver."""
+        """Name of the linear solver."""
         return self._solver.name
 
     @property

@@ -1,7 +1,7 @@
-"""Which solver, by the number of control points and the nonzero entries of a row.
+"""The choice of the solver, by the number of control points and the nonzero entries per row.
 
-Seconds of one core for the set-up and for each solution with three right-hand sides, points on the surfaces of a box
-and of a wing in it, N points and m entries a row on average; two cores take a little more than half:
+Seconds on one core for the set-up and for each solution with three right-hand sides, points on the surfaces of a box
+and of a wing in it, N points and on average m entries per row; two cores need a little more than half of it:
 
 ====== ==== ============== ============= =============
 N      m    dense          sparse        iterative
@@ -16,8 +16,8 @@ N      m    dense          sparse        iterative
 ====== ==== ============== ============= =============
 
 A dense factor takes 4 N² bytes (10 160 points: 0.4 GB, 18 216: 1.3 GB). A factorization serves all coupling iterations
-of a step and the enrichment's many columns, so a direct one is preferred as long as it fits comfortably. What would
-take more than :data:`~.memory_bound.FACTOR_BYTES` is refused.
+of a step and the enrichment's many columns, so a direct solver is preferred if it is small enough. A factorization
+larger than :data:`~.memory_bound.FACTOR_BYTES` is refused.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ SOLVERS = ("auto", "dense", "sparse", "iterative")
 
 #: Largest order for which "auto" makes a dense factor: there it costs as much as three iterative solutions.
 _DENSE_ORDER = 10_000
-#: Smallest order worth another solver than the dense one, which takes no time there.
+#: Smallest order for which another solver is worth it; below it the dense solver takes almost no time.
 _SPARSE_ORDER = 1_500
-#: Longest rows and most entries for which a sparse factor is made; :mod:`~.memory_bound` says what it takes.
+#: Longest rows and most entries for which a sparse factor is made; :mod:`~.memory_bound` gives its memory.
 _SPARSE_ROW, _SPARSE_ENTRIES = 300.0, 3e6
 
 
 def choose_solver(
     solver: str, points: NDArray[np.float64], layout: CentreLayout, basis: Basis, support_radius: float
 ) -> LinearSolver:
-    """Make the named linear solver of a positive definite basis, or with "auto" the one that fits.
+    """Make the named linear solver of a positive definite basis; "auto" chooses one.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def choose_solver(
 
 
 def _mean_row(layout: CentreLayout, support_radius: float) -> float:
-    """Nonzero entries of a row; where a search does not pay, all of them."""
+    """Mean nonzero entries per row; if a search is not worth it, the full row."""
     return float(layout.n_centres) if layout.is_direct else mean_row_entries(layout, support_radius)
 
 

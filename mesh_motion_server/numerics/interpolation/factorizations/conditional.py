@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 class NullSpaceCholesky:
-    """Weights and polynomial coefficients of a basis that is definite only beside a polynomial.
+    """Weights and polynomial coefficients of a basis that is definite only with a polynomial.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Preconditioned conjugate gradients for several right-hand sides that advance together.
 
-The matrix is visited once an iteration for all of them; each has steps of its own. Sums over rows are formed in fixed
+Each iteration applies the matrix once for all of them; each has its own steps. Sums over rows are formed in fixed
 blocks: bitwise the same for any number of threads.
 """
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class Iterated(NamedTuple):
-    """Where the iterations ended: solution and recurrences' residual (n, k), and how many were done."""
+    """The result of the iterations: solution and recurrences' residual (n, k), and the number of iterations."""
 
     solution: Array
     residual: Array
@@ -42,9 +42,9 @@ def conjugate_gradients(
     apply, precondition : callable
         Products (n, k) of the matrix and of its approximate inverse with (n, k) vectors.
     done : callable
-        Whether to stop at a residual (n, k); asked after every iteration.
+        Whether to stop at a residual (n, k); called after every iteration.
     most : int
-        Iterations.
+        Largest number of iterations.
     """
     x, r = np.zeros_like(right), right.copy()
     z = precondition(r)
@@ -61,7 +61,7 @@ def conjugate_gradients(
 
 
 def largest(vectors: Array) -> float:
-    """Largest magnitude in (n, k) vectors, 0 of none."""
+    """Largest magnitude in (n, k) vectors, 0 if they are empty."""
     return max(float(vectors.max(initial=0.0)), -float(vectors.min(initial=0.0)))
 
 

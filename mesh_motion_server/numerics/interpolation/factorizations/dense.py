@@ -1,8 +1,8 @@
 """Cholesky factorization of a dense matrix, by panels of its lower triangle.
 
-Left-looking: panel j is assembled, loses the products of the panels before it, and is divided by its own diagonal
-block's factor. Only panels are stored, together half of the square matrix; nothing else of that size is ever allocated.
-The library's own factorization of orders near 18 000 can crash a process; here it sees blocks of a few hundred rows.
+Left-looking: panel j is assembled, the products of the panels before it are subtracted, and it is divided by the factor
+of its diagonal block. Only panels are stored, together half of the square matrix; nothing else of that size is
+allocated. LAPACK's factorization of orders near 18 000 can crash a process; here it gets blocks of a few hundred rows.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ __all__ = ["PanelCholesky"]
 
 Array = NDArray[np.float64]
 
-#: Columns a panel: wide enough for full speed of the products, narrow enough that the diagonal blocks cost little.
+#: Columns per panel: wide enough for full speed of the products, narrow enough that the diagonal blocks cost little.
 _PANEL = 512
-#: Rows a tile: one task of one thread.
+#: Rows per tile: one task of one thread.
 _TILE = 512
-#: A pivot this small against the diagonal carries no correct digit.
+#: A pivot this small relative to the diagonal has no correct digit.
 _LOST = 64 * float(np.finfo(float).eps)
 
 
@@ -42,7 +42,7 @@ class PanelCholesky:
     Raises
     ------
     NumericalError
-        If a pivot vanishes against the diagonal of A: nothing of it is left but rounding.
+        If a pivot vanishes relative to the diagonal of A: it is only rounding.
     """
 
     name = "dense"
@@ -99,7 +99,7 @@ class PanelCholesky:
 def _factor_block(block: Array, smallest: float) -> Array:
     """Lower Cholesky factor, in place, of a diagonal block whose pivots are all larger than ``smallest``.
 
-    Above its diagonal the block stays what it was.
+    Above its diagonal the block stays unchanged.
     """
     factor, failed = lapack.dpotrf(block.T, lower=0, clean=0, overwrite_a=1)  # its transpose, as LAPACK stores it
     if failed or float(np.min(np.diag(factor))) ** 2 <= smallest:

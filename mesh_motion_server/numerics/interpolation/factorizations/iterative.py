@@ -2,10 +2,10 @@
 
 The matrix is applied by the same compiled sums that evaluate the interpolant (stored rows are faster only where a
 sparse factorization is faster still); the preconditioner is a factorized sparse approximate inverse
-(``preconditioner.py``). All right-hand sides advance together, so the matrix is visited once an iteration.
+(``preconditioner.py``). All right-hand sides advance together, so each iteration applies the matrix once.
 
-Rounding lets the recurrences' residual drift from the true one: the true residual is formed at the end, and solved for
-again while that helps.
+Because of rounding the recurrences' residual drifts from the true one. So the true residual is computed at the end, and
+the system is solved for it again as long as that helps.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ Array = NDArray[np.float64]
 #: Residual of the recurrences, relative to the right-hand side, at which the iterations end: boundary values to 1e-12
 #: in the maximum norm unless rounding forbids it.
 _TOLERANCE = 1e-13
-#: A true residual above this is worth another round; below it, what is left is rounding of the sums themselves.
+#: A true residual above this is worth another round; below it, only rounding of the sums is left.
 _REFINED = 1e-10
-#: A residual that refinement cannot push below this is an error: snapping the boundary would then show.
+#: A residual that refinement cannot reduce below this is an error: setting the boundary exactly would be visible.
 _ACCEPTED = 1e-8
 _MAX_ITERATIONS = 1000
-#: Iterations without halving the best residual: rounding has taken over.
+#: After so many iterations without halving the best residual, rounding dominates.
 _PATIENCE = 25
 _REFINEMENTS = 3
-#: Preceding points a row of the preconditioner: many where a row of the matrix has more than this many terms to sum, so
-#: that fewer iterations soon pay for the dearer set-up.
+#: Preceding points per row of the preconditioner: many if a row of the matrix has more than this many terms to sum,
+#: because then fewer iterations soon save more time than the longer set-up costs.
 _LONG_ROW, _NEIGHBOURS_LONG, _NEIGHBOURS_SHORT = 2000.0, 64, 24
 
 

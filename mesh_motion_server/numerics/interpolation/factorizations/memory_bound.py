@@ -1,8 +1,8 @@
-"""The most memory that a factorization may take: what would need more is refused before anything is allocated.
+"""The largest memory of a factorization: a larger one is refused before anything is allocated.
 
 A dense factor of order N takes 4 N² bytes. Sparse factors of points on surfaces have c log₂ N times the entries of
-their matrix: 15 times were measured at 18 000 points, 24 times at 100 000. Both bounds keep every length of an array
-within what the libraries' 32-bit indices can count.
+their matrix: 15 times were measured at 18 000 points, 24 times at 100 000. Both bounds keep every array length within
+the range of the libraries' 32-bit indices.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ _FILL = 1.5
 
 
 def dense_bytes(order: int) -> float:
-    """Of the lower triangle."""
+    """Memory of the lower triangle."""
     return 4.0 * order**2
 
 
 def sparse_bytes(order: int, mean_row: float) -> float:
-    """Of matrix and factors, with so many nonzero entries a row."""
+    """Memory of matrix and factors, with ``mean_row`` nonzero entries per row."""
     matrix = order * mean_row
     return _ENTRY_BYTES * (matrix + min(_FILL * math.log2(max(order, 2)) * matrix, order**2))
 
 
 def check_dense(order: int) -> None:
-    """Raise ResourceError where a dense factor would be too large."""
+    """Raise ResourceError if a dense factor would be too large."""
     _check(
         f"a dense factorization of {order} control points",
         dense_bytes(order),
@@ -42,7 +42,7 @@ def check_dense(order: int) -> None:
 
 
 def check_sparse(order: int, mean_row: float) -> None:
-    """Raise ResourceError where a sparse factor would be too large."""
+    """Raise ResourceError if a sparse factor would be too large."""
     _check(
         f"a sparse factorization of {order} control points with {mean_row:.0f} others in reach of each",
         sparse_bytes(order, mean_row),

@@ -38,7 +38,7 @@ class SparseInverse:
         Positive definite.
     support_radius : float
     neighbours : int
-        Preceding points a row. On the surfaces of a box and a wing (4 000 and 18 000 points, R = 2.5 … 0.05 of the
+        Preceding points per row. On the surfaces of a box and a wing (4 000 and 18 000 points, R = 2.5 … 0.05 of the
         domain) conjugate gradients need 160 … 30 iterations with 16, 47 … 13 with 32, 30 … 10 with 64, 25 … 9 with 96;
         the set-up grows from 0.1 to 1 s for 4 000 points.
     """
@@ -69,14 +69,14 @@ class SparseInverse:
         return product(self._transposed, product(self._factor, residual))
 
     def conjugate_gradients(self, matrix: csr_array, right: Array, *, limit: float, most: int) -> Iterated:
-        """Solve with the (n, n) matrix for right-hand sides (n, k), which advance together as of the function so named.
+        """Solve with the (n, n) matrix for right-hand sides (n, k), by the function of the same name.
 
         Parameters
         ----------
         limit : float
-            Largest number of the residual that is left.
+            Largest magnitude of the remaining residual.
         most : int
-            Iterations.
+            Largest number of iterations.
         """
         residual, solution = np.array(right, order="C"), np.empty(right.shape)
         each = (part for m in (matrix, self._factor, self._transposed) for part in (m.indptr, m.indices, m.data))

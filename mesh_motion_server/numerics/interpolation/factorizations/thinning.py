@@ -1,7 +1,7 @@
 """An order of points from coarse to fine: each prefix covers the whole set about evenly.
 
-Nested thinning by grids whose cells halve: a level takes the first point of every cell that holds none yet.
-Deterministic, O(n log n) a level, and as many levels as the points' spacings span powers of two.
+Nested thinning by grids whose cells halve: a level takes the first point of every cell that contains none yet.
+Deterministic, O(n log n) per level; the number of levels is the range of the points' spacings in powers of two.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def nested_levels(points: NDArray[np.float64]) -> list[NDArray[np.int64]]:
 
 
 def _hash(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """One number a cell; a collision only delays a point to a finer level."""
+    """One number per cell; a collision only moves a point to a finer level."""
     factors = np.array([73856093, 19349663, 83492791], dtype=np.int64)[: cells.shape[1]]
     with np.errstate(over="ignore"):
         keys: NDArray[np.int64] = np.bitwise_xor.reduce(cells * factors, axis=1)
@@ -65,7 +65,7 @@ def nearest_preceding(
     first = 0
     for level in levels:
         last = first + len(level)
-        # A level's later points are passed over: ask for twice as many as are kept.
+        # The later points of a level are skipped: search for twice as many as are kept.
         asked = min(2 * count + 1, last)
         found = cKDTree(sorted_points[:last]).query(sorted_points[first:last], k=np.arange(1, asked + 1))[1]
         _keep_preceding(found, np.arange(first, last), neighbours[first:last])

@@ -22,7 +22,7 @@ Indices = NDArray[np.int64]
 
 #: Cells of the whole domain's longest side on the coarsest level.
 _CELLS = 32
-#: Cells of a box beyond the coarse points that ask for it.
+#: Cells of a box beyond its coarse points.
 MARGIN = 10
 #: Largest spacing of the grid, in spacings of the coarse points.
 _RESOLUTION = 2.6
@@ -113,7 +113,7 @@ def _merged(place: Floats) -> list[tuple[Indices, Indices]]:
 
 
 def _united(boxes: list[tuple[Indices, Indices]]) -> list[tuple[Indices, Indices]]:
-    """The boxes with those that touch replaced by what encloses both, until none do."""
+    """The boxes after replacing touching boxes by their common bounding box until none touch."""
     done: list[tuple[Indices, Indices]] = []
     while boxes:
         low, high = boxes.pop(0)

@@ -1,12 +1,12 @@
 """The two scales joined: a :class:`TwoScalePlan` for a mesh, a :class:`TwoScaleFactorization` for each state of it.
 
-``S = coarse + Σ compact levels``: the coarse interpolation is exact at its own points, and the compact levels take what
-it leaves at all control points. Of many control points few are coarse ones, and a spline on a grid stands for their
-sums. Of few control points all are coarse ones that the matrix bears: at points much closer than its support radius a
-smooth function takes the same values but for rounding, and the matrix becomes singular. The smallest eigenvalue of one
-of Wendland's C2 functions is about 25 (h/R)³ for points a spacing h apart.
+``S = coarse + Σ compact levels``: the coarse interpolation is exact at its own points, and the compact levels correct
+its error at all control points. With many control points, few are coarse points, and a spline on a grid replaces their
+sums. With few control points, all are coarse points as long as the matrix is not singular: at points much closer than
+its support radius a smooth function has equal values up to rounding. The smallest eigenvalue of the matrix of
+Wendland's C2 function is about 25 (h/R)³ for points with spacing h.
 
-Control points at the same place (the two sides of a baffle, or of an interface) are one, which takes their mean.
+Control points at the same place (the two sides of a baffle, or of an interface) count as one with their mean value.
 
 References
 ----------
@@ -60,7 +60,7 @@ _OF_MANY, SEPARATION = 2e-4, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class TwoScalePlan:
-    """What the reference mesh decides for all its states.
+    """The choices made from the reference mesh for all its states.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class TwoScalePlan:
     basis, support_radius
         Of the coarse interpolation, as in :func:`~mesh_motion_server.numerics.interpolation.interpolant.factorize`.
     gridded : bool
-        Whether a spline on a grid stands for the coarse sums.
+        Whether a spline on a grid replaces the coarse sums.
     place : (n,) int64 array
         The first control point at the place of each one.
     """
@@ -88,7 +88,7 @@ class TwoScalePlan:
 
     @property
     def least_radius(self) -> float:
-        """Below it a compact basis does not join the coarse points to a field, mesh length unit."""
+        """Smallest radius with which a compact basis joins the coarse points to one field, mesh length unit."""
         return _GAPS * self.gap
 
     @property
@@ -104,7 +104,7 @@ class TwoScalePlan:
 
     @property
     def usable(self) -> bool:
-        """Whether it serves better than one scale with all control points."""
+        """Whether it is better than one scale with all control points."""
         return self.joined if self.gridded else not self.single
 
     @cached_property
@@ -134,7 +134,7 @@ class TwoScalePlan:
         count : int, optional
             Coarse points of a grid; by default by the dimension.
         gridded : bool
-            Otherwise all that are far enough from each other are coarse points.
+            If false, all control points that are far enough from each other are coarse points.
         """
         place = first_at_place(reference, float(np.ptp(reference, axis=0).max()))
         distinct = np.flatnonzero(place == np.arange(len(place)))
@@ -190,7 +190,7 @@ class TwoScaleFactorization:
     plan : TwoScalePlan
     coarse : AllCentreFactorization
     grid : NestedGrid or None
-        None where the coarse sums are formed themselves.
+        None if the coarse sums are evaluated directly.
     systems : list of CompactSystem
         Widest first; the last has all distinct control points.
     """

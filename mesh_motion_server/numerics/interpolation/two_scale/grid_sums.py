@@ -75,7 +75,7 @@ def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tup
     Returns
     -------
     bool
-        False where blocks do not pay or do not suit: ``out`` is left alone.
+        False if blocks are not worth it or not suitable: ``out`` stays unchanged.
     """
     centres = interpolant.control_points
     if len(counts) != 3 or math.prod(counts) * len(centres) < _WORTHWHILE:

@@ -31,7 +31,7 @@ class NearOperator:
     Attributes
     ----------
     rows : (r,) int64 array
-        Places that the level may reach, those near each other side by side; at all others it vanishes.
+        Places that the level may reach, neighbours next to each other; at all others it vanishes.
     matrix : (r, nc) csr_array
         Its functions there.
     """

@@ -64,7 +64,7 @@ class NestedSpline:
 
     @property
     def _boxes(self) -> tuple[Floats, Floats, Indices, Indices]:
-        """What the compiled loops know of the boxes."""
+        """The arguments of the compiled loops for the boxes."""
         return self.origin, self.inverse_spacing, self.cells, self.start
 
 

@@ -49,8 +49,8 @@ class TwoScalePlans:
 
         With a boundary layer ``controls`` gives the control nodes that stand for them.
 
-        Nothing is planned where the method reduces the control points, where two scales are not ``offered``, and where
-        one scale does for all of them.
+        There is no plan if the method reduces the control points, if two scales are not ``offered``, or if one scale is
+        enough for all of them.
         """
         sets = [controls(nodes) for nodes in (roles.all, roles.prescribed)[: 2 if len(roles.sliding) else 1]]
         if not offered or method.reduction != "none" or not basis_named(method.basis).compact:
@@ -67,7 +67,7 @@ def plan_for(points: Floats, nodes: Indices, roles: BoundaryRoles, method: Metho
     """The plan for control nodes (c,) of the mesh ``points`` (n, d)."""
     return TwoScalePlan.build(
         points[nodes],
-        ~np.isin(nodes, roles.fixed),  # what slides moves too
+        ~np.isin(nodes, roles.fixed),  # sliding nodes move too
         basis=method.basis,
         support_radius=method.support_radius,
         gridded=len(nodes) > AUTOMATIC_FROM,
