@@ -146,7 +146,7 @@ def test_a_monitor_that_talks_nonsense_is_ended_and_nobody_else(scripted: Script
 def test_the_page_is_told_of_the_working_sessions_however_many_fell(
     scripted: Scripted, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mesh_motion_server.transport.watch._TOLD", 3)
+    monkeypatch.setattr("mesh_motion_server.transport.watch._MOST_SESSIONS", 3)
     supervisor = scripted.supervisor
     supervisor._template = supervisor._next_template()
     page = supervisor._watch.page.child = scripted.spawn()
