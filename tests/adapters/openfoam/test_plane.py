@@ -51,7 +51,10 @@ def test_the_mesh_is_that_of_the_python_client(make_case, mesh_motion_server):
     output = case.run("moveDynamicMesh")
     assert output.count("iteration 3: least quality") == 4  # the outer correctors of PIMPLE
     mesh, front, behind = plane_of(case)
-    with connect(mesh_motion_server.endpoint) as server, server.open(mesh, {"correction_target": "threshold"}) as session:
+    with (
+        connect(mesh_motion_server.endpoint) as server,
+        server.open(mesh, {"correction_target": "threshold"}) as session,
+    ):
         start = mesh.points[session.moving_nodes]
         for step in range(1, 5):
             for _ in range(3):
