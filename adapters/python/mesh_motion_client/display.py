@@ -7,6 +7,7 @@ environment stays small. A mesh in space is drawn by PyVista where it is install
 from __future__ import annotations
 
 import html
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
@@ -34,12 +35,12 @@ _FACETS: Mapping[str, Sequence[Sequence[int]]] = {
 _MARKED = 10
 
 
-class Described:
+class Described(ABC):
     """Shown by a few lines, on a terminal and in a notebook."""
 
+    @abstractmethod
     def description(self) -> list[str]:
         """The lines; the first says what it is."""
-        raise NotImplementedError
 
     def __repr__(self) -> str:
         return "\n  ".join(self.description())
