@@ -5,24 +5,37 @@ import pytest
 from mesh_motion_server.numerics.motion.acceptance import largest_accepted
 
 
+@pytest.mark.parametrize("certain", [False, True])
 @pytest.mark.parametrize("limit", [0.0, 0.005, 0.3, 0.7, 0.99])
 @pytest.mark.parametrize("plain", [0.0, 0.1, 0.5])
-def test_what_is_found_is_accepted_in_few_trials_and_told_in_three_digits(limit: float, plain: float) -> None:
+def test_what_is_found_is_accepted_in_few_trials_and_told_in_three_digits(
+    limit: float, plain: float, certain: bool
+) -> None:
     asked: list[float] = []
 
     def accepts(fraction: float) -> bool:
         asked.append(fraction)
         return fraction <= limit
 
-    found = largest_accepted(accepts, lambda fraction: fraction <= min(plain, limit))
+    valid = min(plain, limit)
+    found = largest_accepted(accepts, lambda fraction: fraction <= valid, lambda fraction: True, certain=certain)
     assert found <= limit
-    assert found == 0.0 or (found in asked and float(f"{found:.3g}") == found)
-    assert found >= max(min(plain, limit) - 1 / 16, 0.0)
-    assert len(asked) <= 10
+    assert found == 0.0 or ((certain or found in asked) and float(f"{found:.3g}") == found)
+    assert found >= max(valid - 1 / 16, 0.0)
+    assert len(asked) <= (2 if certain else 10)
+
+
+def found(accepted: float, valid: float, possible: float = 1.0) -> float:
+    return largest_accepted(lambda f: f <= accepted, lambda f: f <= valid, lambda f: f <= possible, certain=False)
 
 
 def test_more_than_is_valid_without_a_correction_is_tried_first() -> None:
-    assert largest_accepted(lambda fraction: True, lambda fraction: fraction <= 0.5) == pytest.approx(0.85, abs=0.02)
-    assert largest_accepted(lambda f: f < 0.8, lambda f: f <= 0.5) == pytest.approx(0.65, abs=0.02)
-    assert largest_accepted(lambda f: f < 0.6, lambda f: f <= 0.5) == pytest.approx(0.5, abs=0.02)
-    assert largest_accepted(lambda f: f < 0.1, lambda f: f <= 0.5) == pytest.approx(0.06, abs=0.02)
+    assert found(1.0, 0.5) == pytest.approx(0.85, abs=0.02)
+    assert found(0.8, 0.5) == pytest.approx(0.65, abs=0.02)
+    assert found(0.6, 0.5) == pytest.approx(0.5, abs=0.02)
+    assert found(0.1, 0.5) == pytest.approx(0.06, abs=0.02)
+
+
+def test_nothing_is_tried_beyond_what_is_possible() -> None:
+    assert found(1.0, 0.4, possible=0.6) == pytest.approx(0.4 + 0.9 * 0.2, abs=0.03)
+    assert found(0.55, 0.4, possible=0.6) == pytest.approx(0.4 + 0.7 * 0.2, abs=0.03)

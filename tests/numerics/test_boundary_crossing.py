@@ -49,6 +49,14 @@ def test_a_needle_and_a_triangle(order: list[int], x: float, y: float, low: floa
     assert (place is not None) == crosses
 
 
+def test_opposite_walls_that_are_meshed_alike_cross_edge_by_edge() -> None:
+    low = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)])
+    triangles = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
+    for heights, crosses in (((0.5, 0.5, -0.5, 0.5), True), ((0.5, 0.5, 0.0, 0.5), False)):
+        points = np.vstack([low, np.column_stack([low[:, :2], heights])])
+        assert (crossing_place(*facets_of(points, triangle=triangles)) is not None) == crosses
+
+
 def test_quads_of_either_diagonal() -> None:
     quad = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)])
     through = np.array([(0.3, 0.4, -1.0), (0.3, 0.4, 1.0), (0.31, 0.4, 1.0), (0.31, 0.4, -1.0)])

@@ -83,26 +83,31 @@ class TestWalk:
         assert Line(1.0, easy=False).walk().legs == 4
 
     def test_a_leg_that_fails_is_halved(self) -> None:
-        line = Line(0.1, easy=False)
+        line = Line(0.13, easy=False)
         found = line.walk()
-        assert line.tried[:3] == [(0.0, 0.25), (0.0, 0.125), (0.0, 0.0625)]
-        assert (found.fraction, found.legs, found.tries) == (1.0, 16, 18)
+        assert line.tried[:3] == [(0.0, 0.25), (0.0, 0.125), (0.125, 0.25)]
+        assert (found.fraction, found.legs, found.tries) == (1.0, 8, 9)
         assert found.points[0, 0] == 1.0
 
     def test_it_gets_as_close_to_an_obstacle_as_the_shortest_leg(self) -> None:
         found = Line(1.0, blocked=0.7).walk()
-        assert 0.7 - 1 / 64 < found.fraction <= 0.7
-        assert found.tries < 20
+        assert 0.7 - 1 / 16 < found.fraction <= 0.7
+        assert found.tries < 10
 
     def test_the_tries_are_bounded(self) -> None:
-        found = Line(1 / 64).walk()
-        assert found.tries == 48
+        found = Line(1 / 16).walk()
+        assert found.tries == 16
         assert found.fraction < 1.0
 
     def test_where_no_leg_succeeds_the_start_is_left(self) -> None:
         found = Line(0.001).walk()
-        assert (found.fraction, found.legs, found.tries) == (0.0, 0, 5)
+        assert (found.fraction, found.legs, found.tries) == (0.0, 0, 3)
         assert found.points[0, 0] == 0.0
+
+    def test_a_leg_cut_by_the_end_is_halved_as_it_was_tried(self) -> None:
+        line = Line(1.0, blocked=0.9)
+        line.walk()
+        assert line.tried[2:4] == [(0.75, 1.0), (0.75, 0.875)]
 
 
 @pytest.mark.parametrize(

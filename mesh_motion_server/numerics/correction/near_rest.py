@@ -75,8 +75,8 @@ def reshaped(problem: CorrectionProblem, mesh: TrialMesh) -> Polished:
     """A mesh below the threshold at its best metric, or nearer to its shape at rest if that costs little quality."""
     region = mesh.free(~mesh.held)
     best = polish(problem.begin, mesh, region)
-    if not best.minimum > 0.0 or mesh.cell_quality(best.points).relative_extremes()[0] >= NEAR_REST:
-        return best  # no valid mesh, or nothing left to gain
+    if not best.minimum > 0.0:
+        return best  # another metric untangles no more
     shaped = polish(problem.begin, replace(mesh, metric=RELATIVE_SHAPE), region, target=NEAR_REST)
     own, most = (mesh.quality(found.points).min() for found in (shaped, best))
     return shaped if own >= _WORTH * most else best

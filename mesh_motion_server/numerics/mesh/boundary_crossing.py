@@ -1,8 +1,9 @@
 """Detects a moved boundary that crosses itself: then no valid mesh exists, and none needs to be searched for.
 
 Two facets cross if an edge of one goes through the other: its ends are strictly on both sides, and it passes strictly
-inside (signs of areas in 2D, of volumes in 3D). Facets that share a node or only touch are ignored. A quad is two
-triangles; as its diagonal is arbitrary, an edge must go through it with either diagonal.
+inside (signs of areas in 2D, of volumes in 3D) or, in 3D, through an edge: where opposite walls are meshed alike, edge
+meets edge. Facets that share a node, and ends that only touch, are ignored. A quad is two triangles; as its diagonal is
+arbitrary, an edge must go through it with either diagonal.
 
 Only facets near a moving one are tested: they are sorted into classes of about equal size, with a k-d tree each.
 
@@ -124,15 +125,18 @@ def _goes_through(ends: Floats, points: Floats, faces: Ints, kind: str) -> NDArr
 
 
 def _pierces(ends: Floats, simplices: Floats) -> NDArray[np.bool_]:
-    """Whether edges with ends (p, 2, d) go strictly through simplices (p, d, d): a segment in 2D, a triangle in 3D."""
+    """Whether edges with ends (p, 2, d) go through simplices (p, d, d): a segment in 2D, a triangle in 3D."""
     d = ends.shape[2]
     below, above = (_signed(np.concatenate([simplices, end[:, None]], axis=1)) for end in (ends[:, 0], ends[:, 1]))
-    inside = [
-        _signed(np.concatenate([ends, np.delete(simplices, corner, axis=1)], axis=1)) * (-1) ** corner
-        for corner in range(d)
-    ]
-    of_one_sign = np.abs(np.sum(inside, axis=0)) == d
-    through: NDArray[np.bool_] = (below * above < 0) & of_one_sign
+    inside = np.stack(
+        [
+            _signed(np.concatenate([ends, np.delete(simplices, corner, axis=1)], axis=1)) * (-1) ** corner
+            for corner in range(d)
+        ]
+    )
+    certain = np.count_nonzero(inside, axis=0)
+    within = (np.abs(inside.sum(axis=0)) == certain) & (certain >= 2)  # one 0 of a triangle: through its edge
+    through: NDArray[np.bool_] = (below * above < 0) & within
     return through
 
 

@@ -18,10 +18,12 @@ __all__ = [
     "refuse_unacceptable",
 ]
 
-#: Bisection steps of the search for the largest fraction that is valid without a correction: accurate to 1/2⁵ ≈ 3 %.
+#: Steps of a bisection: accurate to 1/2⁵ ≈ 3 %.
 _HALVINGS = 5
-#: Shares of the rest of the displacement beyond that fraction that are tried.
+#: Where a correction is tried between the largest fraction that is valid without one and the largest possible one.
 _SHARES = (0.7, 0.3)
+#: Is tried before if the boundary alone forbids the whole motion: then no correction has been tried yet.
+_NEARLY = 0.9
 _LEAST = 0.004
 
 
@@ -84,31 +86,53 @@ def reduction_warnings(method: Method, error: float, control_points: int) -> lis
     ]
 
 
-def largest_accepted(accepts: Callable[[float], bool], valid: Callable[[float], bool]) -> float:
+def largest_accepted(
+    accepts: Callable[[float], bool],
+    valid: Callable[[float], bool],
+    possible: Callable[[float], bool],
+    *,
+    certain: bool,
+) -> float:
     """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
-    Corrections are expensive, so only few fractions are tried: first between the largest fraction at which the motion
-    is ``valid`` without a correction and 1, then from that fraction down.
+    Corrections are expensive, so three fractions at most are tried between the largest one at which the motion is
+    ``valid`` without a correction and the largest ``possible`` one; then the one that is valid is the answer.
+
+    Parameters
+    ----------
+    accepts, valid, possible : callable
+        Fraction → whether the motion is accepted; whether it is without a correction; whether a valid mesh may exist.
+    certain : bool
+        Whether a motion that is ``valid`` is accepted too, so that it need not be tried.
 
     Returns
     -------
     float
         A multiple of a thousandth: exactly the fraction that was tried, so three digits print it exactly.
     """
-    low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        if valid(middle):
-            low = middle
-        else:
-            high = middle
-    tried = (low + share * (1.0 - low) for share in (*_SHARES, 0.0))
-    for fraction in (math.floor(1000.0 * fraction) / 1000.0 for fraction in tried):
-        if fraction > 0.0 and accepts(fraction):
+    low = _bisected(valid, 1.0)
+    most, shares = (1.0, _SHARES) if possible(1.0) else (_bisected(possible, 1.0), (_NEARLY, *_SHARES))
+    for fraction in (_thousandths(low + share * (most - low)) for share in shares):
+        if fraction > low and accepts(fraction):
             return fraction
+    if certain or (low > 0.0 and accepts(low)):
+        return low
     while low > _LEAST:
-        low *= 0.5
-        fraction = math.floor(1000.0 * low) / 1000.0
-        if accepts(fraction):
-            return fraction
+        low = _thousandths(0.5 * low)
+        if accepts(low):
+            return low
     return 0.0
+
+
+def _bisected(holds: Callable[[float], bool], high: float) -> float:
+    """The largest fraction found at which a condition holds that does not hold at ``high``; 0 if there is none."""
+    low = 0.0
+    for _ in range(_HALVINGS):
+        middle = _thousandths(0.5 * (low + high))
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+def _thousandths(fraction: float) -> float:
+    """The fraction, rounded down."""
+    return math.floor(1000.0 * fraction) / 1000.0

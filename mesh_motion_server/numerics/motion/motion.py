@@ -322,10 +322,26 @@ class MotionModel(PreparedMesh):
                 return False
             return True
 
-        direct = self if self.method.sub_steps == "always" else self.with_method(sub_steps="never")
+        def possible(fraction: float) -> bool:
+            try:
+                self.boundary.refuse(step.committed, whole.at(fraction))
+            except NumericalError:
+                return False
+            return True
+
+        method = self.method
+        direct = self if method.sub_steps == "always" else self.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none", correction_in_time="independent")
         plain = replace(plain.without_distributions(), smooth=None, layered=None)
-        return largest_accepted(lambda fraction: accepts(direct, fraction), lambda fraction: accepts(plain, fraction))
+        # a correction of one valid mesh leaves it as it is where it finds no better one
+        certain = not method.refuse_below_threshold and self.standard_motion.layer is None
+        certain = certain and method.sub_steps != "always" and method.correction_in_time == "independent"
+        return largest_accepted(
+            lambda fraction: accepts(direct, fraction),
+            lambda fraction: accepts(plain, fraction),
+            possible,
+            certain=certain,
+        )
 
 
 def _of_the_mesh(refusal: NumericalError) -> bool:

@@ -2,8 +2,8 @@
 
 One step is enough for most motions, large rotations included. If it ends in a mesh that cannot be untangled, the mesh
 is led there: every leg starts from the valid mesh of the leg before and moves the boundary a little further along its
-way (:mod:`.body_paths`). The length of a leg adapts: a leg that fails is halved; after a leg whose plain interpolation
-inverts no cell, the length is doubled. No choice depends on computing time or on earlier motions.
+way (:mod:`.body_paths`). The length of a leg adapts: after a leg whose plain interpolation inverts no cell, it is
+doubled, until a leg fails; a leg that fails is halved. No choice depends on computing time or on earlier motions.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ __all__ = ["Leg", "Walk", "furthest_walk", "walk"]
 
 Floats = NDArray[np.float64]
 
-_FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 64
-_MOST_TRIES = 48
+_FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 16
+#: Of all ways together: a motion that is led to its end takes about four, and a refusal should not take much longer.
+_MOST_TRIES = 16
 
 
 class Leg(NamedTuple):
@@ -64,18 +65,22 @@ def furthest_walk(
 ) -> Walk:
     """The walk along the first way that reaches its end, otherwise the walk that got furthest; see :func:`walk`."""
     furthest: Walk | None = None
+    left = _MOST_TRIES
     for way in ways:
-        found = walk(start, way, move)
+        found = walk(start, way, move, left)
+        left -= found.tries
         if furthest is None or found.fraction > furthest.fraction:
             furthest = found
-        if furthest.fraction == 1.0:
+        if furthest.fraction == 1.0 or not left:
             break
     if furthest is None:
         raise InvalidInput("expected at least one way, got none")
     return furthest
 
 
-def walk(start: Floats, way: Callable[[float], Floats], move: Callable[[Floats, Floats], Leg]) -> Walk:
+def walk(
+    start: Floats, way: Callable[[float], Floats], move: Callable[[Floats, Floats], Leg], most: int = _MOST_TRIES
+) -> Walk:
     """Lead a mesh along a way as far as valid meshes are found.
 
     Parameters
@@ -86,21 +91,23 @@ def walk(start: Floats, way: Callable[[float], Floats], move: Callable[[Floats, 
         Fraction → (k, d) positions of the moving nodes.
     move : callable
         (mesh (n, d), positions (k, d)) → :class:`Leg`; raises NumericalError if no valid mesh is found.
+    most : int
+        Largest number of legs that are tried.
     """
-    points, fraction, length = start, 0.0, _FIRST
+    points, fraction, length, longest = start, 0.0, _FIRST, _LONGEST
     legs = tries = iterations = 0
     refusal = None
-    while fraction < 1.0 and length >= _SHORTEST and tries < _MOST_TRIES:
+    while fraction < 1.0 and length >= _SHORTEST and tries < most:
         tries += 1
         further = min(fraction + length, 1.0)  # sums of powers of two: exact
         try:
             leg = move(points, way(further))
         except NumericalError as error:
             refusal = error
-            length /= 2.0
+            length = longest = (further - fraction) / 2.0
             continue
         points, fraction = leg.points, further
         legs, iterations = legs + 1, iterations + leg.iterations
         if leg.easy:
-            length = min(2.0 * length, _LONGEST)
+            length = min(2.0 * length, longest)
     return Walk(points, fraction, legs, tries, iterations, refusal)
