@@ -34,7 +34,12 @@ def plot(
         str, typer.Option(metavar="SIZE", help="column, wide, page, slide, or WIDTH or WIDTHxHEIGHT in mm.")
     ] = "wide",
     metric: Annotated[
-        str | None, typer.Option(metavar="NAME", help="size-skew, size or skew.", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="size-skew, size or skew; with --show mesh also non-orthogonality or face-skewness.",
+            show_default=False,
+        ),
     ] = None,
     steps: Annotated[
         str | None, typer.Option(metavar="A:B", help="These steps; of a mesh, those before and after.")

@@ -35,6 +35,8 @@ class Key:
         What it says, in one sentence.
     when : str
         When to change it, Markdown; links are relative to ``docs/``.
+    remark : str
+        Why a choice that one might expect is none, in parentheses behind what is expected.
     choices : tuple of str
         Of a text: what may be chosen. Named here, as processes without scipy and the compiled loops check them.
     above, low, high : float or None
@@ -48,6 +50,7 @@ class Key:
     meaning: str
     when: str
     choices: tuple[str, ...] = ()
+    remark: str = ""
     above: float | None = None
     low: float | None = None
     high: float | None = None
@@ -62,7 +65,7 @@ class Key:
     def expected(self) -> str:
         """What its value has to be, in words."""
         if self.choices:
-            return f"one of {', '.join(self.choices)}"
+            return f"one of {', '.join(self.choices)}{self.remark and f' ({self.remark})'}"
         name = {bool: "true or false", int: "an integer", float: "a number"}[self.kind]
         bounds = {"greater than": self.above, "from": self.low, "to": self.high}
         return " ".join([name, *(f"{word} {bound:.15g}" for word, bound in bounds.items() if bound is not None)])
@@ -109,7 +112,8 @@ class Method:
         "`wendland-c2` is compact, positive definite and smooth. `tps` is the widest: it keeps most quality without a "
         "correction and moves a far field that is not held with the boundary, at the cost of a full matrix "
         "([measured](thesis.md#basis-functions-and-the-polynomial-term)).",
-        choices=(*_COMPACT, "tps", "mqb", *_DEFINITE),  # "qb" is singular
+        choices=(*_COMPACT, "tps", "mqb", *_DEFINITE),
+        remark="not qb: its interpolation matrix is singular",
     )
     support_radius: float | None = _key(
         None,

@@ -64,8 +64,9 @@ def nearer_rest(problem: CorrectionProblem, mesh: TrialMesh, before: CellQuality
     for metric in (RELATIVE_SHAPE, mesh.metric):
         found = reach(problem.begin, replace(mesh, held=mesh.held | kept, metric=metric), NEAR_REST)
         after = mesh.cell_quality(found.points)
-        gains = after.relative_extremes()[0] > NOTICED * least
-        if gains and NOTICED * after.metric(mesh.metric).min() > lowest and not spoils(before, after, mesh.metric):
+        if not after.relative_extremes()[0] > NOTICED * least:
+            break  # in the mesh's own metric, in which sizes weigh more, shapes gain less
+        if NOTICED * after.metric(mesh.metric).min() > lowest and not spoils(before, after, mesh.metric):
             return found
     return Polished(problem.begin, least)
 
@@ -74,6 +75,8 @@ def reshaped(problem: CorrectionProblem, mesh: TrialMesh) -> Polished:
     """A mesh below the threshold at its best metric, or nearer to its shape at rest if that costs little quality."""
     region = mesh.free(~mesh.held)
     best = polish(problem.begin, mesh, region)
+    if not best.minimum > 0.0 or mesh.cell_quality(best.points).relative_extremes()[0] >= NEAR_REST:
+        return best  # no valid mesh, or nothing left to gain
     shaped = polish(problem.begin, replace(mesh, metric=RELATIVE_SHAPE), region, target=NEAR_REST)
     own, most = (mesh.quality(found.points).min() for found in (shaped, best))
     return shaped if own >= _WORTH * most else best

@@ -33,7 +33,7 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.extrusion import extruded_cells, extruded_points
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
-__all__ = ["FaceMeasures", "WorstFace", "face_measures"]
+__all__ = ["FACE_METRICS", "FaceMeasures", "WorstFace", "cell_values", "face_measures"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
@@ -44,6 +44,9 @@ _BLOCK = 1 << 16
 _TINY, _ROOT_TINY = 1e-300, 1e-150
 #: Number of worst faces that are named.
 _WORST = 10
+
+#: Measures of a face beside the volumes of its cells: 0 is best.
+FACE_METRICS = ("non-orthogonality", "face-skewness")
 
 
 @dataclass(frozen=True)
@@ -123,29 +126,49 @@ def face_measures(points: NDArray[np.floating], cells: CellTable) -> FaceMeasure
     """
     if cells.dimension == 1:
         return None
+    positions, facets, (angles, skewness, ratio) = _faces(points, cells)
+    return FaceMeasures(
+        faces=len(angles),
+        max_non_orthogonality=float(angles.max(initial=0.0)),
+        faces_above_65=int(np.count_nonzero(angles > 65.0)),
+        faces_above_75=int(np.count_nonzero(angles > 75.0)),
+        max_skewness=float(skewness.max(initial=0.0)),
+        min_volume_ratio=ratio,
+        worst=_worst(positions, facets, angles, cells.dimension),
+    )
+
+
+def cell_values(points: NDArray[np.floating], cells: CellTable, metric: str) -> Floats:
+    """The largest non-orthogonality, degrees, or skewness of the faces of each cell (m,); parameters as above, not 1D.
+
+    Parameters
+    ----------
+    metric : str
+        One of :data:`FACE_METRICS`.
+    """
+    _, facets, (angles, skewness, _) = _faces(points, cells)
+    values = angles if metric == "non-orthogonality" else skewness
+    largest = np.zeros(len(cells))
+    np.maximum.at(largest, facets.owner[: len(values)], values)
+    np.maximum.at(largest, facets.neighbour, values[: len(facets.neighbour)])
+    return largest
+
+
+def _faces(points: NDArray[np.floating], cells: CellTable) -> tuple[Floats, CellFacets, tuple[Floats, Floats, float]]:
+    """Positions in space, faces, and what is measured of them."""
     plane = cells.dimension == 2
     solid = _KEPT.get(cells)
     if solid is None:
         table = extruded_cells(cells, len(points)) if plane else cells
         solid = _KEPT[cells] = _Solid(table, CellFacets.of(table))
     positions = extruded_points(points) if plane else np.asarray(points, dtype=np.float64)
-    centres, volumes = _cell_geometry(positions, solid.cells)
-    angles, skewness, ratio = _measured(positions, solid.facets, centres, volumes)
-    return FaceMeasures(
-        faces=len(angles),
-        max_non_orthogonality=float(angles.max(initial=0.0)),
-        faces_above_65=int(np.count_nonzero(angles > 65.0)),
-        faces_above_75=int(np.count_nonzero(angles > 75.0)),
-        max_skewness=skewness,
-        min_volume_ratio=ratio,
-        worst=_worst(positions, solid.facets, angles, cells.dimension),
-    )
+    return positions, solid.facets, _measured(positions, solid.facets, *_cell_geometry(positions, solid.cells))
 
 
-def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floats) -> tuple[Floats, float, float]:
-    """Angle (i,), degrees, of each face between two cells; the largest skewness; the least volume ratio."""
+def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floats) -> tuple[Floats, Floats, float]:
+    """Angle (i,), degrees, of each face between two cells; skewness (f,) of all faces; the least volume ratio."""
     inner = len(facets.neighbour)
-    angles, skewness, ratio = np.empty(inner), 0.0, 1.0
+    angles, skewness, ratio = np.empty(inner), np.empty(len(facets.owner)), 1.0
     for rows in _blocks(inner):
         owner, neighbour = facets.owner[rows], facets.neighbour[rows]
         between = centres[neighbour] - centres[owner]
@@ -155,7 +178,7 @@ def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floa
             cosine = _dot(d, area) / (_length(d) * _length(area) + _ROOT_TINY)
             angles[rows.start + chosen] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
             reach = middle - centres[owner[chosen]]
-            skewness = max(skewness, _largest_skewness(reach, d, area, corners - middle[:, None], least=0.2))
+            skewness[rows.start + chosen] = _skewness(reach, d, area, corners - middle[:, None], least=0.2)
         sizes = np.stack([volumes[owner], volumes[neighbour]])
         with np.errstate(over="ignore"):  # next to a cell without volume
             ratio = min(ratio, float((sizes.min(axis=0) / (sizes.max(axis=0) + _TINY)).min()))
@@ -166,19 +189,20 @@ def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floa
             reach = middle - centres[owner[chosen]]
             normal = area / (_length(area) + _ROOT_TINY)[:, None]
             d = normal * _dot(normal, reach)[:, None]
-            skewness = max(skewness, _largest_skewness(reach, d, area, corners - middle[:, None], least=0.4))
+            skewness[rows.start + chosen] = _skewness(reach, d, area, corners - middle[:, None], least=0.4)
     return angles, skewness, ratio
 
 
-def _largest_skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: float) -> float:
-    """The largest skewness of faces: their centre is at ``reach`` (f, 3) from the owner's centre, and their nodes at
+def _skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: float) -> Floats:
+    """Skewness (f,) of faces: their centre is at ``reach`` (f, 3) from the owner's centre, and their nodes at
     ``spokes`` (f, k, 3) from the face's centre; ``least``: smallest extent of a face as a share of |d|.
     """
     skew = reach - (_dot(area, reach) / (_dot(area, d) + _ROOT_TINY))[:, None] * d
     length = _length(skew)
     towards = skew / (length + _ROOT_TINY)[:, None]
     extent = np.abs(np.einsum("fki,fi->fk", spokes, towards)).max(axis=1)
-    return float((length / np.maximum(extent, least * _length(d) + _ROOT_TINY)).max(initial=0.0))
+    found: Floats = length / np.maximum(extent, least * _length(d) + _ROOT_TINY)
+    return found
 
 
 def _cell_geometry(points: Floats, cells: CellTable) -> tuple[Floats, Floats]:

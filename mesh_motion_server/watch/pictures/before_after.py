@@ -98,7 +98,7 @@ def _draw_meshes(axes: Any, pair: MeshPair, plane: Plane | None, window: FloatAr
             colours = draw_mesh(axes[name], mesh, None, titles[name], window, look)
         else:
             colours = draw_clipped(axes[name], mesh, shown, plane.axis, look)
-            axes[name].set_title(titles[name].replace(", minimum", "\nminimum"))
+            axes[name].set_title(titles[name].replace(", m", "\nm"))
     return colours
 
 
@@ -132,8 +132,8 @@ def _titles(pair: MeshPair) -> dict[str, str]:
     note = f" ({pair.note})" if pair.note else ""
     before = "at opening" if pair.before.step == 0 else f"after step {pair.before.step}"
     return {
-        "a": f"{before}, minimum {pair.before.quality.min():.3f}",
-        "b": f"after step {pair.after.step}{note}, minimum {pair.after.quality.min():.3f}",
+        "a": f"{before}, {pair.before.extreme}",
+        "b": f"after step {pair.after.step}{note}, {pair.after.extreme}",
     }
 
 
@@ -168,17 +168,21 @@ def _mark_enrichment(axes: Any, pair: MeshPair, plane: Plane | None, look: Look)
 
 def _draw_distribution(axes: Any, pair: MeshPair, theme: Theme) -> None:
     """How many cells are worse than a value."""
+    falls = pair.after.scale[1] < pair.after.scale[0]
     for mesh, colour, dash, label in (
         (pair.before, theme.faint, theme.dashes[1], "before"),
         (pair.after, theme.runs[0], theme.dashes[0], "after"),
     ):
-        values = np.sort(mesh.quality)
+        values = np.sort(mesh.badness)
         shown = np.unique(np.linspace(0, len(values) - 1, min(len(values), 2000)).astype(np.int64))
         shown = np.union1d(np.arange(min(len(values), 200)), shown)  # every one of the worst
-        axes.step(values[shown], 100.0 * (shown + 1) / len(values), color=colour, linestyle=dash, where="post",
-                  label=label)  # fmt: skip
-    axes.axvline(0.0, color=INVERTED_COLOUR, linewidth=0.6)
-    axes.set(title="cells below, %", xlabel=pair.metric, yscale="log", xlim=(None, 1.0))
+        share = 100.0 * (shown + 1) / len(values)
+        axes.step(np.abs(values[shown]) if falls else values[shown], share, color=colour, linestyle=dash,
+                  where="post", label=label)  # fmt: skip
+    if not falls:
+        axes.axvline(0.0, color=INVERTED_COLOUR, linewidth=0.6)
+        axes.set_xlim(right=1.0)
+    axes.set(title=f"cells {'above' if falls else 'below'}, %", xlabel=pair.metric, yscale="log")
     axes.yaxis.set_major_formatter("{x:g}")
     axes.legend(loc="best", borderaxespad=0.2)
     axes.grid(visible=True)

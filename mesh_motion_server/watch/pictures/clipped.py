@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.watch.pictures.mesh_axes import RASTER_ABOVE, Look
-from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, QUALITY_MAP
+from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, colour_scale
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
 __all__ = ["Facets", "cells_behind", "draw_clipped", "visible_facets"]
@@ -88,14 +88,13 @@ def visible_facets(mesh: Snapshot, chosen: IntArray, axis: int) -> Facets:
 
 def draw_clipped(axes: Any, mesh: Snapshot, chosen: IntArray, axis: int, look: Look) -> Any:
     """Draw the chosen cells (s,) into matplotlib axes; return the data for a colour bar."""
-    from matplotlib import colormaps  # noqa: PLC0415  (an extra)
-    from matplotlib.cm import ScalarMappable  # noqa: PLC0415
-    from matplotlib.collections import PolyCollection  # noqa: PLC0415
-    from matplotlib.colors import Normalize, to_rgb  # noqa: PLC0415
+    from matplotlib.collections import PolyCollection  # noqa: PLC0415  (an extra)
+    from matplotlib.colors import to_rgb  # noqa: PLC0415
 
     facets = visible_facets(mesh, chosen, axis)
     values = mesh.quality[facets.cells]
-    colours = colormaps[QUALITY_MAP](np.clip(values, 0.0, 1.0))[:, :3]
+    scale = colour_scale(mesh.scale)
+    colours = scale.to_rgba(values)[:, :3]
     colours[mesh.inverted[facets.cells]] = to_rgb(INVERTED_COLOUR)
     colours[facets.body] = to_rgb(_BODY)
     colours *= (1.0 - _SHADE + _SHADE * facets.light)[:, None]
@@ -115,7 +114,7 @@ def draw_clipped(axes: Any, mesh: Snapshot, chosen: IntArray, axis: int, look: L
     axes.autoscale_view()
     axes.margins(0.01)
     axes.set_axis_off()
-    return ScalarMappable(Normalize(0.0, 1.0), QUALITY_MAP)
+    return scale
 
 
 def _view(axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, LIGHT, QUALITY_MAP, Theme
+from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, LIGHT, Theme, colour_scale
 from mesh_motion_server.watch.pictures.slices import Polygons, cut, flat
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
@@ -99,16 +99,15 @@ def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, look: Look) -> 
 def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, look: Look) -> Any:
     """Draw polygons of a mesh in the colours of their cells' quality, inverted ones apart; return what a bar needs."""
     from matplotlib.collections import PolyCollection  # noqa: PLC0415
-    from matplotlib.colors import Normalize  # noqa: PLC0415
 
     values = mesh.quality[polygons.cells]
     width = float(np.clip(40.0 / np.sqrt(max(len(values), 1)), 0.1, 0.7)) * look.ring_points / 16.0
-    in_pixels = len(values) > RASTER_ABOVE
+    in_pixels, scale = len(values) > RASTER_ABOVE, colour_scale(mesh.scale)
     colours = PolyCollection(
         polygons.corners,  # type: ignore[arg-type]
-        array=np.clip(values, 0.0, 1.0),
-        cmap=QUALITY_MAP,
-        norm=Normalize(0.0, 1.0),
+        array=np.clip(values, min(mesh.scale), max(mesh.scale)),
+        cmap=scale.cmap,
+        norm=scale.norm,
         edgecolors=look.theme.edge,
         linewidths=width,
         rasterized=in_pixels,
@@ -151,7 +150,7 @@ def _show(axes: Any, window: FloatArray) -> None:
 
 def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArray, look: Look) -> None:
     """Draw a ring around the worst drawn cell, with its value and, if another cell is worse, the value of that one."""
-    for drawn in np.argsort(mesh.quality[polygons.cells], kind="stable"):
+    for drawn in np.argsort(mesh.badness[polygons.cells], kind="stable"):
         place = np.unique(polygons.corners[drawn], axis=0).mean(axis=0)
         if ((place >= window[0]) & (place <= window[1])).all():
             break

@@ -13,6 +13,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS, cell_values
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.watch.pictures.before_after import MeshPair
@@ -25,6 +26,8 @@ FloatArray = NDArray[np.float64]
 
 #: A boundary node has moved if its distance from its old position is above this share of the mesh's extent.
 _MOVED = 1e-9
+#: Values of faces at the ends of the colours; checkMesh warns of a skewness above 4.
+_SCALES = {"non-orthogonality": (90.0, 0.0), "face-skewness": (4.0, 0.0)}
 
 
 def played_pair(folder: Path, metric: str | None = None, first: int | None = None, last: int | None = None) -> MeshPair:
@@ -34,7 +37,7 @@ def played_pair(folder: Path, metric: str | None = None, first: int | None = Non
     ----------
     folder : path
     metric : str, optional
-        None: size-skew.
+        None: size-skew; one of :data:`~.runs.METRICS` or FACE_METRICS.
     first, last : int, optional
         Other steps of the series.
 
@@ -43,20 +46,22 @@ def played_pair(folder: Path, metric: str | None = None, first: int | None = Non
     InvalidInput
         If there is no series, or it does not have these steps.
     """
-    run = read_played(folder, metric)
+    of_faces = metric in FACE_METRICS
+    run = read_played(folder, None if of_faces else metric)
     series = _series(folder)
     written = [i for i, step in enumerate(run.step) if int(step) in series and step > (first or 0)]
     note = ""
     if last is None:
         if not written:
             raise InvalidInput(f"{folder}: the series has no step after {first or 0}", hint="play writes mesh.pvd")
-        last = int(run.step[min(written, key=lambda i: float(run.actual.minimum[i]))])
-        note = "the worst" if len(written) > 1 else ""
+        order = -np.nan_to_num(run.non_orthogonality) if of_faces else run.actual.minimum
+        last = int(run.step[min(written, key=lambda i: float(order[i]))])
+        note = ("the least orthogonal" if of_faces else "the worst") if len(written) > 1 else ""
     opening = read_mesh(_file(series, 0, folder))
     steps = (first or 0, last)
     points = [read_mesh(_file(series, step, folder)).points for step in steps]
-    pair = pair_of(opening.points, opening.cell_table, *points, steps=steps, metric=run.metric)
-    return MeshPair(run.label, run.metric, *pair, np.empty((0, opening.dimension)), note)
+    pair = pair_of(opening.points, opening.cell_table, *points, steps=steps, metric=metric or run.metric)
+    return MeshPair(run.label, metric or run.metric, *pair, np.empty((0, opening.dimension)), note)
 
 
 def pair_of(
@@ -80,12 +85,13 @@ def pair_of(
     cells, sizes = oriented_at_rest(reference, cells)
     edge = boundary_nodes(cells)
     far = np.abs(after[edge] - before[edge]).max(axis=1) > _MOVED * float(np.ptp(reference, axis=0).max())
-    judged = [cell_quality(points, cells, sizes) for points in (before, after)]
-    first, second = (
-        Snapshot(step, points, cells, quality.metric(metric), edge[far], quality.inverted)
-        for step, points, quality in zip(steps, (before, after), judged, strict=True)
-    )
-    return first, second
+
+    def snapshot(step: int, points: FloatArray) -> Snapshot:
+        quality = cell_quality(points, cells, sizes)
+        values = cell_values(points, cells, metric) if metric in FACE_METRICS else quality.metric(metric)
+        return Snapshot(step, points, cells, values, edge[far], quality.inverted, _SCALES.get(metric, (0.0, 1.0)))
+
+    return snapshot(steps[0], before), snapshot(steps[1], after)
 
 
 def _series(folder: Path) -> dict[int, Path]:

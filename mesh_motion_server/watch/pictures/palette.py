@@ -9,10 +9,11 @@ kind of colour vision tell apart, and differ in their dashes too.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["DARK", "INK", "INVERTED_COLOUR", "LIGHT", "QUALITY_MAP", "Theme"]
+__all__ = ["DARK", "INK", "INVERTED_COLOUR", "LIGHT", "QUALITY_MAP", "Theme", "colour_scale"]
 
-#: matplotlib's name of the map from quality 0 … 1 to colour.
+#: matplotlib's name of the map from the worst to the best value.
 QUALITY_MAP = "viridis"
 INVERTED_COLOUR = "#e5007d"
 #: Text and outlines on white.
@@ -66,3 +67,13 @@ DARK = Theme(
     refused="#ff5cab",
     enriched="#f0803c",
 )
+
+
+def colour_scale(scale: tuple[float, float]) -> Any:
+    """matplotlib's colours of values between the (bad, good) ends of a scale: its ``norm`` and ``cmap``."""
+    from matplotlib import colormaps  # noqa: PLC0415  (an extra)
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415
+    from matplotlib.colors import Normalize  # noqa: PLC0415
+
+    colours = colormaps[QUALITY_MAP]
+    return ScalarMappable(Normalize(min(scale), max(scale)), colours if scale[1] > scale[0] else colours.reversed())

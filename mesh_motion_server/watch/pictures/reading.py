@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS
 from mesh_motion_server.watch.pictures.before_after import MeshPair
 from mesh_motion_server.watch.pictures.meshes import played_pair
 from mesh_motion_server.watch.pictures.recorded import is_session, read_recorded, recorded_pair
@@ -30,7 +31,7 @@ def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
     InvalidInput
         If a folder is not a run.
     """
-    _check(metric)
+    _check(metric, METRICS)
     runs = [_read(folder, metric) for folder in folders]
     metrics = {run.metric for run in runs}
     if len(metrics) > 1:
@@ -53,7 +54,7 @@ def read_pair(folder: Path, metric: str | None = None, first: int | None = None,
     InvalidInput
         If it is not a run, or does not have these steps.
     """
-    _check(metric)
+    _check(metric, (*METRICS, *FACE_METRICS))
     if is_played(folder):
         return played_pair(folder, metric, first, last)
     if is_session(folder):
@@ -82,9 +83,9 @@ def _no_run(folder: Path) -> InvalidInput:
     return InvalidInput(f"{folder}: {what}", hint="a session's folder is STATE FOLDER/sessions/ID")
 
 
-def _check(metric: str | None) -> None:
-    if metric is not None and metric not in METRICS:
-        raise InvalidInput(f"--metric: expected one of {', '.join(METRICS)}, got {metric!r}")
+def _check(metric: str | None, known: Sequence[str]) -> None:
+    if metric is not None and metric not in known:
+        raise InvalidInput(f"--metric: expected one of {', '.join(known)}, got {metric!r}")
 
 
 def _distinct(label: str, folder: Path) -> str:

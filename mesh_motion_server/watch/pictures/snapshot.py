@@ -35,6 +35,8 @@ class Snapshot:
         The moving nodes.
     folded : (m,) bool array, optional
         Which cells are inverted; if omitted, those of quality 0 or less, as for a metric that includes the size.
+    scale : (bad, good)
+        Values at the ends of the colour map.
     """
 
     step: int
@@ -43,6 +45,7 @@ class Snapshot:
     quality: FloatArray
     moving: NDArray[np.int64]
     folded: NDArray[np.bool_] | None = None
+    scale: tuple[float, float] = (0.0, 1.0)
 
     @property
     def inverted(self) -> NDArray[np.bool_]:
@@ -52,7 +55,18 @@ class Snapshot:
     @property
     def worst(self) -> int:
         """Number of the worst cell."""
-        return int(np.argmin(self.quality))
+        return int(np.argmin(self.badness))
+
+    @property
+    def badness(self) -> FloatArray:
+        """(m,) values that order the cells, the worst lowest."""
+        return self.quality if self.scale[1] > self.scale[0] else -self.quality
+
+    @property
+    def extreme(self) -> str:
+        """The worst value, in words."""
+        name = "minimum" if self.scale[1] > self.scale[0] else "maximum"
+        return f"{name} {self.quality[self.worst]:.3f}"
 
     def centre(self, cell: int) -> FloatArray:
         """(d,) mean of a cell's nodes."""

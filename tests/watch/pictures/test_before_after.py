@@ -12,6 +12,7 @@ import pytest
 from tiny_meshes import tiny_mesh, tiny_meshes
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS, face_measures
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
 pytest.importorskip("matplotlib")
@@ -55,6 +56,23 @@ def test_both_meshes_are_drawn_in_the_colours_of_their_quality(played: MakePlaye
         assert axes.get_title().endswith(f"minimum {mesh.quality.min():.3f}")
     assert figure.axes[-1].get_xlabel() == "size-skew of a cell"
     assert figure.get_suptitle() == "flag"
+
+
+@pytest.mark.parametrize("mesh", ["triangle", "hexahedron"])
+@pytest.mark.parametrize("metric", FACE_METRICS)
+def test_cells_have_the_colours_of_their_worst_face(played: MakePlayed, mesh: str, metric: str) -> None:
+    pair = read_pair(played(mesh=mesh), metric)
+    faces = face_measures(pair.after.points, pair.after.cells)
+    assert faces is not None
+    largest = faces.max_non_orthogonality if metric == "non-orthogonality" else faces.max_skewness
+    assert pair.after.quality[pair.after.worst] == pair.after.quality.max() == largest
+    if metric == "non-orthogonality":
+        assert pair.after.worst in faces.worst[0].cells
+    figure, panels = drawn(pair, Page(90.0))
+    assert panels["after"].get_title().endswith(f"maximum {largest:.3f}")
+    assert figure.axes[-1].get_xlabel() == f"{metric} of a cell"
+    line = next(line for line in panels["cells"].get_lines() if line.get_label() == "after")
+    np.testing.assert_allclose(line.get_xdata(), -np.sort(-pair.after.quality))
 
 
 def test_the_close_up_outlines_the_worst_cell(played: MakePlayed) -> None:
