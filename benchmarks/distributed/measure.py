@@ -22,7 +22,6 @@ from mesh_motion_server.distributed.held import HeldPartition
 from mesh_motion_server.distributed.model import DistributedModel
 from mesh_motion_server.distributed.packing import pack
 from mesh_motion_server.distributed.split import Split
-from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
@@ -129,7 +128,7 @@ def _session(case: PartitionCase, workers: int, connection: Connection, expected
     here, rows, moving = case.points, [], model.model.roles.moving
     for step, goal in enumerate(expected):
         body = here[moving]
-        run = _Clock(model.evaluator)
+        run = _Clock(model.evaluator.crew)
         motion = model.move(here, body + case.displacement(body, step), factors)
         here = motion.points
         rows.append(run.row(case, "session", workers, motion.seconds["solve"], float(np.abs(here - goal).max()), setup))
@@ -149,7 +148,7 @@ def _partitions(
     for step, goal in enumerate(expected):
         body = motion.boundary[motion.roles.moving]
         targets = body + case.displacement(body, step)
-        run = _Clock(motion)
+        run = _Clock(motion.crew)
         moved = motion.move(targets, factors)
         rows.append(run.row(case, "partitions", workers, 0.0, 0.0, setup))
         assert np.array_equal(motion.boundary, goal[source.nodes])
@@ -186,23 +185,22 @@ def _changed(row: Row, **changes: Any) -> Row:
 
 
 class _Clock:
-    """Seconds and bytes from now on."""
+    """Seconds and bytes of a crew from now on."""
 
-    def __init__(self, worked: Any) -> None:
-        self._worked = worked
-        self._traffic: Traffic = worked.traffic.copy()
-        self._workers = (worked.worker_seconds, worked.longest_seconds)
+    def __init__(self, crew: Crew) -> None:
+        self._crew = crew
+        self._traffic = crew.traffic.copy()
+        self._workers = (crew.seconds, crew.longest_seconds)
         self._begin = (time.perf_counter(), time.process_time())
 
     def row(self, case: PartitionCase, way: str, workers: int, solve: float, difference: float, setup: float) -> Row:
         wall, here = time.perf_counter() - self._begin[0], time.process_time() - self._begin[1]
-        wire = self._worked.traffic.since(self._traffic)
-        every, longest = self._worked.worker_seconds, self._worked.longest_seconds
+        wire = self._crew.traffic.since(self._traffic)
         found = _row(case, way, workers, wall=wall, here=here, solve=solve)
         return _changed(
             found,
-            longest=longest - self._workers[1],
-            all_workers=every - self._workers[0],
+            longest=self._crew.longest_seconds - self._workers[1],
+            all_workers=self._crew.seconds - self._workers[0],
             sent=dict(wire.sent),
             received=dict(wire.received),
             rounds=wire.rounds,

@@ -23,7 +23,6 @@ from mesh_motion_server.distributed.held import HeldPartition, Positions, judge,
 from mesh_motion_server.distributed.order_statistics import BinContent
 from mesh_motion_server.distributed.packing import pack, unpack
 from mesh_motion_server.distributed.summaries import PartialSummary, Questions, by_question, joined
-from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
@@ -119,22 +118,7 @@ class PartitionedMotion:
         self._boxes = tuple(share.box for share in source.shares)
         self._version = 0
         name = f"mesh-motion-{source.name[:12]}-{uuid.uuid4().hex[:8]}"
-        self._crew = Crew(connection, name, len(source.shares), source.make)
-
-    @property
-    def traffic(self) -> Traffic:
-        """Bytes so far."""
-        return self._crew.traffic
-
-    @property
-    def worker_seconds(self) -> float:
-        """Processor time of all workers so far."""
-        return self._crew.seconds
-
-    @property
-    def longest_seconds(self) -> float:
-        """Processor time of the busiest worker in each question so far, added up."""
-        return self._crew.longest_seconds
+        self.crew = Crew(connection, name, len(source.shares), source.make)
 
     def move(self, targets: Floats, factors: FactorSource) -> PartitionedStep:
         """Move the moving nodes to ``targets`` (k, d) and commit that.
@@ -156,7 +140,7 @@ class PartitionedMotion:
             sent = SentStage(stage.rigid, packed, share.rows, found.points[share.places])
             return Positions(start), sent, version, metric
 
-        answers = self._crew.ask(Question(advance, "coefficients", "summaries", arguments))
+        answers = self.crew.ask(Question(advance, "coefficients", "summaries", arguments))
         summary = joined([part for part, _ in answers], metric, self._ask)
         self.boundary, self._version = found.points, version
         self._boxes = tuple(box for _, box in answers)
@@ -165,14 +149,14 @@ class PartitionedMotion:
     def positions(self) -> list[Floats]:
         """(o, d) positions of each partition's own nodes: as much as the mesh, to compare it."""
         where = Positions(self._version)
-        answers: list[Floats] = self._crew.ask(
+        answers: list[Floats] = self.crew.ask(
             Question(own_positions, "questions", "displacements", lambda _number, _fresh: (where,))
         )
         return answers
 
     def close(self) -> None:
         """Free the partitions on the workers. Idempotent."""
-        self._crew.close()
+        self.crew.close()
 
     def _ask(self, questions: Questions) -> list[list[BinContent]]:
         """Bins of all partitions, by question."""
@@ -180,7 +164,7 @@ class PartitionedMotion:
         def arguments(_number: int, _fresh: bool) -> tuple[Any, ...]:
             return questions, None, 0, "", ()
 
-        return by_question(self._crew.ask(Question(questioned, "questions", "summaries", arguments)))
+        return by_question(self.crew.ask(Question(questioned, "questions", "summaries", arguments)))
 
 
 def advance(

@@ -30,7 +30,6 @@ from mesh_motion_server.distributed.order_statistics import BinContent
 from mesh_motion_server.distributed.packing import pack
 from mesh_motion_server.distributed.split import Split, mesh_digest
 from mesh_motion_server.distributed.summaries import Questions, by_question, joined
-from mesh_motion_server.distributed.traffic import Traffic
 from mesh_motion_server.distributed.versions import Changed, Version, Versions
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
@@ -72,21 +71,6 @@ class DistributedEvaluator:
         self._session = uuid.uuid4().hex[:8]
 
     @property
-    def traffic(self) -> Traffic:
-        """Bytes so far."""
-        return self._crew.traffic
-
-    @property
-    def worker_seconds(self) -> float:
-        """Processor time of all workers so far."""
-        return self._crew.seconds
-
-    @property
-    def longest_seconds(self) -> float:
-        """Processor time of the busiest worker in each question so far, added up."""
-        return self._crew.longest_seconds
-
-    @property
     def partitions(self) -> int:
         """Number of partitions."""
         return self._split.count
@@ -110,7 +94,7 @@ class DistributedEvaluator:
             packed = pack((interpolant,), changed.box(number, nodes))
             return changed.to(nodes, whole=fresh), start, packed, moved, keep
 
-        answers = self._crew.ask(Question(displace, "coefficients", "displacements", arguments))
+        answers = self.crew.ask(Question(displace, "coefficients", "displacements", arguments))
         out = np.empty_like(points)
         for number, (own, _) in enumerate(answers):
             out[self._own[number]] = own
@@ -130,7 +114,7 @@ class DistributedEvaluator:
             nodes = self._nodes[number]
             return changed.to(nodes, whole=fresh), pack((interpolant,), changed.box(number, nodes))
 
-        answers = self._crew.ask(Question(gradient, "coefficients", "displacements", arguments))
+        answers = self.crew.ask(Question(gradient, "coefficients", "displacements", arguments))
         out = np.empty((len(points), interpolant.components, points.shape[1]))
         for number, own in enumerate(answers):
             out[self._own[number]] = own
@@ -144,14 +128,14 @@ class DistributedEvaluator:
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:
             return changed.to(self._nodes[number], whole=fresh), version, metric, keep
 
-        answers = self._crew.ask(Question(judge, "positions", "summaries", arguments))
+        answers = self.crew.ask(Question(judge, "positions", "summaries", arguments))
         self._versions.know("judged", version, self._frozen(changed), [box for _, box in answers])
         return joined([part for part, _ in answers], metric, lambda questions: self._ask(questions, changed, metric))
 
     def close(self) -> None:
         """Free the partitions on the workers. Idempotent."""
-        if "_crew" in self.__dict__:
-            self._crew.close()
+        if "crew" in self.__dict__:
+            self.crew.close()
 
     def _ask(self, questions: Questions, changed: Changed, metric: str) -> list[list[BinContent]]:
         """Return the bins of all partitions, by question; a rebuilt partition is judged again first."""
@@ -161,7 +145,7 @@ class DistributedEvaluator:
             where = changed.to(self._nodes[number], whole=True) if fresh else None
             return questions, where, version, metric, keep
 
-        return by_question(self._crew.ask(Question(questioned, "questions", "summaries", arguments)))
+        return by_question(self.crew.ask(Question(questioned, "questions", "summaries", arguments)))
 
     def _is_mesh(self, points: Floats) -> bool:
         return points.shape == self._points.shape
@@ -182,7 +166,8 @@ class DistributedEvaluator:
         return range(self._split.count)
 
     @cached_property
-    def _crew(self) -> Crew:
+    def crew(self) -> Crew:
+        """The partitions on their workers."""
         name = f"mesh-motion-{mesh_digest(self._points, self._cells)[:12]}-{self._session}"
         return Crew(self._connection, name, self._split.count, lambda n: HeldPartition(self._split.partition(n)))
 

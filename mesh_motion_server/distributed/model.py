@@ -104,9 +104,9 @@ class DistributedModel:
         boundary_displacement: BoundaryDisplacement | None = None,
     ) -> Motion:
         """As :meth:`MotionModel.move`; its ``caches`` also count the bytes sent and received."""
-        before = self.evaluator.traffic.copy()
+        before = self.evaluator.crew.traffic.copy()
         motion = self.model.move(committed, targets, factors, boundary_displacement=boundary_displacement)
-        return replace(motion, caches=motion.caches | _bytes_of(self.evaluator.traffic.since(before)))
+        return replace(motion, caches=motion.caches | _bytes_of(self.evaluator.crew.traffic.since(before)))
 
     def close(self) -> None:
         """Free the partitions and disconnect from the cluster. Idempotent."""

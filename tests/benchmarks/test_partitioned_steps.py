@@ -48,14 +48,14 @@ def test_every_step_is_that_of_one_machine(tmp_path: Path, monkeypatch: pytest.M
             motion = PartitionedMotion(source, patches_of(body), method, connection)
             assert motion.method.support_radius == local.method.support_radius
             for targets in waypoints(body):
-                before = motion.traffic.copy()
+                before = motion.crew.traffic.copy()
                 summary, expected = motion.move(targets, MakeEachTime()).summary, local.move(here, targets)
                 here = expected.points
                 assert summary.worst == expected.corrected.worst
                 assert summary.inverted == expected.corrected.inverted
                 for number in ("min", "p1", "p5", "p50"):
                     assert getattr(summary.metric, number) == getattr(expected.corrected.metric, number)
-                wire = motion.traffic.since(before)
+                wire = motion.crew.traffic.since(before)
                 assert wire.received.keys() == {"summaries"}
                 assert wire.received["summaries"] < 3 * 3 * 6 * 2048 + 3 * 3000
                 np.testing.assert_array_equal(together(body, motion, source), here)

@@ -48,9 +48,9 @@ def test_only_the_boundary_and_the_answer_travel(cluster: Any) -> None:
         model = distributed_model(body, METHODS["relative"], connection)
         here, factors = body.points, FactorCache(1 << 28)
         for step, targets in enumerate(waypoints(body)):
-            before = model.evaluator.traffic.copy()
+            before = model.evaluator.crew.traffic.copy()
             motion = model.move(here, targets, factors)
-            wire = model.evaluator.traffic.since(before)
+            wire = model.evaluator.crew.traffic.since(before)
             here = motion.points
             assert motion.caches["bytes_to_workers"] == wire.sent.total()
             assert motion.caches["bytes_from_workers"] == wire.received.total()
@@ -71,9 +71,9 @@ def test_an_iteration_and_a_rollback_send_no_positions_again(cluster: Any) -> No
         model = distributed_model(body, METHODS["relative"], connection)
         committed = model.move(body.points, first).points
         model.move(committed, second)
-        before = model.evaluator.traffic.copy()
+        before = model.evaluator.crew.traffic.copy()
         assert_same(model.move(committed, third), local.move(committed, third))
-        assert model.evaluator.traffic.since(before).sent["coefficients"] < 3 * 70 * np.count_nonzero(body.held)
+        assert model.evaluator.crew.traffic.since(before).sent["coefficients"] < 3 * 70 * np.count_nonzero(body.held)
         assert_same(model.move(body.points, first), local.move(body.points, first))
         model.close()
 
