@@ -200,7 +200,7 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         if not patches:
             boundary = boundary_nodes(oriented(mesh.points, mesh.cell_table).cells)
             patches = {"boundary": Patch("moving", boundary)}
-        cells, sizes, noticed, _ = checked_mesh(mesh.points, mesh.cell_table, patches)
+        cells, sizes, noticed, *_ = checked_mesh(mesh.points, mesh.cell_table, patches)
         warnings += noticed
         split = BoundaryRoles.from_patches(patches)
         periodic = PeriodicNodes.build(mesh.points, cells, patches, split)

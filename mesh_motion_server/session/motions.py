@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement, settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
@@ -78,7 +78,7 @@ def compute(
     _check_places(targets, mesh)
     try:
         motion = model.move(committed, targets, factors, boundary_displacement=boundary)
-    except InvalidInput as error:
+    except (InvalidInput, NumericalError) as error:
         raise in_senders_numbers(error, mesh) from error
     displacements = mesh.scatter_differences(motion.points, base, boundary.displacement) if with_displacements else []
     points = _own(motion.points, committed, mesh.points)

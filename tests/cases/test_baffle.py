@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_client import Server
+from mesh_motion_client import QualityRefused, Server
 
 from mesh_motion_server.cases.play import play
 
@@ -76,3 +77,50 @@ def test_its_sides_part(server: Server, tmp_path: Path) -> None:
     played = play(case(tmp_path, TWO, apart), tmp_path / "out", endpoint=server.endpoint)
     assert played.steps[-1].inverted_cells == 0
     np.testing.assert_allclose(played.points[441:, 1] - played.points[216:225, 1], 0.04, rtol=1e-12)
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["all along", "at one end"])
+def test_its_sides_do_not_pass_through_each_other(server: Server, tmp_path: Path, turned: bool) -> None:
+    rigid = {"below": "translation = [0.0, 0.02]", "above": "translation = [0.0, -0.02]"}
+    if turned:  # about the middle: they part on one side of it and pass through each other on the other
+        rigid = {name: f"rotation = {a}, centre = [0.5, 0.5]" for name, a in (("below", 4.0), ("above", -4.0))}
+    with pytest.raises(QualityRefused, match=r"pass through itself at node (\d+) and node (\d+), which are") as refused:
+        play(case(tmp_path, TWO, rigid), tmp_path / "out", endpoint=server.endpoint)
+    one, other = map(int, re.findall(r"node (\d+)", str(refused.value))[:2])
+    assert (one, other) in set(zip(range(216, 225), range(441, 450), strict=True))
+
+
+def halves(folder: Path, motions: dict[str, str]) -> Path:
+    """Two squares side by side whose nodes on the common side are at the same place; each side moves on its own."""
+    grid = np.linspace(0.0, 1.0, 9)
+    left = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
+    number = np.arange(81).reshape(9, 9)
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], -1).reshape(-1, 4)
+    np.savez(
+        folder / "mesh.npz",
+        points=np.vstack([left, left + np.array([1.0, 0.0])]),
+        cells_quad=np.vstack([quads, quads + 81]),
+        patch_left=number[1:-1, 8],
+        patch_right=81 + number[1:-1, 0],
+        patch_outer=np.r_[number[:, 0], 81 + number[:, 8]],
+    )
+    moves = "\n".join(f'[[motion]]\npatch = "{name}"\nrigid = {{ translation = {t} }}' for name, t in motions.items())
+    (folder / "case.toml").write_text(CASE.format(roles='left = "moving"\nright = "moving"', motions=moves, count=1))
+    return folder / "case.toml"
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [("[-0.03, 0.0]", "[0.03, 0.0]"), ("[0.0, 0.03]", "[0.0, -0.03]"), ("[0.03, 0.0]", "[0.03, 0.0]")],
+)
+def test_the_sides_of_an_interface_part_slide_and_move_together(
+    server: Server, tmp_path: Path, left: str, right: str
+) -> None:
+    played = play(halves(tmp_path, {"left": left, "right": right}), tmp_path / "out", endpoint=server.endpoint)
+    assert played.steps[-1].inverted_cells == 0
+
+
+def test_an_interface_that_overlaps_is_refused_although_no_cell_is_inverted(server: Server, tmp_path: Path) -> None:
+    path = halves(tmp_path, {"left": "[0.03, 0.0]", "right": "[-0.03, 0.0]"})
+    with pytest.raises(QualityRefused, match="pass through itself at node 17 and node 90, which are at the same place"):
+        play(path, tmp_path / "out", endpoint=server.endpoint)

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
 
-__all__ = ["overturned_place"]
+__all__ = ["of_one_width", "overturned_place"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,7 +42,7 @@ def overturned_place(
     """
     if reference.shape[1] == 1 or not facets:
         return None
-    rows = _of_one_width(facets)
+    rows = of_one_width(facets)
     parts = _parts(rows, len(points))
     whole = np.ones(parts.max() + 1, dtype=bool)
     whole[parts[~_all_of(prescribed, rows)]] = False
@@ -55,7 +55,7 @@ def overturned_place(
     return centre
 
 
-def _of_one_width(facets: Mapping[str, Ints]) -> Ints:
+def of_one_width(facets: Mapping[str, Ints]) -> Ints:
     """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
     widest = max(nodes.shape[1] for nodes in facets.values())
     width = 4 if widest > 2 else 2

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_server.numerics.mesh.points import bounding_box
+from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
 
-__all__ = ["coincident_nodes", "first_at_place"]
+__all__ = ["CoincidentSides", "coincident_nodes", "first_at_place"]
 
 # rounding of coordinates, relative to the extent
 _SAME_PLACE = 1e-13
+#: Two sides pass through each other if they move towards each other at less than 60° to their common normal.
+_TOWARDS = 0.5
 
 
 def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int64]:
@@ -48,3 +55,48 @@ def coincident_nodes(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> N
     first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
     others = first != nodes
     return np.column_stack([first[others], nodes[others]])
+
+
+@dataclass(frozen=True, eq=False)
+class CoincidentSides:
+    """The nodes of the two sides of an interface or a baffle, in pairs at the same place.
+
+    Attributes
+    ----------
+    pairs : (c, 2) int64 array
+        Places with more nodes are left out: sides that meet in one point only may slide past each other.
+    facets : (f, w) array
+        The boundary facets with such a node, as :func:`of_one_width` gives them.
+    """
+
+    pairs: NDArray[np.int64]
+    facets: NDArray[np.int64]
+
+    @classmethod
+    def build(
+        cls, pairs: NDArray[np.int64], facets: Mapping[str, NDArray[np.int64]], known: NDArray[np.bool_]
+    ) -> CoincidentSides:
+        """From pairs (c, 2) of :func:`coincident_nodes`, boundary facets by type, and nodes (n,) with known places."""
+        alone = np.bincount(pairs[:, 0], minlength=len(known))[pairs[:, 0]] == 1
+        pairs = pairs[alone & known[pairs].all(axis=1)]
+        if not len(pairs) or "vertex" in facets:
+            return cls(pairs[:0], np.empty((0, 2), dtype=np.int64))
+        rows = of_one_width(facets)
+        return cls(pairs, rows[np.isin(rows, pairs).any(axis=1)])
+
+    def passing(self, points: NDArray[np.float64]) -> tuple[int, int] | None:
+        """The first pair of nodes that have passed through each other at ``points`` (n, d); None if there is none."""
+        normals = np.zeros_like(points)
+        areas = area_vectors(points, self.facets)
+        for column in self.facets.T:
+            np.add.at(normals, column[column >= 0], areas[column >= 0])
+        one, other = self.pairs.T
+        normal, apart = normals[one] - normals[other], points[other] - points[one]
+        depth = -np.sum(normal * apart, axis=1)
+        length = np.linalg.norm(normal, axis=1) * np.linalg.norm(apart, axis=1)
+        least = _SAME_PLACE * float(np.ptp(bounding_box(points), axis=0).max())
+        through = (depth > _TOWARDS * length) & (np.linalg.norm(apart, axis=1) > 1e3 * least)
+        if not through.any():
+            return None
+        first = int(np.argmax(through))
+        return int(one[first]), int(other[first])

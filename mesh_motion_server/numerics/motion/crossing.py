@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, c
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 
 __all__ = ["PossibleCrossing"]
@@ -30,18 +32,37 @@ class PossibleCrossing:
     cells : CellTable
     roles : BoundaryRoles
     facets : BoundaryFacets
+    sides : CoincidentSides
+        Of nodes with prescribed positions.
     """
 
     reference: Floats
     cells: CellTable
     roles: BoundaryRoles
     facets: BoundaryFacets
+    sides: CoincidentSides
 
     @classmethod
-    def build(cls, reference: Floats, cells: CellTable, roles: BoundaryRoles) -> PossibleCrossing:
-        """Build it for a checked mesh."""
-        facets = BoundaryFacets.build(boundary_facets(cells), roles.moving, roles.fixed, len(reference))
-        return cls(reference, cells, roles, facets)
+    def build(
+        cls, reference: Floats, cells: CellTable, roles: BoundaryRoles, coincident: NDArray[np.int64]
+    ) -> PossibleCrossing:
+        """Build it for a checked mesh with ``coincident`` (c, 2) nodes."""
+        facets, known = boundary_facets(cells), np.zeros(len(reference), dtype=bool)
+        known[roles.moving] = known[roles.fixed] = True
+        own = BoundaryFacets.build(facets, roles.moving, roles.fixed, len(reference))
+        return cls(reference, cells, roles, own, CoincidentSides.build(coincident, facets, known))
+
+    def refuse_passing(self, points: Floats, targets: Floats, refusal: NumericalError | None = None) -> None:
+        """Refuse it if two nodes at the same place in the reference mesh pass through each other: as below."""
+        if not len(self.sides.pairs):
+            return
+        moved = points.copy()
+        moved[self.roles.moving] = targets
+        pair = self.sides.passing(moved)
+        if pair is not None:
+            one, other = pair
+            fault = f"pass through itself at node {one} and node {other}, which are at the same place at rest"
+            raise _no_mesh(fault, refusal, {"node": one})
 
     def refuse(self, points: Floats, targets: Floats, refusal: NumericalError | None = None) -> None:
         """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) if no valid mesh exists.
@@ -51,6 +72,7 @@ class PossibleCrossing:
         NumericalError
             With the best quality, the worst cells and the details of an earlier ``refusal``.
         """
+        self.refuse_passing(points, targets, refusal)
         moved, prescribed = points.copy(), np.zeros(len(points), dtype=bool)
         moved[self.roles.moving] = targets
         prescribed[self.roles.moving] = prescribed[self.roles.fixed] = True
@@ -61,10 +83,15 @@ class PossibleCrossing:
         if place is None:
             return
         near = ", ".join(f"{x:.4g}" for x in place)
-        known = refusal or NumericalError("")
-        raise NumericalError(
-            f"no valid mesh exists: the boundary would {fault} near ({near})",
-            best=known.best,
-            cells=known.cells,
-            details=known.details,
-        )
+        raise _no_mesh(f"{fault} near ({near})", refusal)
+
+
+def _no_mesh(fault: str, refusal: NumericalError | None, details: Mapping[str, object] | None = None) -> NumericalError:
+    """The error for a boundary with this fault, with what an earlier refusal found."""
+    known = refusal or NumericalError("")
+    return NumericalError(
+        f"no valid mesh exists: the boundary would {fault}",
+        best=known.best,
+        cells=known.cells,
+        details={**known.details, **(details or {})},
+    )

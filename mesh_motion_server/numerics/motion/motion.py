@@ -179,6 +179,8 @@ class MotionModel(PreparedMesh):
 
     def _interpolate(self, step: _Step, layer: BoundaryLayer | None, watch: Stopwatch) -> _Predicted:
         """Interpolate and judge."""
+        if len(self.coincident) and not self.method.allow_invalid:
+            self.boundary.refuse_passing(step.committed, step.targets)
         factors, motion = Recorded(step.factors), self.motion_with(layer)
         trial = motion.trial(step.committed, step.targets, factors, watch)
         with watch.phase("predict"):

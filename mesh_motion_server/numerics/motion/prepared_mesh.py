@@ -65,6 +65,8 @@ class PreparedMesh:
         Walls whose layers move with them if interpolation would spoil the layers; None if the method selects layers.
     distributions : bool
         Whether a judgement contains the distributions, or the worst cells alone.
+    coincident : (c, 2) int64 array
+        Boundary nodes at the same place: the first there, and another.
     """
 
     points: Floats
@@ -75,6 +77,7 @@ class PreparedMesh:
     held: NDArray[np.bool_]
     standard_motion: StandardMotion
     constraint: BoundaryConstraint | None
+    coincident: NDArray[np.int64]
     warnings: tuple[str, ...]
     evaluator: Evaluator
     smooth: SmoothInTime | None = None
@@ -100,7 +103,7 @@ class PreparedMesh:
         InvalidInput
             When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
         """
-        cells, sizes, warnings, resting = checked_mesh(points, cells, patches)
+        cells, sizes, warnings, resting, coincident = checked_mesh(points, cells, patches)
         if len(resting):
             patches = {**patches, "": Patch("fixed", resting)}
         at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
@@ -130,6 +133,7 @@ class PreparedMesh:
             held,
             motion,
             BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic),
+            coincident,
             tuple(warnings),
             evaluator,
             smooth,
@@ -155,7 +159,7 @@ class PreparedMesh:
     @cached_property
     def boundary(self) -> PossibleCrossing:
         """The boundary, which may cross itself."""
-        return PossibleCrossing.build(self.points, self.cells, self.roles)
+        return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident)
 
     @cached_property
     def near_walls(self) -> NDArray[np.bool_]:

@@ -49,12 +49,15 @@ class CheckedMesh(NamedTuple):
     warnings : list of str
     resting : (r,) int64 array
         Nodes in no patch that stay where they are: those behind fixed nodes.
+    coincident : (c, 2) int64 array
+        Boundary or patch nodes at the same place: the first there, and another.
     """
 
     cells: CellTable
     reference_sizes: NDArray[np.float64]
     warnings: list[str]
     resting: NDArray[np.int64]
+    coincident: NDArray[np.int64]
 
 
 def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
@@ -94,9 +97,10 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     check_patches(len(points), patches)
     boundary = _boundary_of(points, listed, read)
     checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
-    odd = [*read.warnings, *_coincident(points, checked), *_orphans(len(points), cells)]
+    pairs = coincident_nodes(points, checked)
+    odd = [*read.warnings, *_coincident(pairs), *_orphans(len(points), cells)]
     resting = nodes_behind_fixed(len(points), cells, boundary, patches)
-    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches, resting)], resting)
+    return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches, resting)], resting, pairs)
 
 
 def _check_points(points: NDArray[np.float64], dimension: int) -> None:
@@ -202,9 +206,8 @@ def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
     return "mesh the domain anew, or repair these cells"
 
 
-def _coincident(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> list[str]:
-    """A warning for boundary or patch nodes (b,) at the same place: two sides of an interface, a baffle or a wake."""
-    pairs = coincident_nodes(points, nodes)
+def _coincident(pairs: NDArray[np.int64]) -> list[str]:
+    """A warning for nodes (c, 2) at the same place: two sides of an interface, a baffle or a wake."""
     if not len(pairs):
         return []
     pair, left = f"{pairs[0, 0]} and {pairs[0, 1]}", len(pairs) - 1

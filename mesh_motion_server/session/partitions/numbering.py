@@ -7,14 +7,16 @@ partitions as uploaded.
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -24,6 +26,7 @@ __all__ = ["UploadView", "in_senders_numbers", "upload_view"]
 #: The pattern of a node in a message, and the keys of a node in the details.
 _NODE = re.compile(r"\bnode (\d+)")
 _NODE_KEYS = ("node", "image")
+_Error = TypeVar("_Error", bound=MeshMotionError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +80,19 @@ def upload_view(mesh: MergedMesh) -> UploadView:
     )
 
 
-def in_senders_numbers(error: InvalidInput, mesh: MergedMesh) -> InvalidInput:
+def in_senders_numbers(error: _Error, mesh: MergedMesh) -> _Error:
     """What is wrong with a motion, its nodes in canonical numbering, as their senders know them.
 
     Message and details name nodes by global id, which with one partition is the local index; where there are several,
     the details have the node's partition and local index too.
     """
-    message = _NODE.sub(lambda found: f"node {mesh.global_ids[int(found[1])]}", error.message)
-    details = dict(error.details)
+    told, details = copy.copy(error), dict(error.details)
+    told.message = _NODE.sub(lambda found: f"node {mesh.global_ids[int(found[1])]}", error.message)
     for key in _NODE_KEYS:
         if isinstance(node := details.get(key), int):
             details[key] = int(mesh.global_ids[node])
             if key == "node" and len(mesh.node_maps) > 1:
                 partition, local = mesh.locate_node(node)
                 details |= {"partition": partition, "node": local, "global_id": int(mesh.global_ids[node])}
-    return InvalidInput(message, code=error.code, hint=error.hint, details=details)
+    told.details = details
+    return told
