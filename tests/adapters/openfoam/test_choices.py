@@ -147,7 +147,8 @@ WEDGE = """scale 1;
 vertices ((0 0 0) (2 0 0) (2 1 -0.1) (0 1 -0.1) (2 1 0.1) (0 1 0.1));
 blocks (hex (0 1 2 3 0 1 4 5) (8 6 1) simpleGrading (3 1 1));
 boundary (
-  back { type wedge; faces ((0 3 2 1)); } front { type wedge; faces ((0 1 4 5)); } axis { type empty; faces ((0 1 1 0)); }
+  back { type wedge; faces ((0 3 2 1)); } front { type wedge; faces ((0 1 4 5)); }
+  axis { type empty; faces ((0 1 1 0)); }
   ends { type patch; faces ((0 5 3 0) (1 2 4 1)); } wall { type wall; faces ((3 5 4 2)); }
 );
 """
