@@ -206,7 +206,7 @@ def test_entries_without_a_dictionary_of_their_own(make_case, entry):
 def test_a_misspelt_entry_of_a_coupled_patch(make_case):
     case = make_case(steps=1)
     path = case.folder / "0/pointDisplacement"
-    coupled = "plate { type coupledDisplacement; endpoint \"ipc:///nobody\"; rho 1; pReff 0; value uniform (0 0 0); }"
+    coupled = 'plate { type coupledDisplacement; endpoint "ipc:///nobody"; rho 1; pReff 0; value uniform (0 0 0); }'
     path.write_text(re.sub(r"plate\s*\{[^}]*\}", coupled, path.read_text()))
     case.run("moveDynamicMesh", expect=1)
     assert "there is no entry pReff" in case.output
