@@ -3,6 +3,7 @@
 #include "Time.H"
 #include "displacementMotionSolver.H"
 #include "fvcGrad.H"
+#include "knownEntries.H"
 #include "volFields.H"
 #include <zmq.h>
 
@@ -19,6 +20,11 @@ Foam::couplingLink::couplingLink(const dictionary& dict)
     iteration_(0),
     maxCorrectors_(-1)
 {
+    checkEntries
+    (
+        dict,
+        {"endpoint", "rho", "pRef", "timeout", "type", "patchType", "value"}
+    );
     const int linger = 0;
     zmq_setsockopt(socket_, ZMQ_LINGER, &linger, sizeof(linger));
     zmq_setsockopt(socket_, ZMQ_RCVTIMEO, &timeout_, sizeof(timeout_));

@@ -4,6 +4,7 @@
 #include "globalIndex.H"
 #include "globalMeshData.H"
 #include "syncTools.H"
+#include "wedgePolyPatch.H"
 
 Foam::vector Foam::remoteMesh::meanOf(const face& f, const vectorField& values)
 {
@@ -35,22 +36,30 @@ void Foam::remoteMesh::findDimension()
             << exit(FatalError);
     }
     axes_.transfer(axes);
+    forAllReverse(mesh_.boundaryMesh(), patchi)
+    {
+        if (isA<wedgePolyPatch>(mesh_.boundaryMesh()[patchi]))
+        {
+            wedge_ = patchi;
+        }
+    }
 }
 
 
-Foam::labelList Foam::remoteMesh::planeFaces() const
+Foam::labelList Foam::remoteMesh::planeFaces(const bool front) const
 {
     DynamicList<label> faces(mesh_.nCells());
     for (const polyPatch& pp : mesh_.boundaryMesh())
     {
+        if (!isA<emptyPolyPatch>(pp) && !isA<wedgePolyPatch>(pp))
+        {
+            continue;
+        }
         forAll(pp, i)
         {
             const label facei = pp.start() + i;
-            if
-            (
-                isA<emptyPolyPatch>(pp)
-             && mesh_.faceAreas()[facei][thinAxis()] > 0
-            )
+            const scalar area = mesh_.faceAreas()[facei][thinAxis()];
+            if (front ? area > 0 : area < 0)
             {
                 faces.append(facei);
             }
@@ -60,46 +69,87 @@ Foam::labelList Foam::remoteMesh::planeFaces() const
 }
 
 
+Foam::boolList Foam::remoteMesh::pointsOf(const labelList& faces) const
+{
+    boolList on(mesh_.nPoints(), false);
+    for (const label facei : faces)
+    {
+        UIndirectList<bool>(on, mesh_.faces()[facei]) = true;
+    }
+    return on;
+}
+
+
+void Foam::remoteMesh::setSlopes
+(
+    const labelList& faces,
+    const boolList& onOther
+)
+{
+    vector slope(sum(vectorField(mesh_.faceAreas(), faces)));
+    reduce(slope, sumOp<vector>()); // the same on all ranks, to the bit
+    slope /= -slope[thinAxis()];
+    slope[thinAxis()] = 0;
+    const boolList on(pointsOf(faces));
+    forAll(on, pointi)
+    {
+        if (on[pointi] && !onOther[pointi])
+        {
+            slopes_[pointi] = slope;
+        }
+    }
+}
+
+
 void Foam::remoteMesh::numberPlane()
 {
-    const labelList plane(planeFaces());
+    const labelList plane(planeFaces()), other(planeFaces(false));
+    const boolList isFront(pointsOf(plane)), isBack(pointsOf(other));
     pointNode_ = -1;
-    boolList isFront(mesh_.nPoints(), false);
-    for (const label facei : plane)
-    {
-        UIndirectList<bool>(isFront, mesh_.faces()[facei]) = true;
-    }
+    label nAxis = 0;
     forAll(isFront, pointi)
     {
         if (isFront[pointi])
         {
             pointNode_[pointi] = nodePoint_.size();
             nodePoint_.append(pointi);
+            nAxis += isBack[pointi];
         }
     }
     label nPairs = 0;
     for (const edge& e : mesh_.edges())
     {
-        if (isFront[e[0]] != isFront[e[1]])
+        const label front = isFront[e[0]] ? e[0] : e[1];
+        const label back = e.otherVertex(front);
+        if
+        (
+            isFront[front] && !isBack[front]
+         && isBack[back] && !isFront[back]
+        )
         {
-            const label front = isFront[e[0]] ? e[0] : e[1];
-            pointNode_[e.otherVertex(front)] = pointNode_[front];
+            pointNode_[back] = pointNode_[front];
             ++nPairs;
         }
     }
     if
     (
         plane.size() != mesh_.nCells()
-     || nPairs != nodePoint_.size()
+     || nPairs + nAxis != nodePoint_.size()
      || pointNode_.found(-1)
     )
     {
         FatalErrorInFunction
-            << "a 2D mesh must have one layer of cells between its empty "
-            << "patches, with every point on either; got " << plane.size()
-            << " empty faces on one side of " << mesh_.nCells()
+            << "a 2D mesh must have one layer of cells between its empty or "
+            << "wedge patches, with every point on either; got " << plane.size()
+            << " of their faces on one side of " << mesh_.nCells()
             << " cells, and " << nPairs << " edges across it for "
             << mesh_.nPoints() << " points" << exit(FatalError);
+    }
+    if (wedge_ >= 0)
+    {
+        slopes_.setSize(mesh_.nPoints(), Zero);
+        setSlopes(plane, isBack);
+        setSlopes(other, isFront);
     }
 }
 
@@ -212,11 +262,39 @@ Foam::boolList Foam::remoteMesh::pointsOf(const polyPatch& pp) const
 }
 
 
+std::vector<int64_t> Foam::remoteMesh::axisNodes() const
+{
+    std::vector<int64_t> nodes;
+    const boolList isBack(pointsOf(planeFaces(false)));
+    forAll(nodePoint_, node)
+    {
+        if (isBack[nodePoint_[node]])
+        {
+            nodes.push_back(node);
+        }
+    }
+    return nodes;
+}
+
+
+void Foam::remoteMesh::addPatch(patch&& added)
+{
+    if (returnReduce(added.nodes.size() > 0, orOp<bool>()))
+    {
+        patches_.push_back(std::move(added));
+    }
+}
+
+
 void Foam::remoteMesh::addPatches(const remotePatches& roles)
 {
     forAll(mesh_.boundaryMesh(), patchi)
     {
         const polyPatch& pp = mesh_.boundaryMesh()[patchi];
+        if (patchi == wedge_)
+        {
+            addPatch({pp.name(), "symmetry", axisNodes()});
+        }
         if (roles.role(patchi).empty())
         {
             continue;
@@ -241,7 +319,7 @@ void Foam::remoteMesh::addPatches(const remotePatches& roles)
                 added.nodes.push_back(middle.val());
             }
         }
-        patches_.push_back(std::move(added));
+        addPatch(std::move(added));
     }
 }
 
@@ -254,7 +332,8 @@ Foam::remoteMesh::remoteMesh
 )
 :
     mesh_(mesh),
-    pointNode_(identity(mesh.nPoints()))
+    pointNode_(identity(mesh.nPoints())),
+    wedge_(-1)
 {
     findDimension();
     if (dimension() == 2)
@@ -325,10 +404,15 @@ void Foam::remoteMesh::toPoints
     }
     forAll(pointNode_, pointi)
     {
+        vector& value = pointValues[pointi];
+        const vector before(value);
         forAll(axes_, j)
         {
-            pointValues[pointi][axes_[j]] =
-                rows[pointNode_[pointi]*dimension() + j];
+            value[axes_[j]] = rows[pointNode_[pointi]*dimension() + j];
+        }
+        if (slopes_.size())
+        {
+            value[thinAxis()] += slopes_[pointi] & (value - before);
         }
     }
 }

@@ -6,6 +6,7 @@
 #include "SHA1Digest.H"
 #include "Time.H"
 #include "addToRunTimeSelectionTable.H"
+#include "knownEntries.H"
 
 namespace Foam
 {
@@ -25,8 +26,8 @@ namespace
 
 using namespace Foam;
 
-//- Refuse entries that nobody reads: a misspelt one would be its default
-void checkEntries(const dictionary& coeffs)
+//- The coefficients, all of which are known
+const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
 {
     static const wordList known
     ({
@@ -34,16 +35,16 @@ void checkEntries(const dictionary& coeffs)
         "computeTimeout", "commit", "atEnd", "durability", "label",
         "secretKey", "serverKey"
     });
-    for (const entry& e : coeffs)
-    {
-        if (!known.found(e.keyword()))
-        {
-            FatalIOErrorInFunction(coeffs)
-                << "there is no entry " << e.keyword() << nl
-                << "    entries are " << flatOutput(known)
-                << exit(FatalIOError);
-        }
-    }
+    // without a dictionary of their own they stand among those of the mesh
+    static const wordList ofMesh
+    ({
+        "dynamicFvMesh", "dynamicFvMeshLibs", "libs", "motionSolverLibs",
+        "motionSolver", "solver", "cellZone", "cellSet", "updateControl",
+        "updateInterval"
+    });
+    const bool own = dict.found(remoteMeshMotion::typeName + "Coeffs");
+    checkEntries(coeffs, known, own ? wordList() : ofMesh);
+    return coeffs;
 }
 
 
@@ -187,17 +188,12 @@ Foam::remoteMeshMotion::remoteMeshMotion
 )
 :
     displacementMotionSolver(mesh, dict, typeName),
-    patches_(mesh, coeffDict()),
+    patches_(mesh, checked(dict, coeffDict())),
     remoteMesh_(mesh, mesh.points(), patches_),
     session_(),
     trial_(-1),
     commitEveryMove_(false)
 {
-    // without a dictionary of its own the coefficients stand among others'
-    if (dict.found(word(typeName + "Coeffs")))
-    {
-        checkEntries(coeffDict());
-    }
     commitEveryMove_ =
         isSecond(coeffDict(), "commit", {"timeStep", "everyMove"});
     isSecond(coeffDict(), "atEnd", {"keep", "discard"});

@@ -16,7 +16,8 @@ const Foam::wordList& roleNames()
 {
     static const Foam::wordList names
     ({
-        "moving", "fixed", "slip", "symmetry", "periodic", "free", "empty"
+        "moving", "fixed", "slip", "symmetry", "periodic", "free", "empty",
+        "wedge"
     });
     return names;
 }
@@ -42,13 +43,6 @@ Foam::word Foam::remotePatches::roleOf
     {
         return word();
     }
-    if (isA<wedgePolyPatch>(pp))
-    {
-        FatalIOErrorInFunction(given)
-            << "patch " << pp.name() << " is a wedge: remoteMeshMotion moves "
-            << "meshes of three dimensions, or of two between empty patches"
-            << exit(FatalIOError);
-    }
     word role;
     if (isA<symmetryPolyPatch>(pp) || isA<symmetryPlanePolyPatch>(pp))
     {
@@ -62,6 +56,10 @@ Foam::word Foam::remotePatches::roleOf
     {
         role = "empty";
     }
+    else if (isA<wedgePolyPatch>(pp))
+    {
+        role = "wedge";
+    }
     const word standard(role);
     if (!given.readIfPresent(pp.name(), role) && role.empty())
     {
@@ -70,18 +68,19 @@ Foam::word Foam::remotePatches::roleOf
             << "    give it one of " << flatOutput(roleNames())
             << exit(FatalIOError);
     }
-    const bool constrained = standard == "empty" || standard == "periodic";
+    static const wordList typed({"empty", "wedge", "periodic"});
     if
     (
         !roleNames().found(role)
-     || (constrained ? role != standard : role == "empty" || role == "periodic")
+     || ((typed.found(role) || typed.found(standard)) && role != standard)
     )
     {
         FatalIOErrorInFunction(given)
             << "patch " << pp.name() << " of type " << pp.type()
             << " cannot have the role " << role << nl
             << "    roles are " << flatOutput(roleNames())
-            << ", empty and periodic for patches of type empty and cyclic"
+            << ", empty, wedge and periodic for patches of type empty, wedge "
+            << "and cyclic"
             << exit(FatalIOError);
     }
     if (role == "periodic" && Pstream::parRun())
@@ -91,7 +90,8 @@ Foam::word Foam::remotePatches::roleOf
             << " is periodic, which remoteMeshMotion offers in serial only"
             << exit(FatalIOError);
     }
-    return role == "empty" || role == "free" ? word() : role;
+    const bool unknown = role == "empty" || role == "wedge" || role == "free";
+    return unknown ? word() : role;
 }
 
 

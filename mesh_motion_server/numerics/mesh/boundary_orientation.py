@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
 
-__all__ = ["of_one_width", "overturned_place"]
+__all__ = ["closed_parts", "of_one_width", "overturned_place"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,9 +43,7 @@ def overturned_place(
     if reference.shape[1] == 1 or not facets:
         return None
     rows = of_one_width(facets)
-    parts = _parts(rows, len(points))
-    whole = np.ones(parts.max() + 1, dtype=bool)
-    whole[parts[~_all_of(prescribed, rows)]] = False
+    parts, whole = closed_parts(rows, prescribed, len(points))
     before, after = (_signs(parts, _contributions(places, rows)) for places in (reference, points))
     lost = np.flatnonzero(whole & np.where(before == 0.0, after > 0.0, before * after <= 0.0))
     if not len(lost):
@@ -53,6 +51,14 @@ def overturned_place(
     nodes = np.unique(rows[parts == lost[0]])
     centre: Floats = points[nodes[nodes >= 0]].mean(axis=0)
     return centre
+
+
+def closed_parts(rows: Ints, prescribed: NDArray[np.bool_], count: int) -> tuple[Ints, NDArray[np.bool_]]:
+    """(f,) number of the connected part of the boundary of each facet (f, w); (p,) whether all nodes are prescribed."""
+    parts = _parts(rows, count)
+    whole = np.ones(parts.max() + 1, dtype=bool)
+    whole[parts[~_all_of(prescribed, rows)]] = False
+    return parts, whole
 
 
 def of_one_width(facets: Mapping[str, Ints]) -> Ints:

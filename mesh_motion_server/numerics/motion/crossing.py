@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.boundary_nesting import misplaced_place
 from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides
@@ -80,6 +81,9 @@ class PossibleCrossing:
         if place is None:
             place = overturned_place(boundary_facets(self.cells), prescribed, self.reference, moved)
             fault = "turn inside out"
+        if place is None:
+            place = misplaced_place(boundary_facets(self.cells), prescribed, self.roles.moving, self.reference, moved)
+            fault = "leave its side of another part"
         if place is None:
             return
         near = ", ".join(f"{x:.4g}" for x in place)

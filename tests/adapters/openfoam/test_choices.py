@@ -151,3 +151,72 @@ def test_a_wrong_choice_is_named(make_case, further, words):
     assert "FOAM FATAL" in case.output
     for word in words:
         assert word in case.output
+
+
+WEDGE = """scale 1;
+vertices ((0 0 0) (2 0 0) (2 1 -0.1) (0 1 -0.1) (2 1 0.1) (0 1 0.1));
+blocks (hex (0 1 2 3 0 1 4 5) (8 6 1) simpleGrading (3 1 1));
+boundary (
+  back { type wedge; faces ((0 3 2 1)); } front { type wedge; faces ((0 1 4 5)); }
+  axis { type empty; faces ((0 1 1 0)); }
+  ends { type patch; faces ((0 5 3 0) (1 2 4 1)); } wall { type wall; faces ((3 5 4 2)); }
+);
+"""
+WEDGE_FIELD = """dimensions [0 1 0 0 0 0 0]; internalField uniform (0 0 0);
+boundaryField
+{
+    "(back|front)" { type wedge; } axis { type empty; } ends { type slip; }
+    wall { type oscillatingDisplacement; amplitude (0 -0.3 0); omega 15.7079632679; value uniform (0 0 0); }
+}
+"""
+
+
+def make_wedge(make_case, name):
+    """A cylinder as a wedge whose wall moves towards the axis."""
+    case = make_case(name, steps=2)
+    no_flow(case)
+    (case.folder / "system/blockMeshDict").write_text(HEADER.format("blockMeshDict") + WEDGE)
+    head = HEADER.format("pointDisplacement").replace("dictionary", "pointVectorField")
+    (case.folder / "0/pointDisplacement").write_text(head + WEDGE_FIELD)
+    path = case.folder / "constant/dynamicMeshDict"
+    path.write_text(re.sub(r"patches\s*\{[^}]*\}", "patches { wall moving; ends slip; }", path.read_text()))
+    case.run("blockMesh")
+    return case
+
+
+def test_a_wedge_is_moved_as_a_plane_on_one_rank_and_on_two(make_case):
+    serial, parallel = make_wedge(make_case, "serial"), make_wedge(make_case, "parallel")
+    serial.run("moveDynamicMesh")
+    start, moved = serial.numbers("constant/polyMesh/points", 3), serial.points("0.1")
+    wall, axis = start[:, 1] > 1 - 1e-9, start[:, 1] < 1e-9
+    np.testing.assert_allclose(moved[wall, 1], 0.7, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(moved[axis, 1:], 0.0)
+    np.testing.assert_allclose(moved[:, 2], np.sign(start[:, 2]) * 0.1 * moved[:, 1], rtol=0, atol=1e-12)
+    ends = np.abs(start[:, 0] - 1) > 1 - 1e-9
+    np.testing.assert_allclose(moved[ends, 0], start[ends, 0], rtol=0, atol=1e-12)
+    assert "Mesh OK." in serial.run("checkMesh", "-latestTime")
+    parallel.run("decomposePar")
+    parallel.run("moveDynamicMesh", ranks=2)
+    parallel.check_ranks("0.1", serial.points("0.1"))
+
+
+@pytest.mark.parametrize("entry", ["onServerLos wait 100;", "diffusivity uniform;"])
+def test_entries_without_a_dictionary_of_their_own(make_case, entry):
+    case = make_case(steps=1)
+    path = case.folder / "constant/dynamicMeshDict"
+    text = path.read_text().replace("remoteMeshMotionCoeffs\n{", "").rstrip().removesuffix("}")
+    path.write_text(text + "updateControl timeStep;\n")
+    case.run("moveDynamicMesh")
+    path.write_text(text + entry)
+    case.run("moveDynamicMesh", expect=1)
+    assert f"there is no entry {entry.split()[0]}" in case.output
+    assert "onServerLoss" in case.output
+
+
+def test_a_misspelt_entry_of_a_coupled_patch(make_case):
+    case = make_case(steps=1)
+    path = case.folder / "0/pointDisplacement"
+    coupled = 'plate { type coupledDisplacement; endpoint "ipc:///nobody"; rho 1; pReff 0; value uniform (0 0 0); }'
+    path.write_text(re.sub(r"plate\s*\{[^}]*\}", coupled, path.read_text()))
+    case.run("moveDynamicMesh", expect=1)
+    assert "there is no entry pReff" in case.output
