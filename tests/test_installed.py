@@ -19,3 +19,29 @@ def test_every_package_is_found_from_elsewhere(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "import " + ", ".join(packages)]
     run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
+
+
+#: The import system as where only the packages of the base are installed.
+_BASE_ONLY = """
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {missing}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Missing())
+"""
+_FURTHER = ("scipy", "pydantic", "typer", "rich", "threadpoolctl", "prometheus_client", "mesh_motion_kernels")
+
+
+def test_the_client_needs_no_package_of_the_server() -> None:
+    """The module ``packaging/test_extras.py`` shows the same with real environments."""
+    parts = ("client", "protocol", "conformance", "fsi", "kratos", "calculix", "precice")
+    asked = _BASE_ONLY.format(missing=set(_FURTHER)) + "import " + ", ".join(f"mesh_motion_{part}" for part in parts)
+    run = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    told = subprocess.run(
+        [sys.executable, "-c", asked + "\nfrom mesh_motion_server.commands.cli import main\nmain()"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (told.returncode, told.stderr.count("\n")) == (69, 1), told.stderr
+    assert "mesh-motion-server[server]" in told.stderr

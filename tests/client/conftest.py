@@ -129,17 +129,20 @@ def running_server(folder, **settings):
 
 
 @pytest.fixture
-def server(tmp_path):
-    """A server that the test may kill."""
-    with running_server(tmp_path) as running:
-        yield running
+def server(lasting_server):
+    """A server that the test may kill and start again; it has counted no moves yet."""
+    (lasting_server.folder / "moves").unlink(missing_ok=True)
+    yield lasting_server
+    (lasting_server.folder / "hold").unlink(missing_ok=True)
+    if not lasting_server.runs:
+        lasting_server.start()
 
 
-@pytest.fixture
-def server_with(tmp_path):
+@pytest.fixture(scope="module")
+def server_with(tmp_path_factory):
     """Starts a server with these settings."""
     with contextlib.ExitStack() as stack:
-        yield lambda **settings: stack.enter_context(running_server(tmp_path, **settings))
+        yield lambda **settings: stack.enter_context(running_server(tmp_path_factory.mktemp("server"), **settings))
 
 
 @pytest.fixture(scope="module")
@@ -164,10 +167,9 @@ def keyed_server(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def lasting_server(tmp_path_factory):
-    """One server for a module whose tests leave it alone."""
-    with running_server(tmp_path_factory.mktemp("server")) as running:
-        yield running
+def lasting_server(server_with):
+    """One server for a module."""
+    return server_with()
 
 
 @pytest.fixture

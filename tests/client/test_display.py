@@ -17,11 +17,6 @@ CUBE = Mesh(
 )
 
 
-@pytest.fixture
-def server(lasting_server):
-    return lasting_server
-
-
 def test_a_mesh_says_its_size_box_and_patches():
     assert repr(CUBE).splitlines() == [
         "Mesh in 3D: 12 nodes, 2 hexahedron",

@@ -24,6 +24,11 @@ def kill_worker(server, session):
     os.kill(server.worker_of(session.credentials.session), signal.SIGKILL)
 
 
+def listed(client, session):
+    """What the list says of a session."""
+    return next(entry for entry in client.sessions() if entry["session"] == session.credentials.session)
+
+
 def test_kill_9_of_the_worker_in_the_middle_of_a_move(server, session, background):
     session.move(UP)
     session.commit()
@@ -51,7 +56,7 @@ def test_a_commit_that_executed_before_the_worker_died_is_not_executed_again(ser
     session.move(UP)
     proxy[-1].deaf = True
     committing = background(session.commit)
-    wait_until(lambda: client.sessions()[0]["step"] == 1, "the commit executed")
+    wait_until(lambda: listed(client, session)["step"] == 1, "the commit executed")
     kill_worker(server, session)
     committed = committing()
     assert (committed.step, session.step) == (1, 1)
@@ -201,7 +206,7 @@ def test_a_trial_is_made_again_after_the_lease_ended(server, client, mesh, proxy
     session.move(UP)
     proxy[-1].cut()
     proxy[-1].shut = True
-    wait_until(lambda: client.sessions()[0]["state"] == "SUSPENDED", "the lease ended")
+    wait_until(lambda: listed(client, session)["state"] == "SUSPENDED", "the lease ended")
     proxy[-1].shut = False
     assert session.commit().step == 1
     assert session.points()[0, 1] == 0.25

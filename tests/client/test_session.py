@@ -10,11 +10,6 @@ from proofs.waiting import wait_until
 UP = np.array([[0.0, 0.25]] * 4)
 
 
-@pytest.fixture
-def server(lasting_server):
-    return lasting_server
-
-
 def test_open_tells_what_is_needed(session):
     assert session.moving_nodes.tolist() == [0, 4, 8, 12]
     assert (session.step, session.iteration, session.dimension) == (0, 0, 2)

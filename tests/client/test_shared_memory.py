@@ -48,10 +48,9 @@ def moves(session, count=4):
     return [session.move(rows(number)).displacement for number in range(1, count + 1)]
 
 
-@pytest.fixture
-def server(tmp_path, server_with):
-    (tmp_path / "ipc").mkdir(mode=0o700)
-    return server_with(endpoint=f"ipc://{tmp_path}/ipc/control")
+@pytest.fixture(scope="module")
+def server(tmp_path_factory, server_with):
+    return server_with(endpoint=f"ipc://{tmp_path_factory.mktemp('ipc')}/control")
 
 
 @pytest.fixture

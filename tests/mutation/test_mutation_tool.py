@@ -164,6 +164,7 @@ def test_a_zip_that_need_not_be_strict_is_no_mutant() -> None:
     ]
 
 
+@pytest.mark.nightly
 def test_every_survivor_has_a_reason_and_a_module() -> None:
     known = tomllib.loads((HERE / "survivors.toml").read_text(encoding="utf-8"))
     for module, survivors in known.items():

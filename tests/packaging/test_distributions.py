@@ -13,6 +13,9 @@ import pytest
 from bare_environment import ROOT, build, names_in
 
 from mesh_motion_server import __version__
+from tools import manual_pages
+
+pytestmark = pytest.mark.nightly  # the kernels are compiled for the wheel
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 FOLDERS = [Path(path) for path in PROJECT["tool"]["scikit-build"]["wheel"]["packages"]]
@@ -61,7 +64,11 @@ def test_the_wheel_tells_its_licence_version_and_commands(wheel: Path) -> None:
     assert "mesh-motion = mesh_motion_server.commands.cli:main" in entries
 
 
-@pytest.mark.nightly
+def test_the_wheel_brings_the_manual_pages(wheel: Path) -> None:
+    installed = {Path(name).name for name in names_in(wheel) if ".data/data/share/man/man1/" in name}
+    assert installed == set(manual_pages.pages())
+
+
 def test_the_sdist_is_the_checkout_and_builds_the_same_wheel(sdist: Path, wheel: Path, tmp_path: Path) -> None:
     with tarfile.open(sdist) as archive:
         files = {member.name.partition("/")[2] for member in archive if member.isfile()}

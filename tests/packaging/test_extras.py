@@ -28,6 +28,7 @@ def told(run: subprocess.CompletedProcess[str], extra: str) -> None:
     assert f"mesh-motion-server[{extra}]" in run.stderr
 
 
+@pytest.mark.nightly
 def test_the_base_is_the_client_alone(installed: Installed) -> None:
     run = installed()
     parts = "mesh_motion_client, mesh_motion_protocol, mesh_motion_conformance, mesh_motion_fsi, mesh_motion_kratos"
@@ -38,11 +39,13 @@ def test_the_base_is_the_client_alone(installed: Installed) -> None:
     assert run("mesh-motion-precice", "--help").returncode == 0
 
 
+@pytest.mark.nightly
 def test_without_a_server_the_client_says_what_to_install(installed: Installed) -> None:
     ended = installed()("python", "-c", "import mesh_motion_client as m; m.connect()")
     assert "mesh-motion-server[server]" in ended.stderr.splitlines()[-1]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("extras", [[], WITHOUT_SERVER], ids=["none", "all but the server's"])
 def test_no_command_starts_without_the_server_and_each_says_so(installed: Installed, extras: list[str]) -> None:
     run = installed(*extras)
@@ -63,6 +66,7 @@ def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Ins
     told(run("mesh-motion", "play", ROTATION, "--out", "out", "--distributed", "tcp://127.0.0.1:1"), "dask")
 
 
+@pytest.mark.nightly
 def test_an_installation_conforms(installed: Installed) -> None:
     run = installed("server")
     conformed = run("mesh-motion", "conform", "--client", "python -m mesh_motion_client.conformance", "--only", "18.1")

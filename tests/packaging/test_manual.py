@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare_environment import ROOT, names_in
+from bare_environment import ROOT
 from mesh_motion_client import Mesh, Patch, connect
 
 from tools.manual_pages import FOLDER, commands, examples, pages
@@ -49,11 +49,6 @@ $EndElements
 def test_the_pages_are_those_of_the_commands() -> None:
     written = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.iterdir()}
     assert written == pages(), "run `make manual`"
-
-
-def test_the_wheel_brings_them(wheel: Path) -> None:
-    installed = {Path(name).name for name in names_in(wheel) if ".data/data/share/man/man1/" in name}
-    assert installed == set(pages())
 
 
 @pytest.mark.skipif(shutil.which("man") is None or shutil.which("groff") is None, reason="man is not installed")

@@ -52,6 +52,7 @@ def test_ready_comes_and_goes_with_the_drain(start, open_session):
     assert server.process.wait(20) == 0
 
 
+@pytest.mark.nightly
 def test_a_loop_that_stands_still_is_unhealthy(start, connect):
     server = start_watched(start, stuck_seconds=2.0)
     for name, pid in (("supervisor", server.process.pid), ("gateway", server.children()[0])):
@@ -67,6 +68,7 @@ def test_a_loop_that_stands_still_is_unhealthy(start, connect):
     assert connect(server.endpoint).ask(Ping).type == "PONG"
 
 
+@pytest.mark.nightly
 def test_a_gateway_that_is_stopped_holds_nobody_up(start, connect):
     """The supervisor has more replies for it than the line takes."""
     server = start_watched(start, stuck_seconds=3.0)

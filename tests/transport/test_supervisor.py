@@ -38,6 +38,7 @@ def test_a_session_from_open_to_close(start, connect, open_session, scheme, tmp_
     folder = tmp_path / "s"
     folder.mkdir(mode=0o700)
     server = start(endpoint="tcp://127.0.0.1:0" if scheme == "tcp" else f"ipc://{folder}/c")
+    assert server.output_path.read_text() == f"ready {server.endpoint}\n"
     opened, data, at = open_session(server, label="beam")
     assert opened.endpoint.startswith(scheme)
     assert data.ask(Ping).type == "PONG"
@@ -81,6 +82,7 @@ def test_what_cannot_be_opened_says_why(start, connect):
     assert control.ask(Open, dimension=2).code == "RESOURCE_EXHAUSTED.SESSIONS"
 
 
+@pytest.mark.nightly
 def test_resume_does_not_wait_for_a_computation_nobody_wants(start, connect, open_session):
     server = start()
     opened, old, at = open_session(server, label="slow")
@@ -248,11 +250,6 @@ def test_an_ipc_folder_open_to_others_exits_78(start, tmp_path):
     assert start(endpoint=f"ipc://{folder}/c", ready=False).process.wait(30) == 78
 
 
-def test_the_ready_line_goes_to_standard_output(start):
-    server = start()
-    assert server.output_path.read_text() == f"ready {server.endpoint}\n"
-
-
 def test_no_socket_file_is_left_by_a_killed_worker(start, connect, open_session, tmp_path):
     folder = tmp_path / "s"
     folder.mkdir(mode=0o700)
@@ -337,6 +334,7 @@ def test_sessions_with_long_labels_are_listed_in_pages_that_fit(start, connect):
     assert found == names
 
 
+@pytest.mark.nightly
 def test_a_worker_that_is_slow_to_end_holds_nobody_up(start, connect, open_session):
     server = start()
     opened, data, at = open_session(server, label="lingers")

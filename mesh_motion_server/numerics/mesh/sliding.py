@@ -4,8 +4,10 @@ A sliding node's reference position lies on smooth pieces of the sliding patches
 
 - planar pieces: its own plane through its reference place; on two, their line of intersection; on three, it stays;
 - one curved piece: the piece's facets in the reference mesh, which represent the surface exactly as the mesh does;
-- a curved and another piece, or two pieces in one plane: the curve where they meet; on more pieces, it stays.
+- a curved and another piece: the curve where they meet; on more pieces, it stays.
 
+Pieces in one plane count once: a far field that is cut into two patches slides as if it were one, as with OpenFOAM's
+slip condition. Held there, the node between them would stop the mesh at a place that the boundary does not have.
 So a corner stays a corner, an edge an edge, and a box whose six sides are one patch keeps its shape. Everything refers
 to the reference mesh: repeated projections cause no drift.
 """
@@ -195,9 +197,9 @@ def _refuse_curved(points: Array, name: str, pieces: list[Piece]) -> None:
 
 def _constraint(points: Array, pieces: list[Piece], images: Sequence[Transform]) -> SurfaceConstraint:
     """The constraint of a node on these pieces."""
-    planes = OnPlanes.from_normals([piece.normal for piece in pieces if piece.normal is not None])
-    if len(planes.normals) == len(pieces):
-        return planes
+    normals = [piece.normal for piece in pieces if piece.normal is not None]
+    if len(normals) == len(pieces):
+        return OnPlanes.from_normals(normals)
     if len(pieces) == 1:
         return OnFacets.from_simplices(points, pieces[0].simplices, images=images)
     curve = _common_sides(pieces) if len(pieces) == 2 else np.empty((0, 2), dtype=np.int64)

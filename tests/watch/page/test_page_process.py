@@ -88,6 +88,7 @@ def test_what_falls_comes_back_at_the_same_address(server: ServerProcess) -> Non
     assert server.events("monitor_ended")[0]["of"] == "monitor"
 
 
+@pytest.mark.nightly
 def test_slow_silent_and_many_connections_close_nobody_out(server: ServerProcess) -> None:
     with contextlib.ExitStack() as lines:
         slow = [lines.enter_context(raw(server, b"GET / HT")) for _ in range(2 * connections.MOST)]
