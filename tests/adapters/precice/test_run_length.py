@@ -14,7 +14,7 @@ SCHEME = "<a><coupling-scheme:serial-implicit>{}</coupling-scheme:serial-implici
     ("tags", "windows"),
     [
         ('<max-time value="5" /><time-window-size value="1e-2" />', 500),
-        ('<max-time value="0.3" /><time-window-size value="0.1" />', 3),
+        ('<max-time value="2.1" /><time-window-size value="0.3" />', 7),  # the quotient is more than 7 by rounding
         ('<max-time value="0.35" /><time-window-size value="0.1" />', 4),
         ('<max-time-windows value="7" /><time-window-size value="0.1" />', 7),
         ('<max-time value="5" /><time-window-size value="-1" method="first-participant" />', 0),
