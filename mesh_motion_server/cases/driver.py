@@ -75,8 +75,8 @@ class Driver(Protocol):
     def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
         """Move the moving nodes (ascending) to their total displacement (k, d); ``report`` is that of MOVE."""
 
-    def commit(self) -> None:
-        """Commit the step."""
+    def commit(self, final_step: int) -> None:
+        """Commit the step of a run that ends with ``final_step``."""
 
     def peak_memory_bytes(self) -> int:
         """Peak memory of the processes that serve the session, as far as they report it."""
@@ -160,8 +160,8 @@ class _Session:
             faces=moved.faces,
         )
 
-    def commit(self) -> None:
-        self._session.commit()
+    def commit(self, final_step: int) -> None:
+        self._session.commit(final_step=final_step)
 
     def peak_memory_bytes(self) -> int:
         return int(self._session.status().report.get("peak_memory_bytes", 0))

@@ -271,7 +271,7 @@ class _Run:
         self._kept.add(record, self._warnings)  # before the commit, so that every committed step is known
         begin = time.perf_counter()
         try:
-            self._driver.commit()
+            self._driver.commit(self._program.count)
         except BaseException:
             self._points, self._quality = accepted
             raise

@@ -38,7 +38,8 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
             digest=outcome.digest,
             quality=summary_report(outcome.quality, session.mesh),
         )
-        packed: bytes = msgpack.packb(content)
+        final_step = max(request.final_step for request in requests)
+        packed: bytes = msgpack.packb(content | ({"final_step": final_step} if final_step else {}))
         return packed
 
     session.commit(request_ids, receipt)
@@ -49,4 +50,5 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
 def replies_of(commit: Commit) -> list[tuple[RequestId, Committed]]:
     """The replies to a journaled commit, with the request that each one answers."""
     content = msgpack.unpackb(commit.receipt)
+    content.pop("final_step", 0)  # no part of the reply
     return [(r, Committed(client=r.client, sequence=r.sequence, **content)) for r in commit.requests]

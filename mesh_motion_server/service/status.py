@@ -35,7 +35,8 @@ def answer(session: Session, request: Status, waiting_for: list[int], counts: di
         "upload_bytes": session.upload.nbytes,
     }
     if session.commits:
-        report["quality"] = msgpack.unpackb(session.commits[-1].receipt)["quality"]
+        told = msgpack.unpackb(session.commits[-1].receipt)
+        report |= {name: told[name] for name in ("quality", "final_step") if name in told}
     return StatusReport(
         client=request.client,
         sequence=request.sequence,

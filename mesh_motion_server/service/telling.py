@@ -15,6 +15,7 @@ from mesh_motion_protocol.messages import Built, Committed, ErrorReply, Message,
 
 from mesh_motion_server import __version__
 from mesh_motion_server.service.reports import mesh_report
+from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import State
@@ -84,7 +85,7 @@ class Teller:
         if isinstance(reply, Moved):
             self._tell("moved", **_motion(reply), seconds_total=seconds)
         elif isinstance(reply, Committed):
-            self._committed(reply.step, reply.digest, reply.quality, seconds_total=seconds)
+            self._committed(self._session.commits[-1], seconds_total=seconds)
         elif isinstance(reply, RolledBack):
             self._tell("rolled_back", step=reply.step + 1, iteration=iteration)
         elif isinstance(reply, Built):
@@ -113,8 +114,7 @@ class Teller:
             self._built(mesh_report(session, warnings=[]), settings, seconds_total=0.0, recovered=True)
         for entry in session.commits:
             if entry.step > step:
-                content = msgpack.unpackb(entry.receipt)
-                self._committed(entry.step, entry.digest, content["quality"], seconds_total=0.0, recovered=True)
+                self._committed(entry, seconds_total=0.0, recovered=True)
         self._history.take_up(session.step, session.commits[-1].digest if session.step else b"")
         self._tell("resumed", step=session.step, epoch=session.epoch, version=__version__, maker=maker())
 
@@ -123,9 +123,11 @@ class Teller:
         self._refusals.clear()
         self._history.tell(event, **values, **({"untold": untold} if untold else {}))
 
-    def _committed(self, step: int, digest: bytes, quality: dict[str, Any], **further: Any) -> None:
-        self._history.tell_outcome(step, digest)
-        self._tell("committed", step=step, quality=quality, digest=digest.hex(), **further)
+    def _committed(self, entry: Commit, **further: Any) -> None:
+        self._history.tell_outcome(entry.step, entry.digest)
+        told = msgpack.unpackb(entry.receipt)
+        further |= {name: told[name] for name in ("final_step",) if name in told}
+        self._tell("committed", step=entry.step, quality=told["quality"], digest=entry.digest.hex(), **further)
 
     def _built(self, mesh: dict[str, Any], settings: dict[str, Any], **further: Any) -> None:
         self._tell("built", **mesh, settings=settings, version=__version__, maker=maker(), **further)

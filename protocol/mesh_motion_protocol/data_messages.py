@@ -164,6 +164,7 @@ class Commit(SessionMessage):
 
     type: ClassVar[str] = "COMMIT"
     step: Count  # committed step + 1
+    final_step: Count = 0  # the step that the run ends with, as far as the client knows, for people; 0 = unknown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

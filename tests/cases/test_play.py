@@ -70,7 +70,7 @@ class StandIn:
     def points(self) -> np.ndarray:
         raise AssertionError("nothing is resumed")
 
-    def commit(self) -> None:
+    def commit(self, final_step: int) -> None:
         self.commits.append(len(self.moves))
 
     def peak_memory_bytes(self) -> int:

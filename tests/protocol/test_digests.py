@@ -20,6 +20,14 @@ def test_id_and_epoch_are_not_content():
     assert request_digest(again) == request_digest(MOVE)
 
 
+def test_the_end_of_the_run_is_not_content():
+    """A client that repeats a COMMIT may know another end of its run by then."""
+    first, again = (
+        Commit(client=b"r" * 16, sequence=1, session="a" * 32, epoch=1, step=1, final_step=end) for end in (40, 50)
+    )
+    assert request_digest(first) == request_digest(again)
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Rollback, Status, Upload
 
+from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.state import State
 from mesh_motion_server.settings import ServerSettings
 
@@ -217,3 +218,19 @@ def test_a_partition_without_moving_nodes_takes_part(kit: Any, store: Any) -> No
     moved = driver.move(1)
     assert [reply.type for reply in moved] == ["MOVED", "MOVED"]
     assert moved[1].displacement.shape == meshes[1].points.shape
+
+
+def test_the_end_of_the_run_is_told_until_another_one_is(kit: Any, pair: Any, store: Any) -> None:
+    """With several partitions the largest counts: each may estimate it by itself."""
+    pair.move(1)
+    replies = pair.send(pair.request(Commit, 0, step=1, final_step=40))
+    replies += pair.send(pair.request(Commit, 1, step=1, final_step=50))
+    assert {reply.type for reply in replies} == {"COMMITTED"}
+    assert pair.ask(Status).report["final_step"] == 50
+    pair.host.close()
+    again = kit.resume_driver(pair, store)
+    assert again.ask(Status).report["final_step"] == 50
+    again.advance(2)  # tells none
+    assert "final_step" not in again.ask(Status).report
+    committed = [e for e in read_events(store.root / "sessions" / kit.SESSION) if e["event"] == "committed"]
+    assert [event.get("final_step") for event in committed] == [50, None]

@@ -85,6 +85,7 @@ int main(int count, char **arguments)
     mm_set_number(session, "support_radius", 0.5);
     mm_open(session);
     mm_build(session);
+    mm_set_final_step(session, STEPS); /* who watches the session then sees when it ends */
     /* errors are sticky: after the first one the calls below do nothing, and one look at the end of a step is enough */
     const int64_t *moving = mm_moving_nodes(session, &moving_count);
     for (int step = 1; step <= STEPS && mm_error(server) == MM_OK; ++step) {

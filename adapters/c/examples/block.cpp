@@ -79,6 +79,7 @@ void run(const char *endpoint, const char *file)
     session.patch("block", "moving", mesh.block).patch("walls", "fixed", mesh.walls).set("support_radius", 0.5);
     session.open();
     session.build();
+    session.final_step(steps);  // who watches the session then sees when it ends
     std::vector<double> rows, displacement(mesh.points.size());
     double lowest = 1.0;
     for (int step = 1; step <= steps; ++step) {

@@ -31,6 +31,7 @@ program block
    call session%set("support_radius", 0.5_real64)
    call session%open()
    call session%build()
+   call session%final_step(steps) ! who watches the session then sees when it ends
    ! errors are sticky: after the first one the calls below do nothing, and one look at the end of a step is enough
    nodes = session%moving_nodes()
    allocate (rows(2, size(nodes)), displacement(2, size(points, 2)))

@@ -84,6 +84,7 @@ module mesh_motion
       procedure :: save_credentials => session_save_credentials
       procedure :: load_credentials => session_load_credentials
       procedure :: report => session_report
+      procedure :: final_step => session_final_step
       procedure :: move => session_move
       procedure :: commit => session_commit
       procedure :: rollback => session_rollback
@@ -257,6 +258,12 @@ module mesh_motion
          type(c_ptr), value :: session
          character(kind=c_char), intent(in) :: report(*)
          integer(c_int) :: c_set_report
+      end function
+      function c_set_final_step(session, step) bind(c, name="mm_set_final_step")
+         import :: c_ptr, c_int, c_int64_t
+         type(c_ptr), value :: session
+         integer(c_int64_t), value :: step
+         integer(c_int) :: c_set_final_step
       end function
       function c_set_partition(session, partition, partitions) bind(c, name="mm_set_partition")
          import :: c_ptr, c_int
@@ -748,6 +755,14 @@ contains
       character(*), intent(in) :: report
       integer(c_int) :: ignored
       ignored = c_set_report(self%handle, ended(report))
+   end subroutine
+
+   ! The step that the run ends with, told with each commit from now on; 0: unknown
+   subroutine session_final_step(self, step)
+      class(mm_session), intent(inout) :: self
+      integer, intent(in) :: step
+      integer(c_int) :: ignored
+      ignored = c_set_final_step(self%handle, int(step, c_int64_t))
    end subroutine
 
    ! As an MPI rank: from 0 to partitions - 1

@@ -141,7 +141,7 @@ struct mm_session {
     size_t part, part_row; /* the next UPLOAD: block and row */
     /* how it stands */
     char state[16];
-    int64_t step, durable_step, iteration;
+    int64_t step, durable_step, iteration, final_step;
     uint8_t digest[32];
     int64_t *moving;
     size_t moving_count;
@@ -2113,6 +2113,18 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
     return session->context->error;
 }
 
+mm_result mm_set_final_step(mm_session *session, int64_t step)
+{
+    BEGIN_SESSION(session);
+    if (step < 0) {
+        char got[24];
+        snprintf(got, sizeof got, "%lld", (long long)step);
+        return invalid(session->context, "the final step must be 0 (unknown) or more, got %s", got);
+    }
+    session->final_step = step;
+    return MM_OK;
+}
+
 static void end_step(mm_session *session)
 {
     session->iteration = 0;
@@ -2129,6 +2141,9 @@ mm_result mm_commit(mm_session *session)
     answer committed = {0};
     request commit = session_request(session, "COMMIT", "COMMITTED");
     add_integer(&commit, "step", session->step + 1);
+    if (session->final_step) {
+        add_integer(&commit, "final_step", session->final_step);
+    }
     if (deliver(session, &commit, session->context->compute_timeout, &committed) == DONE) {
         const mm_report *report = &committed.reply.report;
         session->step = integer_field(&committed, "step");

@@ -159,11 +159,23 @@ bool Foam::remoteMeshMotion::resume()
 }
 
 
+Foam::label Foam::remoteMeshMotion::stepsLeft() const
+{
+    const Time& time = mesh().time();
+    const scalar left = (time.endTime() - time).value()/time.deltaTValue();
+    if (commitEveryMove_ || !(left > -0.5 && left < labelMax/2))
+    {
+        return -1;
+    }
+    return time.timeIndex() - trial_ + label(left + 0.5);
+}
+
+
 void Foam::remoteMeshMotion::commit() const
 {
     if (trial_ >= 0)
     {
-        session_->commit();
+        session_->commit(stepsLeft());
         trial_ = -1;
     }
 }

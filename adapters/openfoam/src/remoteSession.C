@@ -272,9 +272,10 @@ void Foam::remoteSession::move(const scalarField& rows, scalarField& answer)
 }
 
 
-void Foam::remoteSession::commit()
+void Foam::remoteSession::commit(const label stepsLeft)
 {
     const int64_t step = mm_step(session_) + 1;
+    mm_set_final_step(session_, stepsLeft < 0 ? 0 : step + stepsLeft);
     callTogether
     (
         "to commit the motion",

@@ -7,6 +7,7 @@
     api             the part of preCICE 3 that is used
     vertices        the preCICE meshes: wet surfaces that read, a volume that writes
     connectivity    their edges, triangles and tetrahedra
+    run_length      how many windows a run has
     participant     the coupling loop: trial moves, checkpoints, committed windows
     command         mesh-motion-precice
 """

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_precice.api import Coupling
 from mesh_motion_precice.configuration import Configuration
+from mesh_motion_precice.run_length import count_windows
 from mesh_motion_precice.vertices import VolumeVertices, WetVertices
 from mesh_motion_server.errors import InvalidInput as FileError
 from mesh_motion_server.files import read_mesh
@@ -83,6 +84,7 @@ class Participant:
         self._mesh = mesh
         self._frame = configuration.frame
         self._time_step = configuration.time_step
+        self._windows = count_windows(configuration.precice_config)
         self._surfaces = [WetVertices.provide(coupling, surface, mesh) for surface in configuration.surfaces]
         self._volume = VolumeVertices.prepare(coupling, configuration.volume, mesh)
 
@@ -104,6 +106,7 @@ class Participant:
             preCICE's own.
         """
         self._session = session
+        self._final_step = session.step + self._windows if self._windows else 0  # for people who watch the session
         read = np.unique(np.concatenate([surface.nodes for surface in self._surfaces]))
         if (missing := np.setdiff1d(session.moving_nodes, read)).size:
             raise InvalidInput(f"the moving node {int(missing[0])} is on no patch that is read")
@@ -145,7 +148,7 @@ class Participant:
                 _LOG.debug("iteration %d of t %.6g is repeated", iterations, time)
                 time, before, iterations = start, self._start, iterations + 1
             elif coupling.is_time_window_complete():
-                committed = self._session.commit()
+                committed = self._session.commit(final_step=self._final_step)
                 quality = float(committed.quality["size_skew"]["min"])
                 yield Window(self._session.step, time, iterations, quality, tuple(moved.warnings))
                 before = self._start = np.zeros_like(before) if self._frame == "committed" else before

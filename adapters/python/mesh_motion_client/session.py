@@ -145,15 +145,22 @@ class Session(Described):
         self._courier.trial, self._courier.iteration = move, moved.iteration
         return Moved(**vars(moved), mesh=self._mesh, is_total=frame == "reference")
 
-    def commit(self, *, timeout: float | None = None) -> Committed:
+    def commit(self, *, final_step: int = 0, timeout: float | None = None) -> Committed:
         """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
+
+        Parameters
+        ----------
+        final_step : int
+            The step that the run ends with, as far as it is known now: who watches the session then sees when it ends.
+        timeout : float, optional
+            Seconds for this call.
 
         Raises
         ------
         StepsLost
             With durability "relaxed", as any call: the server crashed, and committed steps with it.
         """
-        commit = Commit(**self._address, step=self.step + 1)
+        commit = Commit(**self._address, step=self.step + 1, final_step=final_step)
         committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
         self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, None
         self.durable_step = committed.durable_step

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import fmean, median
@@ -33,6 +34,8 @@ _ENDS_A_TRIAL = ("committed", "rolled_back", "resumed", "suspended", "closed", "
 _BEGINS = ("built", "resumed", "joined")
 #: In these states no action of the client is expected.
 _RESTS = ("suspended", "closed", "failed", "frozen")
+#: With these verdicts steps still come at the usual pause.
+_GOES_ON = ("running", "degrading")
 
 
 @dataclass(frozen=True)
@@ -56,10 +59,12 @@ class Recent:
     threshold : float or None
     commits : deque of (at, step, minimum)
         The latest commits, oldest first.
+    final_step : int
+        The step that the run ends with, as the last commit told it; 0: unknown.
     """
 
     def __init__(self) -> None:
-        self.events, self.iteration = 0, 0
+        self.events, self.iteration, self.final_step = 0, 0, 0
         self.changed_at = self.begun_at = 0.0
         self.threshold: float | None = None
         self.commits: deque[_Commit] = deque(maxlen=_KEPT)
@@ -78,6 +83,12 @@ class Recent:
     def hourly(self) -> float | None:
         """Steps per hour at the usual pause; None if unknown."""
         return 3600.0 / self.pause if 0.0 < self.pause < math.inf else None
+
+    @property
+    def ends_at(self) -> float:
+        """Unix time when the run ends at the usual pause; 0 if unknown, or if the last step is committed."""
+        left = self.final_step - self.commits[-1].step if self.commits else 0
+        return self.commits[-1].at + left * self.pause if left > 0 and self.pause < math.inf else 0.0
 
     def take(self, event: Mapping[str, Any]) -> None:
         """Add the next event; skip incomplete events, which another version may have written."""
@@ -111,6 +122,7 @@ class Recent:
             self.refused_at = self.refused_at if self.refusals else at
             self.refusals += 1 + int(event.get("untold", 0))
         elif kind == "committed":
+            self.final_step = event.get("final_step", 0)
             self._commit(_Commit(at, event["step"], _number(event["quality"].get("metric", {}).get("min"))))
 
     def _commit(self, commit: _Commit) -> None:
@@ -150,12 +162,15 @@ class Verdict:
         The rest of the line; does not change while nothing happens.
     since : float
         Unix time when this state began; for a running session, its last commit. 0: unknown.
+    ends_at : float
+        Unix time when a session that runs will end, as its client told the end. 0: unknown.
     """
 
     kind: str
     tone: Tone
     why: str
     since: float
+    ends_at: float = 0.0
 
     def line(self, now: float) -> str:
         """The complete line at this time."""
@@ -163,7 +178,8 @@ class Verdict:
         if self.since:
             passed = duration(now - self.since)
             begin += f", last commit {passed} ago" if self.kind == "running" else f" for {passed}"
-        return f"{begin}: {self.why}" if self.why else begin
+        line = f"{begin}: {self.why}" if self.why else begin
+        return f"{line}, ends about {_clock(self.ends_at, now)}" if self.ends_at else line
 
 
 def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
@@ -177,7 +193,7 @@ def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
     worker : str
         alive, dead, or none (no process holds the session).
     """
-    return (
+    found = (
         _fell(recent, worker)
         or _refused(recent)
         or _left(recent, worker)
@@ -185,6 +201,7 @@ def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
         or _degrading(recent)
         or Verdict("running", "good", _stands(recent), recent.commits[-1].at if recent.commits else 0.0)
     )
+    return replace(found, ends_at=recent.ends_at) if found.kind in _GOES_ON else found
 
 
 def server_gone(since: float) -> Verdict:
@@ -197,7 +214,7 @@ def _stands(recent: Recent) -> str:
     if not recent.commits:
         return f"trial {recent.iteration} of step 1" if recent.iteration else "no step yet"
     latest = recent.commits[-1]
-    told = [f"step {latest.step}"]
+    told = [f"step {latest.step}" + (f" of {recent.final_step}" if recent.final_step >= latest.step else "")]
     if not math.isnan(latest.minimum):
         told.append(f"minimum {latest.minimum:.3f}")
     if recent.hourly is not None:
@@ -283,6 +300,12 @@ def duration(seconds: float) -> str:
     units = ((120, 1, "s"), (7200, 60, "min"), (172800, 3600, "h"), (math.inf, 86400, "days"))
     size, unit = next((size, unit) for until, size, unit in units if seconds < until)
     return f"{seconds / size:.0f} {unit}"
+
+
+def _clock(at: float, now: float) -> str:
+    """The time of the day here, with the date if that is not today."""
+    when, today = time.localtime(at), time.localtime(now)
+    return time.strftime("%H:%M" if when[:3] == today[:3] else "%Y-%m-%d %H:%M", when)
 
 
 def _number(value: float | None) -> float:

@@ -41,8 +41,8 @@ class Unreadable(Exception):
 
 @dataclass(frozen=True)
 class SessionLine:
-    """A session in the list: the last committed step, its lowest quality, the Unix times of the last event and the last
-    commit, whether a process holds the session, and its verdict. None: unknown.
+    """A session in the list: the last committed step, the run's final one (0: unknown), its lowest quality, the Unix
+    times of the last event and the last commit, whether a process holds the session, and its verdict. None: unknown.
     """
 
     session: str
@@ -54,6 +54,7 @@ class SessionLine:
     committed_at: float | None = None
     is_live: bool | None = None
     verdict: Verdict = _UNKNOWN
+    final_step: int = 0
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,7 @@ def _line(view: SessionView, latest: Latest) -> SessionLine:
         committed_at=last.at if last else None,
         is_live=view.held,
         verdict=verdict(recent, time.time(), worker="none" if view.held is False else "alive"),
+        final_step=recent.final_step,
     )
 
 

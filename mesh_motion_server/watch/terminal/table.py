@@ -96,12 +96,13 @@ def _table(look: Look, most_rows: int) -> Table:
         stands = line.verdict
         # for a running session this is the time of the last commit, which has its own column
         since = age(now - stands.since) if stands.since and stands.kind != "running" else ""
+        step = f"{line.step} of {line.final_step}" if line.final_step >= line.step > 0 else str(line.step)
         committed = f"{age(now - line.committed_at)} ago" if line.committed_at else ""
         table.add_row(
             Text("●" if line.is_live else "○", style="green" if line.is_live else "dim"),
             Text(plain(line.label) or "–", style="bold" if place == look.chosen else ""),
             Text(plain(stands.kind), style=_TONES[stands.tone]),
-            *map(Text, (since, str(line.step), number(line.minimum), committed, line.session[:8])),
+            *map(Text, (since, step, number(line.minimum), committed, line.session[:8])),
         )
     return table
 

@@ -60,6 +60,7 @@ int main(int count, char **arguments)
         mm_join(session);
     }
     mm_build(session);
+    mm_set_final_step(session, 7 + rank); /* the largest counts */
     size_t moving = 0;
     const int64_t *nodes = mm_moving_nodes(session, &moving);
     for (int step = 1; step <= 3 && moving <= ROWS; ++step) {
@@ -71,10 +72,15 @@ int main(int count, char **arguments)
         mm_commit(session);
     }
     mm_fetch(session, MM_SINCE_COMMITTED, NODES, points);
+    mm_status(session);
+    int final_step = (int)mm_report_number(mm_status_report(session), "report.final_step");
     mm_close(session, MM_DISCARD);
     if (mm_error(server)) {
         fprintf(stderr, "rank %d: %s: %s\n", rank, mm_error_code(server), mm_error_message(server));
         return 1;
+    }
+    if (final_step != 8) {
+        fprintf(stderr, "rank %d: the run ends with step 8, not %d\n", rank, final_step);
     }
     FILE *file = fopen(arguments[4], "wb");
     fwrite(points, sizeof *points, 2 * NODES, file);

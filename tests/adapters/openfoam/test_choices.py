@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from mesh_motion_client import connect
+from mesh_motion_client import Credentials, connect
 
 from proofs.waiting import wait_until
 
@@ -108,6 +108,16 @@ def test_every_move_is_a_step_where_asked(make_case, commit, steps):
     case.run("moveDynamicMesh")
     state = (case.folder / "0.1/uniform/remoteMeshMotion/state").read_text()
     assert re.search(r"step\s+(\d+);", state)[1] == str(steps)
+
+
+def test_the_end_of_the_run_is_told(make_case, mesh_motion_server):
+    case = make_case(steps=2)
+    case.method("quality_threshold 0.3;", "atEnd keep;")
+    case.run("moveDynamicMesh")
+    held = Credentials.load(case.folder / "0.1/uniform/remoteMeshMotion/credentials")
+    with connect(mesh_motion_server.endpoint) as server, server.resume(held) as session:
+        assert session.status().report["final_step"] == 2
+        session.close("discard")
 
 
 @pytest.mark.parametrize(("at_end", "label"), [("keep", "keepIt"), ("discard", '"let it go"')])

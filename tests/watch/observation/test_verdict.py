@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -157,3 +158,17 @@ def test_an_event_of_another_version_is_passed_over() -> None:
 def test_durations() -> None:
     told = [duration(s) for s in (-1.0, 0.25, 4.0, 4.26, 90.0, 119.0, 120.0, 7100.0, 7200.0, 86400.0, 172800.0)]
     assert told == ["0 ms", "250 ms", "4 s", "4.3 s", "90 s", "119 s", "2 min", "118 min", "2 h", "24 h", "2 days"]
+
+
+def test_a_run_whose_client_tells_its_end_says_when_it_is_there() -> None:
+    told = [event | {"final_step": 10} for event in _commits([0.5, 0.5, 0.5])]
+    found = verdict(_recent(_built(), told), BEGIN + 13.0)
+    assert found.why == "step 3 of 10, minimum 0.500, 900 steps an hour"
+    assert found.ends_at == BEGIN + 12.0 + 7 * PAUSE
+    clock = time.strftime("%H:%M", time.localtime(found.ends_at))
+    assert found.line(BEGIN + 13.0).endswith(f"900 steps an hour, ends about {clock}")
+    assert verdict(_recent(_built(), told), BEGIN + 1e6).ends_at == 0.0  # stalled
+    assert verdict(_recent(_built(), told), BEGIN + 13.0, worker="none").ends_at == 0.0
+    last = [event | {"final_step": 3} for event in told]
+    assert verdict(_recent(_built(), last), BEGIN + 13.0).ends_at == 0.0  # it is committed
+    assert verdict(_recent(_built(), told, _commits([0.5] * 4)[3:]), BEGIN + 17.0).why.startswith("step 4, ")

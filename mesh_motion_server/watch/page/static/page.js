@@ -204,14 +204,14 @@ class Page {
   }
 
   /** Show the state first: in a line of the page and in the tab's title. */
-  say({ kind, tone, why, since }, session) {
+  say({ kind, tone, why, since, ends_at: end }, session) {
     const name = session.label || `session ${short(session.session)}`;
     const passed = since ? duration(this.now() - since) : "";
     write(byId("label"), name);
     byId("verdict").dataset.tone = tone;
     write(byId("state"), kind);
     write(byId("since"), passed && kind !== "running" ? `for ${passed}${why ? ":" : ""}` : "");
-    write(byId("why"), why);
+    write(byId("why"), end ? `${why}, ends about ${clock(end).slice(0, -3)}` : why);
     document.title = `${kind} · ${name} · step ${session.minimum_of} · mesh-motion`;
   }
 
@@ -243,7 +243,7 @@ class Page {
     const { actual, corrected, standard, moved } = detail;
     const correction = moved.correction ?? {};
     const tiles = [
-      ["step", whole(this.step ?? this.stepOf(session, detail)), this.step !== null ? `of ${whole(session.step)}` : session.iteration ? `trial ${session.iteration}` : ""],
+      ["step", whole(this.step ?? this.stepOf(session, detail)), this.step !== null ? `of ${whole(session.step)}` : this.stepNote(session)],
       ["minimum", quality(actual.min), "committed", low(actual.min)],
       ["1 %", quality(actual.p1), "committed", low(actual.p1)],
       ["predicted", quality(corrected.min), standard.min !== undefined && standard.min !== corrected.min ? `${quality(standard.min)} uncorrected` : "", low(corrected.min)],
@@ -252,6 +252,11 @@ class Page {
     ];
     const made = ([name, value, note, mark]) => element("div", { "data-tone": mark ?? "" }, element("dt", { text: name }), element("dd", { text: value }, note ? element("small", { text: ` ${note}` }) : ""));
     byId("figures").replaceChildren(...tiles.map(made));
+  }
+
+  /** The end of the run, if its client tells it, and the trial. */
+  stepNote({ step, final_step: end, iteration }) {
+    return [end >= Math.max(step, 1) ? `of ${whole(end)}` : "", iteration ? `trial ${iteration}` : ""].filter(Boolean).join(", ");
   }
 
   /** The step of the qualities shown, or a slightly older one; a session without a process may have lost steps in a crash. */
