@@ -128,7 +128,8 @@ class Method:
         "relative",
         _DISPLACEMENT,
         "What is interpolated: the displacement since the committed state, the total one from the reference mesh, or "
-        "the total one in sub-steps along a path that turns with the body.",
+        "the total one in sub-steps along a path that turns with the body. A relative step in which a node moves 1.5 "
+        "times as far as all of the boundary is interpolated from the reference mesh if that is better.",
         '`"relative"` takes large total motions in small steps, but drifts when the motion comes back; `"absolute"` '
         'and `"reanchored"` depend on where the boundary is, not on how it got there '
         '([drift study](thesis.md#relative-absolute-and-re-anchored-displacement)). With `"absolute"` one '

@@ -44,6 +44,12 @@ Floats = NDArray[np.float64]
 
 #: Share of the minimum quality without a boundary layer that a motion with the layer must have.
 _AS_GOOD = 0.9
+#: A wall that was plane at rest and is nearly so now carries small differences far into the domain: two of its nodes
+#: that lie a hair apart and move apart are a steep gradient, which a wide kernel continues. The mesh at rest has no
+#: such nodes. It is tried where a node moves this much further than all of the boundary …
+_OVERSHOOT = 1.5
+#: … among about so many nodes, since such a displacement is smooth.
+_SAMPLE = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,16 +187,32 @@ class MotionModel(PreparedMesh):
         """Interpolate and judge."""
         if len(self.coincident) and not self.method.allow_invalid:
             self.boundary.refuse_passing(step.committed, step.targets)
-        factors, motion = Recorded(step.factors), self.motion_with(layer)
-        trial = motion.trial(step.committed, step.targets, factors, watch)
-        with watch.phase("predict"):
-            predicted = _Predicted(motion, trial, self.summary(trial.points), factors)
+        motion = self.motion_with(layer)
+        predicted = self._predict(motion, step, watch)
+        if self._overshoots(step, predicted.trial):
+            absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
+            predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
         if predicted.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
             # a correction would find no mesh, or one whose cells are all positive but overlap
             worst = [cell.number for cell in predicted.quality.worst]
             refusal = NumericalError("", best=predicted.quality.metric.min, cells=worst)
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
         return predicted
+
+    def _predict(self, motion: StandardMotion, step: _Step, watch: Stopwatch) -> _Predicted:
+        factors = Recorded(step.factors)
+        trial = motion.trial(step.committed, step.targets, factors, watch)
+        with watch.phase("predict"):
+            return _Predicted(motion, trial, self.summary(trial.points), factors)
+
+    def _overshoots(self, step: _Step, trial: StandardTrial) -> bool:
+        """Whether interpolation from the committed mesh moves some node much further than any of the boundary."""
+        if self.method.displacement != "relative":
+            return False
+        some = slice(None, None, max(len(self.points) // _SAMPLE, 1))
+        boundary, moved = step.targets - step.committed[self.roles.moving], trial.points[some] - step.committed[some]
+        furthest, furthest_node = (np.max(np.sum(vectors**2, axis=1), initial=0.0) for vectors in (boundary, moved))
+        return bool(furthest_node > _OVERSHOOT**2 * furthest) and not np.array_equal(step.committed, self.points)
 
     def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:
         """The boundary layer that the motion without one may spoil."""

@@ -1,0 +1,34 @@
+"""A wave tank whose wall of paddles is plane at rest, and nearly plane after the first step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+
+FIRST, SECOND = (-0.0107, -0.0101, -0.0094, -0.0086), (-0.0146, -0.0166, -0.0183, -0.0198)
+
+
+def tank() -> MotionModel:
+    x, y = np.meshgrid(np.linspace(0.0, 4.0, 41), np.linspace(0.0, 0.32, 9), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])
+    grid = np.arange(len(points)).reshape(x.shape)
+    cells = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1).reshape(-1, 4)
+    patches = {"paddles": Patch("moving", grid[0]), "end": Patch("fixed", grid[-1])}
+    patches |= {"floor": Patch("slip", grid[:, 0]), "top": Patch("slip", grid[:, -1])}
+    return MotionModel.build(points, CellTable.from_arrays({"quad": cells}), patches, Method())
+
+
+def test_small_steps_of_the_wall_do_not_reach_far_into_the_domain() -> None:
+    """Interpolated from the first step's mesh alone, some node moved by 0.20, ten times as far as the wall."""
+    model = tank()
+    wall = model.points[model.roles.moving]
+    paddle = np.minimum(wall[:, 1] / 0.08, 3.0).astype(int)
+    first, second = (wall + np.column_stack([np.array(x)[paddle], np.zeros(len(wall))]) for x in (FIRST, SECOND))
+    committed = model.move(model.points, first).points
+    found = model.move(committed, second)
+    assert np.abs(found.points - model.points).max() == -min(SECOND)
+    np.testing.assert_array_equal(found.points, model.move(model.points, second).points)
