@@ -79,11 +79,11 @@ class PossibleCrossing:
         prescribed[self.roles.moving] = prescribed[self.roles.fixed] = True
         place, fault = crossing_place(self.facets, moved), "cross itself"
         if place is None:
-            place = overturned_place(boundary_facets(self.cells), prescribed, self.reference, moved)
-            fault = "turn inside out"
-        if place is None:
-            place = misplaced_place(boundary_facets(self.cells), prescribed, self.roles.moving, self.reference, moved)
-            fault = "leave its side of another part"
+            facets = boundary_facets(self.cells)
+            place, fault = overturned_place(facets, prescribed, self.reference, moved), "turn inside out"
+            if place is None:
+                place = misplaced_place(facets, prescribed, self.roles.moving, self.reference, moved)
+                fault = "leave its side of another part"
         if place is None:
             return
         near = ", ".join(f"{x:.4g}" for x in place)
