@@ -102,10 +102,7 @@ class Connection:
             The last for an ERROR of the server.
         """
         self._check_connected()
-        try:
-            self._socket.send_multipart(encode(message), copy=False)
-        except ProtocolError as error:
-            raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from None
+        self._send(message)
         while True:
             reply = self._receive(message, deadline, watch, memory)
             if (reply.client, reply.sequence) != (message.client, message.sequence):
@@ -115,6 +112,15 @@ class Connection:
             if reply.type != REPLIES[message.type]:
                 raise ServerFault(f"the reply to {message.type} must be {REPLIES[message.type]}, got {reply.type}")
             return reply
+
+    def _send(self, message: Message) -> None:
+        try:
+            self._socket.send_multipart(encode(message), flags=zmq.NOBLOCK, copy=False)
+        except ProtocolError as error:
+            raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from None
+        except zmq.Again:  # ZeroMQ gave the connection up after the check: a send that waits would wait for ever
+            self._check_connected()
+            raise ConnectionLost(f"the connection to {self.endpoint} ended") from None
 
     def _receive(
         self, message: Message, deadline: float, watch: Callable[[], None] | None, memory: SharedMemory | None
