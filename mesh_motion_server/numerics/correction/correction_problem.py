@@ -35,8 +35,8 @@ TARGETS = ("auto", "threshold", "maximum")
 CORRECTIONS = ("none", "imposed-gradient", "explicit", "enrichment", "optimised")
 IN_TIME = ("independent", "smooth")
 
-SMALL_MESH = {1: 1_000_000, 2: 20_000, 3: 5_000}
-"""Free nodes, by dimension, up to which "auto" goes for the maximum: about a second there, of hexahedra several."""
+SMALL_MESH = {1: 1_000_000, 2: 30_000, 3: 5_000}
+"""Free nodes, by dimension, up to which "auto" goes for the maximum: a second or two there, of hexahedra several."""
 
 _VALID = 1e-6
 

@@ -1,7 +1,7 @@
 """The default's second aim: small meshes are raised beyond the threshold, towards the shape of their cells at rest.
 
 The threshold says which mesh is bad. The cells of a mesh above it may still lean more than necessary. If all its nodes
-can be freed in about a second, the smallest relative skew is raised to :data:`NEAR_REST`, or as near as possible.
+can be freed in about two seconds, the smallest relative skew is raised to :data:`NEAR_REST`, or as near as possible.
 Nodes near the moving walls keep their interpolated positions: first cells keep their height and direction.
 
 If displacements count from the committed mesh and NEAR_REST cannot be reached, every step would pay for the attempt. So
