@@ -295,12 +295,20 @@ class Supervisor:
             return None
 
     def _worker_spoke(self, child: Child) -> None:
-        """Handle a message of the template or of a worker."""
-        message = child.channel.receive()
-        if message is None:
-            self._selector.unregister(child.channel)
-            self._await_end(child)
-            return
+        """Handle all messages of the template or of a worker.
+
+        A worker reports before it replies. All its reports count before the next request of a client, who may have the
+        reply already.
+        """
+        while child.channel.pending():
+            message = child.channel.receive()
+            if message is None:
+                self._selector.unregister(child.channel)
+                self._await_end(child)
+                return
+            self._heard(child, message)
+
+    def _heard(self, child: Child, message: dict[str, Any]) -> None:
         self._silent_ends, child.spoke = 0, True
         if child.template is not None and message["event"] == "born":
             child.pid = message["pid"]

@@ -348,6 +348,23 @@ def test_a_worker_that_is_slow_to_end_holds_nobody_up(start, connect, open_sessi
     wait_until(lambda: server.events("worker_ended"), "the log tells")
 
 
+def test_a_close_that_was_answered_while_the_supervisor_was_busy_shows_in_the_list(start, connect, open_session):
+    server = start()
+    control = connect(server.endpoint)
+    for _ in range(5):
+        _, data, at = open_session(server)
+        os.kill(server.process.pid, signal.SIGSTOP)
+        try:
+            data.ask(Move, **at, step=1, frame="reference", displacement=ONES)
+            data.ask(Commit, **at, step=1)  # a report of the worker that waits before that of the end
+            assert data.ask(Close, **at, outcome="discard").type == "CLOSED"
+            control.send(List)
+            time.sleep(0.1)  # the gateway has passed it on
+        finally:
+            os.kill(server.process.pid, signal.SIGCONT)
+        assert control.receive().sessions == []
+
+
 def test_the_place_of_a_closed_session_is_free_at_once(start, connect, open_session):
     server = start(max_sessions=1)
     for _ in range(20):
