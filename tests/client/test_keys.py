@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from mesh_motion_client import Keys, SessionError, Unavailable, connect
 from mesh_motion_client.connection import Connection, ConnectionLost
 from mesh_motion_client.control import Control
 from mesh_motion_protocol.messages import Close, Closed, Hello, List, Listed, Probe, Probed, Status, StatusReport
+from zmq.utils.monitor import recv_monitor_message
 
 TOLD = np.full((4, 2), 0.125)
 SECONDS = 30.0
@@ -74,15 +76,15 @@ def test_a_client_with_keys_is_told_that_there_are_none(lasting_server, keyed_se
 
 
 def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(lasting_server, keyed_server):
-    connection = Connection(lasting_server.endpoint, keyed_server.alice)
-    while int.from_bytes(connection._events.recv_multipart()[0][:2], "little") != zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
-        pass
-    assert not connection._socket.poll(200)  # ZeroMQ gives the connection up
-    while connection._events.poll(0):
-        connection._events.recv_multipart()  # as if the check before the request had come a moment too early
-    with pytest.raises(ConnectionLost):
-        connection.request(Hello(client=b"a" * 16, sequence=1, agent="test", features=[]), deadline_in(SECONDS))
-    connection.close()
+    with closing(Connection(lasting_server.endpoint, keyed_server.alice)) as connection:
+        connection._events.rcvtimeo = int(1000 * SECONDS)
+        while recv_monitor_message(connection._events)["event"] != zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
+            pass
+        assert not connection._socket.poll(200)  # ZeroMQ gives the connection up
+        while connection._events.poll(0):
+            recv_monitor_message(connection._events)  # as if the check before the request had come a moment too early
+        with pytest.raises(ConnectionLost):
+            connection.request(Hello(client=b"a" * 16, sequence=1, agent="test", features=[]), deadline_in(SECONDS))
 
 
 def test_a_monitor_sees_how_a_session_does_and_nothing_of_its_mesh(keyed_server, alice, mesh, overseer):
