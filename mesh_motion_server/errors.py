@@ -7,6 +7,7 @@
     ├── SessionError          the request does not fit the session's state, owner or step
     ├── NumericalError        no acceptable motion was found (.best, .cells, .fraction); nothing was changed
     ├── ResourceError         a limit of this server was reached; nothing was changed
+    ├── DeadlineExceeded      the time allowed is over; nothing was changed
     └── JournalError          the durable state cannot be written or trusted
 
 Every message says what was expected, what came, and the way out; an error about data names the first offender. The
@@ -17,7 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["InvalidInput", "JournalError", "MeshMotionError", "NumericalError", "ResourceError", "SessionError"]
+__all__ = [
+    "DeadlineExceeded",
+    "InvalidInput",
+    "JournalError",
+    "MeshMotionError",
+    "NumericalError",
+    "ResourceError",
+    "SessionError",
+]
 
 
 class MeshMotionError(Exception):
@@ -98,6 +107,12 @@ class ResourceError(MeshMotionError):
     """A limit of this server was reached: bytes, sessions, memory, disk."""
 
     default_code = "RESOURCE_EXHAUSTED.BYTES"
+
+
+class DeadlineExceeded(MeshMotionError):
+    """The time allowed is over."""
+
+    default_code = "DEADLINE_EXCEEDED"
 
 
 class JournalError(MeshMotionError):

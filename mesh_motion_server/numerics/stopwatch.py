@@ -1,12 +1,16 @@
-"""Wall time of the phases of a motion."""
+"""Wall time of the phases of a motion, and the limit of it that a caller sets."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
-__all__ = ["PHASES", "Stopwatch"]
+from mesh_motion_server.errors import DeadlineExceeded
+
+__all__ = ["PHASES", "Stopwatch", "check_time", "time_limit"]
 
 #: In the order they begin.
 PHASES = ("solve", "displace", "predict", "correct")
@@ -31,3 +35,33 @@ class Stopwatch:
     def seconds(self) -> dict[str, float]:
         """Seconds of each phase, and of everything since the start as ``total``."""
         return {**self._seconds, "total": time.perf_counter() - self._started}
+
+
+#: When the caller's limit ends, on :func:`time.monotonic`'s clock; and the limit.
+_END: ContextVar[tuple[float, float]] = ContextVar("_END", default=(math.inf, math.inf))
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Let :func:`check_time` raise within the block once ``seconds`` are over."""
+    token = _END.set((time.monotonic() + seconds, seconds))
+    try:
+        yield
+    finally:
+        _END.reset(token)
+
+
+def check_time() -> None:
+    """Called between the parts of a long computation, which has changed nothing yet.
+
+    Raises
+    ------
+    DeadlineExceeded
+        If the caller's time limit is over.
+    """
+    end, seconds = _END.get()
+    if time.monotonic() > end:
+        raise DeadlineExceeded(
+            f"the motion was not computed within the {seconds:g} s that the request allows",
+            hint="allow more time, or take a smaller step",
+        )

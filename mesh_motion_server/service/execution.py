@@ -11,7 +11,7 @@ from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import Committed, ErrorReply, Message, SessionMessage
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import MeshMotionError, SessionError
+from mesh_motion_server.errors import DeadlineExceeded, MeshMotionError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import build, commit, fetch, move, rollback, upload
 from mesh_motion_server.service.commands import Collective, Single
@@ -196,9 +196,8 @@ class Execution:
             return []
         missing = self.missing
         return self.abandon(
-            SessionError(
+            DeadlineExceeded(
                 f"partitions {', '.join(map(str, missing))} did not make the request within {self._timeout:g} s",
-                code="DEADLINE_EXCEEDED",
                 hint="look whether their processes live; then make the request again",
                 details={"missing": missing},
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.numerics.stopwatch import time_limit
 from mesh_motion_server.service.reports import correction_report, faces_report, move_quality, shortened
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
@@ -49,7 +51,9 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
     del request_ids
     boundary_displacements = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
     report = "faces" if any(request.report == "faces" for request in requests) else ""
-    outcome = session.move(requests[0].frame, boundary_displacements, report=report)
+    shortest = min((request.compute_limit_ms for request in requests if request.compute_limit_ms), default=math.inf)
+    with time_limit(shortest / 1000.0):
+        outcome = session.move(requests[0].frame, boundary_displacements, report=report)
     failpoint("request.moved")
     motion = outcome.motion
     quality, correction = move_quality(motion, session), correction_report(motion)

@@ -1,7 +1,8 @@
 """Two digests: of a request's content, to tell a repeat from a conflict, and of a committed state.
 
-A repeated request may carry a new epoch (its sender resumed the session in between), other memory for its reply and
-another end of the run, and a new request id would make it another request, so these stay out of the content.
+A repeated request may carry a new epoch (its sender resumed the session in between), other memory for its reply,
+another limit of computing and another end of the run, and a new request id would make it another request, so these stay
+out of the content.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ __all__ = ["request_digest", "state_digest"]
 #: Opens the hashed text, so that a state's digest can be no other digest.
 STATE_PREFIX = b"mesh-motion state 1\n"
 
-_NO_CONTENT = frozenset({"epoch", "memory", "final_step"})
+_NO_CONTENT = frozenset({"epoch", "memory", "compute_limit_ms", "final_step"})
 #: So many at a time stay in the cache.
 _ROWS = 1 << 14
 
 
 def request_digest(message: Message) -> bytes:
-    """32 bytes: SHA-256 over the type and all fields but ids, ``epoch``, ``memory`` and ``final_step``.
+    """32 bytes: SHA-256 over the type and all fields but ids and those that are not content.
 
     Arrays count by their values: narrow ones are widened for it, some rows at a time.
     """

@@ -4,7 +4,7 @@ import signal
 
 import numpy as np
 import pytest
-from mesh_motion_client import Mesh, Patch, connect
+from mesh_motion_client import InvalidInput, Mesh, Patch, Timeout, connect
 
 from proofs.server_process import ServerProcess
 
@@ -47,6 +47,20 @@ def play(server, mesh, disturb):
             disturb(session, step)
             session.commit()
         return replies, session.points(), session.step
+
+
+def test_the_caller_limits_the_computing():
+    mesh = square(24)
+    with connect() as client, client.open(mesh, {"support_radius": 2.0}) as session:
+        x = mesh.points[session.moving_nodes, 0]
+        bump = np.stack([0 * x, 0.95 * np.sin(np.pi * x)], axis=1)  # takes a correction, 30 times the limit
+        with pytest.raises(Timeout, match=r"within the 0\.001 s"):
+            session.move(bump, compute_limit=0.001)
+        assert session.iteration == 0
+        with pytest.raises(InvalidInput, match="compute_limit"):
+            session.move(bump, compute_limit=-1.0)
+        session.move(bump)
+        assert session.iteration == 1
 
 
 @pytest.mark.nightly

@@ -20,6 +20,10 @@ def test_id_and_epoch_are_not_content():
     assert request_digest(again) == request_digest(MOVE)
 
 
+def test_the_limit_of_computing_is_not_content():
+    assert request_digest(replace(MOVE, compute_limit_ms=500)) == request_digest(MOVE)
+
+
 def test_the_end_of_the_run_is_not_content():
     """A client that repeats a COMMIT may know another end of its run by then."""
     first, again = (

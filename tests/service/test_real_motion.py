@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Build, Commit, Move
+from mesh_motion_protocol.messages import Build, Commit, Move, Status
 
+from mesh_motion_server.numerics import stopwatch
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.mesh.roles import Patch
@@ -170,3 +173,52 @@ def test_of_several_partitions_those_that_ask_are_told_of_all_faces(kit: Any, st
     assert told["before"]["max_non_orthogonality"] == pytest.approx(expected.max_non_orthogonality, rel=1e-9)
     assert {face["partition"] for name in ("before", "after") for face in told[name]["worst"]} <= {0, 1, 2}
     driver.host.close()
+
+
+@pytest.fixture
+def ticking(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A clock that goes on by a second each time it is read; the number of readings."""
+    read = [0]
+
+    def monotonic() -> float:
+        read[0] += 1
+        return float(read[0])
+
+    monkeypatch.setattr(stopwatch, "time", SimpleNamespace(monotonic=monotonic, perf_counter=time.perf_counter))
+    return read
+
+
+DEMANDING = {"quality_threshold": 0.9, "refuse_below_threshold": True}
+
+
+def test_a_limit_of_computing_ends_any_move_and_changes_nothing(kit: Any, store: Any, ticking: list[int]) -> None:
+    """However far the computation came: it is refused for the time, without a fraction, or with the same one."""
+    driver = driver_of(kit, store, [boxed(kit)], **DEMANDING)
+    driver.open()
+    trial = driver.all(Move, bulge(driver, 0.01), step=1)[0]
+    before = ticking[0]
+    unlimited = driver.all(Move, bulge(driver, 0.4), step=1)[0]
+    readings = ticking[0] - before
+    assert unlimited.details["fraction"] > 0.0
+    ends = set()
+    for seconds in np.linspace(1, readings + 1, 8, dtype=int).tolist():
+        reply = driver.all(Move, bulge(driver, 0.4), step=1, compute_limit_ms=1000 * seconds)[0]
+        ends.add((reply.code, reply.details.get("fraction")))
+    assert ends == {
+        ("DEADLINE_EXCEEDED", None),
+        ("FAILED_PRECONDITION.QUALITY", None),
+        ("FAILED_PRECONDITION.QUALITY", unlimited.details["fraction"]),
+    }
+    assert driver.ask(Status).state == "TRIAL"
+    assert driver.ask(Status).iteration == trial.iteration == 1
+
+
+def test_the_shortest_limit_of_the_partitions_counts(kit: Any, store: Any, ticking: list[int]) -> None:
+    driver = driver_of(kit, store, kit.split_mesh(boxed(kit), 2), **DEMANDING)
+    driver.open()
+    rows, replies = bulge(driver, 0.4), []
+    for partition, limit in enumerate((0, 1000)):
+        fields = {"step": 1, "compute_limit_ms": limit, "displacement": rows[partition]}
+        replies += driver.send(driver.request(Move, partition, **fields))
+    assert [reply.code for reply in replies] == ["DEADLINE_EXCEEDED"] * 2
+    assert "1 s" in replies[0].message

@@ -84,6 +84,7 @@ module mesh_motion
       procedure :: save_credentials => session_save_credentials
       procedure :: load_credentials => session_load_credentials
       procedure :: report => session_report
+      procedure :: compute_limit => session_compute_limit
       procedure :: final_step => session_final_step
       procedure :: move => session_move
       procedure :: commit => session_commit
@@ -258,6 +259,12 @@ module mesh_motion
          type(c_ptr), value :: session
          character(kind=c_char), intent(in) :: report(*)
          integer(c_int) :: c_set_report
+      end function
+      function c_set_compute_limit(session, seconds) bind(c, name="mm_set_compute_limit")
+         import :: c_ptr, c_int, c_double
+         type(c_ptr), value :: session
+         real(c_double), value :: seconds
+         integer(c_int) :: c_set_compute_limit
       end function
       function c_set_final_step(session, step) bind(c, name="mm_set_final_step")
          import :: c_ptr, c_int, c_int64_t
@@ -755,6 +762,14 @@ contains
       character(*), intent(in) :: report
       integer(c_int) :: ignored
       ignored = c_set_report(self%handle, ended(report))
+   end subroutine
+
+   ! Seconds after which the server gives up computing a move, from now on; 0: never
+   subroutine session_compute_limit(self, seconds)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in) :: seconds
+      integer(c_int) :: ignored
+      ignored = c_set_compute_limit(self%handle, seconds)
    end subroutine
 
    ! The step that the run ends with, told with each commit from now on; 0: unknown

@@ -168,6 +168,9 @@ MM_API mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, con
 /* What mm_moved tells beside the quality of each move from now on: "", or "faces" for the mesh as a finite-volume code
  * sees it (SPEC.md, section 15), which takes time: set it for the move that is committed, and take it back. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);
+/* Seconds after which the server gives up computing a move, from now on; 0: never. The move is then refused with
+ * MM_DEADLINE_EXCEEDED, and the session is as before. */
+MM_API mm_result mm_set_compute_limit(mm_session *session, double seconds);
 /* The step that the run ends with, told with each commit from now on; 0: unknown. Who watches the session then sees when
  * the run ends. Tell it again where it changes. */
 MM_API mm_result mm_set_final_step(mm_session *session, int64_t step);

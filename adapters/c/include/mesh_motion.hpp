@@ -264,6 +264,7 @@ public:
                       answer.data()));
     }
     Session &report(const std::string &what) { return check(mm_set_report(get(), what.c_str())); }
+    Session &compute_limit(double seconds) { return check(mm_set_compute_limit(get(), seconds)); }
     Session &final_step(std::int64_t step) { return check(mm_set_final_step(get(), step)); }
     void commit() { check(mm_commit(get())); }
     void rollback() { check(mm_rollback(get())); }

@@ -141,7 +141,7 @@ struct mm_session {
     size_t part, part_row; /* the next UPLOAD: block and row */
     /* how it stands */
     char state[16];
-    int64_t step, durable_step, iteration, final_step;
+    int64_t step, durable_step, iteration, final_step, compute_limit_ms;
     uint8_t digest[32];
     int64_t *moving;
     size_t moving_count;
@@ -2083,6 +2083,16 @@ mm_result mm_set_report(mm_session *session, const char *report)
     return MM_OK;
 }
 
+mm_result mm_set_compute_limit(mm_session *session, double seconds)
+{
+    BEGIN_SESSION(session);
+    if (!(seconds >= 0 && seconds <= 1e9)) {
+        return invalid(session->context, "a limit of computing must be 0 to 1e9 s%s", "");
+    }
+    session->compute_limit_ms = (int64_t)ceil(1000 * seconds);
+    return MM_OK;
+}
+
 mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
                   double *to)
 {
@@ -2092,6 +2102,9 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
     }
     answer moved = {0};
     request move = move_request(session, frame, displacement);
+    if (session->compute_limit_ms) {
+        add_integer(&move, "compute_limit_ms", session->compute_limit_ms);
+    }
     outcome how = deliver(session, &move, session->context->compute_timeout, &moved);
     if (how == DONE) {
         how = take_rows(session, &moved, "displacement", nodes, to);

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Literal, Self
 
@@ -39,6 +41,9 @@ __all__ = ["Frame", "Report", "Session"]
 
 #: Settings that a description names.
 _TOLD = ("support_radius", "correction", "quality_threshold", "displacement")
+
+#: Of computing, in seconds: about 30 years.
+_LONGEST_LIMIT = 1e9
 
 Frame = Literal["committed", "reference"]
 Report = Literal["", "faces"]
@@ -111,6 +116,7 @@ class Session(Described):
         *,
         frame: Frame = "reference",
         report: Report = "",
+        compute_limit: float = 0.0,
         timeout: float | None = None,
     ) -> Moved:
         """One coupling iteration: boundary displacements in, displacements of all nodes out. Nothing is final yet.
@@ -125,6 +131,9 @@ class Session(Described):
         report : {"", "faces"}
             "faces": also tell what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
             it takes time, ask once a step.
+        compute_limit : float
+            Seconds after which the server gives up computing; 0: never. Without it the server goes on where ``timeout``
+            ends this call, and repeating the call gets the answer.
         timeout : float, optional
             Seconds for this call.
 
@@ -138,11 +147,20 @@ class Session(Described):
         QualityRefused
             If no acceptable mesh was found; the session is as before.
         InvalidInput, SessionError, Unavailable, Timeout
+            Timeout too if the server gave up.
         """
-        rows = self._rows(displacements)
-        move = Move(**self._address, step=self.step + 1, frame=frame, report=report, displacement=rows)
+        if not 0.0 <= compute_limit <= _LONGEST_LIMIT:
+            raise InvalidInput(f"compute_limit: expected 0 to {_LONGEST_LIMIT:g} s, got {compute_limit!r}")
+        move = Move(
+            **self._address,
+            step=self.step + 1,
+            frame=frame,
+            report=report,
+            compute_limit_ms=math.ceil(1000 * compute_limit),
+            displacement=self._rows(displacements),
+        )
         moved = self._courier.deliver(move, messages.Moved, timeout or self._compute_timeout)
-        self._courier.trial, self._courier.iteration = move, moved.iteration
+        self._courier.trial, self._courier.iteration = replace(move, compute_limit_ms=0), moved.iteration
         return Moved(**vars(moved), mesh=self._mesh, is_total=frame == "reference")
 
     def commit(self, *, final_step: int = 0, timeout: float | None = None) -> Committed:

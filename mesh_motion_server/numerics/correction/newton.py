@@ -25,6 +25,7 @@ from mesh_motion_server.numerics.correction.distortion import FLOOR, PNorm
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
 from mesh_motion_server.numerics.correction.node_constraint import RegionConstraint, StepSolver
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure, region_measure
+from mesh_motion_server.numerics.stopwatch import check_time
 
 __all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
 
@@ -133,6 +134,7 @@ def newton(
     energy, weights = objective(points)
     done = 0
     while done < iterations and math.isfinite(energy):
+        check_time()
         gradient = objective.gradient(points, weights)
         hessian = objective.measure.hessian(points, weights, refresh=accuracy.refresh, floor=accuracy.floor)
         if quadratic is not None:

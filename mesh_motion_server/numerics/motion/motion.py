@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.errors import DeadlineExceeded, NumericalError
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
@@ -36,7 +36,7 @@ from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
-from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 
 __all__ = ["MotionModel"]
 
@@ -109,7 +109,10 @@ class MotionModel(PreparedMesh):
         ------
         NumericalError
             When no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
-            worst cells and the largest accepted fraction found of the ``boundary_displacement``.
+            worst cells and the largest accepted fraction found of the ``boundary_displacement``, None if
+            :func:`.time_limit` ended the search.
+        DeadlineExceeded
+            If that limit ended all else.
         """
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
@@ -119,15 +122,16 @@ class MotionModel(PreparedMesh):
                 raise
             origin = committed[self.roles.moving]
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
-            fraction = self._acceptable_fraction(step, whole)
+            try:
+                fraction = self._acceptable_fraction(step, whole)
+            except DeadlineExceeded:
+                fraction = None
             raise NumericalError(
                 refusal.message,
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,
-                hint=f"a fraction of {fraction:.3g} of this displacement is acceptable; take a smaller step"
-                if fraction > 0
-                else "no tested fraction of this displacement is acceptable; the domain may have to be remeshed",
+                hint=_way_out(fraction),
                 details=refusal.details,
             ) from refusal
 
@@ -160,6 +164,7 @@ class MotionModel(PreparedMesh):
         """
         watch, asked, plain = Stopwatch(), self.standard_motion.layer, None
         attempts = LayerAttempts(asked, self.method.quality_threshold)
+        check_time()
         if asked is None:
             plain = self._interpolate(step, None, watch)
             attempts.layer = self._layer_for(plain)
@@ -366,6 +371,15 @@ class MotionModel(PreparedMesh):
             possible,
             certain=certain,
         )
+
+
+def _way_out(fraction: float | None) -> str:
+    """The hint of a refusal, by the acceptable ``fraction`` of the displacement: 0 for none, None if it is unknown."""
+    if fraction is None:
+        return "the time allowed ended before an acceptable fraction was found; allow more, or take a smaller step"
+    if fraction > 0.0:
+        return f"a fraction of {fraction:.3g} of this displacement is acceptable; take a smaller step"
+    return "no tested fraction of this displacement is acceptable; the domain may have to be remeshed"
 
 
 def _of_the_mesh(refusal: NumericalError) -> bool:

@@ -115,6 +115,9 @@ int main(int count, char **arguments)
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
     EXPECT(isfinite(mm_report_number(mm_moved(session), "faces.after.max_non_orthogonality")));
     EXPECT(mm_set_report(session, "") == MM_OK && mm_rollback(session) == MM_OK);
+    EXPECT(mm_set_compute_limit(session, 60) == MM_OK);
+    EXPECT(mm_set_compute_limit(session, -1) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK && mm_iteration(session) == 1);
     EXPECT(mm_report_count(mm_moved(session), "faces") == 0);
     EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1);

@@ -181,6 +181,12 @@ def same_content() -> Iterator[Case]:
     )
     nowhere = {"process": 2**62, "descriptor": 3, "key": bytes(16)}
     yield Case(
+        "10.2",
+        "limit-of-computing-is-no-content",
+        "A repeat that allows another time of computing is the same request",
+        run("MOVE", lambda r: r.having(compute_limit_ms=10**9)),
+    )
+    yield Case(
         "22.7",
         "memory-is-no-content",
         "A repeat that offers memory is the same request; memory that cannot be used is no error",
