@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from box_meshes import box_mesh
 
 from mesh_motion_server.numerics.correction import near_rest
 from mesh_motion_server.numerics.correction.near_rest import NEAR_REST
@@ -92,11 +93,11 @@ def test_a_step_from_a_raised_mesh_does_not_pay_again(monkeypatch: pytest.Monkey
 
 def test_a_large_mesh_is_raised_to_the_threshold_only(monkeypatch: pytest.MonkeyPatch) -> None:
     model = model_of()
-    monkeypatch.setattr(near_rest, "SMALL_MESH", {2: 10})
+    monkeypatch.setattr(near_rest, "_LARGEST", {2: 10})
     assert model.move(model.points, pitched(model, 15.0, 0.1)).correction.method == "none"
 
 
-def test_areas_are_not_spent_for_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_areas_are_not_spent_for_shapes_but_shapes_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = cascade(split=True)
     model = model_of(mesh)
     targets = pitched(model, 15.0, 0.1)
@@ -104,7 +105,20 @@ def test_areas_are_not_spent_for_shapes(monkeypatch: pytest.MonkeyPatch) -> None
     assert plain.reached
     motion = model.move(model.points, targets)
     monkeypatch.setattr(near_rest, "spoils", lambda *_: False)
-    (_, area), (_, own), (_, spent) = (
+    (before, area), (after, own), (_, spent) = (
         extremes(model, found.points) for found in (plain, motion, model.move(model.points, targets))
     )
     assert spent < 0.99 * area <= own
+    assert after > 1.1 * before
+
+
+def test_where_the_worst_cell_has_no_free_node_nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As at the corners of a box among tetrahedra, which have all their nodes on it or next to it."""
+    mesh = box_mesh("tetra")
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    model = model_of((mesh.points, mesh.cells, patches))
+    monkeypatch.setattr(near_rest, "reach", None)
+    turn, body = np.array([[0.866, -0.5, 0.0], [0.5, 0.866, 0.0], [0.0, 0.0, 1.0]]), model.points[model.roles.moving]
+    motion = model.move(model.points, (body - 0.5) @ turn.T + 0.5)
+    assert extremes(model, motion.points)[0] < 0.8
+    assert motion.reached

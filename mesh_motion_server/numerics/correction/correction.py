@@ -46,6 +46,7 @@ from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import I
 from mesh_motion_server.numerics.correction.enrichment.placement import gap_middle
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
+from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
 from mesh_motion_server.numerics.correction.near_rest import NEAR_REST, leans, nearer_rest, raises, reshaped, spoils
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime, travel
 from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
@@ -257,8 +258,7 @@ def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
 
 def _could_be_valid(mesh: TrialMesh, quality: Floats) -> bool:
     """Whether all cells without a free node, which no correction can repair, are valid by the quality (m,) of cells."""
-    fixed = np.concatenate([mesh.held[block.nodes].all(axis=1) for block in mesh.cells])
-    return bool((quality[fixed] > 0.0).all())
+    return bool((quality[~cells_of_nodes(mesh.cells, ~mesh.held)] > 0.0).all())
 
 
 def _enrichment(problem: CorrectionProblem, settings: CorrectionSettings, mesh: TrialMesh, quality: Floats) -> _Found:

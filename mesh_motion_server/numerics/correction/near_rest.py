@@ -16,18 +16,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from mesh_motion_server.numerics.correction.correction_problem import (
-    SMALL_MESH,
-    CorrectionProblem,
-    CorrectionSettings,
+from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem, CorrectionSettings
+from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
+from mesh_motion_server.numerics.correction.trial_nodes import (
+    RELATIVE_BOTH,
+    RELATIVE_SHAPE,
+    Polished,
+    TrialMesh,
+    polish,
+    reach,
 )
-from mesh_motion_server.numerics.correction.trial_nodes import RELATIVE_SHAPE, Polished, TrialMesh, polish, reach
 from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = ["NEAR_REST", "NOTICED", "leans", "nearer_rest", "raises", "reshaped", "spoils"]
 
 #: Smallest relative skew that needs no correction.
 NEAR_REST = 0.95
+#: Free nodes, by dimension, of the largest mesh that is raised: of a mesh above the threshold it takes two seconds.
+_LARGEST = {2: 30_000, 3: 20_000}
 #: A quality change by less than this factor does not count.
 NOTICED = 1.01
 _RUNG = 0.9  # between rungs of the ladder below NEAR_REST: successive steps may lose this before one is raised again
@@ -41,7 +47,7 @@ def raises(problem: CorrectionProblem, settings: CorrectionSettings) -> bool:
     dimension = problem.start.shape[1]
     default = settings.correction == "optimised" and settings.target == "auto" and settings.in_time == "independent"
     relative = settings.quality_metric == "relative-size-skew" and dimension > 1
-    return default and relative and int(np.count_nonzero(~problem.held)) <= SMALL_MESH[dimension]
+    return default and relative and int(np.count_nonzero(~problem.held)) <= _LARGEST[dimension]
 
 
 def leans(problem: CorrectionProblem, mesh: TrialMesh, quality: CellQuality) -> bool:
@@ -61,12 +67,14 @@ def nearer_rest(problem: CorrectionProblem, mesh: TrialMesh, before: CellQuality
     kept = np.zeros_like(mesh.held) if problem.near_walls is None else problem.near_walls()
     kept = kept if mesh.constraint is None else mesh.constraint.closed(kept)
     least, lowest = before.relative_extremes()[0], before.metric(mesh.metric).min()
-    for metric in (RELATIVE_SHAPE, mesh.metric):
-        found = reach(problem.begin, replace(mesh, held=mesh.held | kept, metric=metric), NEAR_REST)
+    held = mesh.held | kept
+    # no node of these cells is free: what they have is the most that the whole mesh can reach
+    limit = np.min(before.relative_skew, where=~cells_of_nodes(mesh.cells, ~held), initial=NEAR_REST)
+    for metric in (RELATIVE_SHAPE, mesh.metric, RELATIVE_BOTH) if limit > NOTICED * least else ():
+        found = reach(problem.begin, replace(mesh, held=held, metric=metric), NEAR_REST)
         after = mesh.cell_quality(found.points)
-        if not after.relative_extremes()[0] > NOTICED * least:
-            break  # in the mesh's own metric, in which sizes weigh more, shapes gain less
-        if NOTICED * after.metric(mesh.metric).min() > lowest and not spoils(before, after, mesh.metric):
+        gains = after.relative_extremes()[0] > NOTICED * least
+        if gains and NOTICED * after.metric(mesh.metric).min() > lowest and not spoils(before, after, mesh.metric):
             return found
     return Polished(problem.begin, least)
 

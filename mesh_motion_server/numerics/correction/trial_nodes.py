@@ -25,13 +25,16 @@ from mesh_motion_server.numerics.correction.region_measure import RegionMeasure
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cell_quality, subset_quality
 
-__all__ = ["RELATIVE_SHAPE", "Polished", "Stage", "TrialMesh", "polish", "reach", "signed", "untangle"]
+__all__ = ["RELATIVE_BOTH", "RELATIVE_SHAPE", "Polished", "Stage", "TrialMesh", "polish", "reach", "signed", "untangle"]
 
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
 RELATIVE_SHAPE = "relative-shape"
 """What "auto" raises of cells judged at rest: the relative skew, and so much of the size that areas stay near it."""
+
+RELATIVE_BOTH = "relative-shape-and-size"
+"""What it raises where that spoils areas: "relative-size-skew", but with sizes that nearly are those at rest."""
 
 _SHAPE_SIZE = (
     0.25  # half would stop at a relative skew of 0.75 where this one reaches 0.85, with sizes of 0.50 and 0.47
@@ -44,8 +47,9 @@ SIZE_WEIGHTS = {
     "skew": 0.01,
     "relative-size-skew": 0.5,
     RELATIVE_SHAPE: _SHAPE_SIZE,
+    RELATIVE_BOTH: 2.0,
 }
-"""Weight of the size in the distortion, by the metric that judges; above 1, less is reached."""
+"""Weight of the size in the distortion, by the metric that judges; above 1, less is reached of strong distortions."""
 
 LAST_LEVEL = PNorm(1000, 100, of="cells")
 """One more where the maximum is wanted of a region that is small enough for :data:`EXACTING`."""
@@ -90,7 +94,8 @@ class TrialMesh:
     held : (n,) bool array
         Nodes that must not move.
     metric : str
-        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, or :data:`RELATIVE_SHAPE`.
+        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, :data:`RELATIVE_SHAPE` or
+        :data:`RELATIVE_BOTH`.
     constraint : NodeConstraint or None
         The constraint of nodes that are not held but may move only with restrictions.
     """
@@ -128,8 +133,10 @@ class TrialMesh:
 
 def signed(quality: CellQuality, metric: str) -> NDArray[np.float64]:
     """The metric (m,) of cells; negative where any corner is inverted, whatever the metric says."""
-    shape = metric == RELATIVE_SHAPE
-    values = np.abs(quality.size) ** _SHAPE_SIZE * quality.relative_skew if shape else quality.metric(metric)
+    if metric == RELATIVE_SHAPE:
+        values = np.abs(quality.size) ** _SHAPE_SIZE * quality.relative_skew
+    else:
+        values = quality.metric("relative-size-skew" if metric == RELATIVE_BOTH else metric)
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
 
 
