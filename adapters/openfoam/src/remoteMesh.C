@@ -6,14 +6,46 @@
 #include "syncTools.H"
 #include "wedgePolyPatch.H"
 
-Foam::vector Foam::remoteMesh::meanOf(const face& f, const vectorField& values)
+Foam::vector Foam::remoteMesh::meanOf
+(
+    const face& f,
+    const vectorField& values,
+    const edge& diagonal
+)
 {
+    if (diagonal[0] >= 0)
+    {
+        return 0.5*(values[diagonal[0]] + values[diagonal[1]]);
+    }
     vector sum(Zero);
     for (const label pointi : f)
     {
         sum += values[pointi];
     }
     return sum/f.size();
+}
+
+
+Foam::edge Foam::remoteMesh::diagonal(const face& f, const pointField& base)
+{
+    if (f.size() == 4)
+    {
+        vectorField normals(4);
+        forAll(f, i)
+        {
+            const vector after = base[f.nextLabel(i)] - base[f[i]];
+            normals[i] = after ^ (base[f.prevLabel(i)] - base[f[i]]);
+        }
+        const vector area(sum(normals));
+        forAll(f, i)
+        {
+            if ((normals[i] & area) < 0)
+            {
+                return edge(f[i], f[(i + 2) % 4]);
+            }
+        }
+    }
+    return edge(-1, -1);
 }
 
 
@@ -154,13 +186,11 @@ void Foam::remoteMesh::numberPlane()
 }
 
 
-Foam::label Foam::remoteMesh::addMiddle(const label facei)
+void Foam::remoteMesh::addMiddle(const label facei, const pointField& base)
 {
-    if (faceNode_.insert(facei, nodePoint_.size() + middles_.size()))
-    {
-        middles_.append(facei);
-    }
-    return faceNode_[facei];
+    faceNode_.insert(facei, nodePoint_.size() + middles_.size());
+    middles_.append(facei);
+    diagonals_.append(diagonal(mesh_.faces()[facei], base));
 }
 
 
@@ -218,9 +248,10 @@ void Foam::remoteMesh::setPoints(const pointField& base)
     }
     // added up in another order by the other rank a mean may differ in a bit
     pointField middles(mesh_.nBoundaryFaces(), Zero);
-    for (const label facei : middles_)
+    forAll(middles_, i)
     {
-        const point middle = meanOf(mesh_.faces()[facei], base);
+        const label facei = middles_[i];
+        const point middle = meanOf(mesh_.faces()[facei], base, diagonals_[i]);
         set(faceNode_[facei], middle);
         if (!mesh_.isInternalFace(facei))
         {
@@ -242,9 +273,9 @@ void Foam::remoteMesh::setPoints(const pointField& base)
             }
         }
     }
-    forAllConstIters(cellNode_, iter)
+    forAll(centres_, i)
     {
-        set(iter.val(), mesh_.cellCentres()[iter.key()]);
+        set(nodePoint_.size() + middles_.size() + i, centres_[i]);
     }
 }
 
@@ -344,7 +375,7 @@ Foam::remoteMesh::remoteMesh
     {
         nodePoint_ = pointNode_;
     }
-    numberCentres();
+    numberCentres(base);
     if (Pstream::parRun())
     {
         numberGlobally();
@@ -375,11 +406,17 @@ void Foam::remoteMesh::toNodes
                 << " that can. Is it the session of another mesh?"
                 << exit(FatalError);
         }
+        const label middle = node - nodePoint_.size();
         const vector value
         (
-            node < nodePoint_.size()
+            middle < 0
           ? pointValues[nodePoint_[node]]
-          : meanOf(mesh_.faces()[middles_[node - nodePoint_.size()]], pointValues)
+          : meanOf
+            (
+                mesh_.faces()[middles_[middle]],
+                pointValues,
+                diagonals_[middle]
+            )
         );
         forAll(axes_, j)
         {

@@ -2,6 +2,7 @@
 #include "remoteMesh.H"
 #include "cellModel.H"
 #include "cellShape.H"
+#include "syncTools.H"
 
 namespace
 {
@@ -20,21 +21,65 @@ const char* typeOf(const Foam::cellShape& shape)
     }
 }
 
-bool isLeftHanded
-(
-    const Foam::point& a,
-    const Foam::point& b,
-    const Foam::point& c,
-    const Foam::point& d
-)
+//- Corner and its neighbours, right-handed, of each corner of such a cell
+const Foam::labelListList& cornersOf(const Foam::cellShape& shape)
 {
-    return (((b - a) ^ (c - a)) & (d - a)) <= 0;
+    using Foam::labelList;
+    static const Foam::labelListList hex
+    ({
+        labelList({0, 1, 3, 4}), labelList({1, 2, 0, 5}),
+        labelList({2, 3, 1, 6}), labelList({3, 0, 2, 7}),
+        labelList({4, 7, 5, 0}), labelList({5, 4, 6, 1}),
+        labelList({6, 5, 7, 2}), labelList({7, 6, 4, 3})
+    });
+    static const Foam::labelListList prism
+    ({
+        labelList({0, 1, 2, 3}), labelList({1, 2, 0, 4}),
+        labelList({2, 0, 1, 5}), labelList({3, 5, 4, 0}),
+        labelList({4, 3, 5, 1}), labelList({5, 4, 3, 2})
+    });
+    static const Foam::labelListList pyramid
+    ({
+        labelList({0, 1, 3, 4}), labelList({1, 2, 0, 4}),
+        labelList({2, 3, 1, 4}), labelList({3, 0, 2, 4})
+    });
+    static const Foam::labelListList tetra({labelList({0, 1, 2, 3})});
+    switch (shape.model().index())
+    {
+        case Foam::cellModel::HEX: return hex;
+        case Foam::cellModel::PRISM: return prism;
+        case Foam::cellModel::PYR: return pyramid;
+        default: return tetra;
+    }
+}
+
+//- Whether one of some determinants is not positive, but for rounding
+bool isNonpositive(const Foam::scalarUList& determinants)
+{
+    const Foam::scalar largest =
+        Foam::max(Foam::max(determinants), -Foam::min(determinants));
+    return Foam::min(determinants) <= 1e-12*largest;
+}
+
+//- Whether a cell of a simple type has an inverted corner
+bool isCrossed(const Foam::cellShape& shape, const Foam::pointField& points)
+{
+    Foam::scalarList determinants;
+    for (const Foam::labelList& corner : cornersOf(shape))
+    {
+        const Foam::point& at = points[shape[corner[0]]];
+        const Foam::vector a = points[shape[corner[1]]] - at;
+        const Foam::vector b = points[shape[corner[2]]] - at;
+        const Foam::vector c = points[shape[corner[3]]] - at;
+        determinants.append((a ^ b) & c);
+    }
+    return isNonpositive(determinants);
 }
 
 } // End anonymous namespace
 
 
-void Foam::remoteMesh::numberCentres()
+void Foam::remoteMesh::numberCentres(const pointField& base)
 {
     if (dimension() == 2)
     {
@@ -42,34 +87,177 @@ void Foam::remoteMesh::numberCentres()
         {
             if (isLong(facei))
             {
-                addMiddle(facei);
+                addMiddle(facei, base);
             }
         }
         return;
     }
-    DynamicList<label> divided;
-    forAll(mesh_.cells(), celli)
+    boolList divided(mesh_.nCells()), split(mesh_.nFaces(), false);
+    forAll(divided, celli)
     {
-        if (!typeOf(mesh_.cellShapes()[celli]))
+        const cellShape& shape = mesh_.cellShapes()[celli];
+        divided[celli] = !typeOf(shape) || isCrossed(shape, base);
+    }
+    // what splits a face divides the cell on its other side, which may split
+    // other faces, on another rank too
+    boolList seen(mesh_.nCells(), false);
+    Map<point> found;
+    bool again = true;
+    while (again)
+    {
+        forAll(divided, celli)
         {
-            divided.append(celli);
-            for (const label facei : mesh_.cells()[celli])
+            if (divided[celli] && !seen[celli])
             {
-                if (isLong(facei))
+                seen[celli] = true;
+                splitFaces(celli, base, split, found);
+            }
+        }
+        syncTools::syncFaceList(mesh_, split, orEqOp<bool>());
+        again = false;
+        forAll(split, facei)
+        {
+            if (split[facei])
+            {
+                const label celli = mesh_.faceOwner()[facei];
+                again = again || !divided[celli];
+                divided[celli] = true;
+                if (mesh_.isInternalFace(facei))
                 {
-                    addMiddle(facei);
+                    const label other = mesh_.faceNeighbour()[facei];
+                    again = again || !divided[other];
+                    divided[other] = true;
                 }
             }
         }
+        reduce(again, orOp<bool>());
     }
-    for (const label celli : divided)
+    forAll(split, facei)
     {
-        cellNode_.insert
-        (
-            celli,
-            nodePoint_.size() + middles_.size() + cellNode_.size()
-        );
+        if (split[facei])
+        {
+            addMiddle(facei, base);
+        }
     }
+    forAll(divided, celli)
+    {
+        if (divided[celli])
+        {
+            cellNode_.insert
+            (
+                celli,
+                nodePoint_.size() + middles_.size() + cellNode_.size()
+            );
+            centres_.append(found[celli]);
+        }
+    }
+}
+
+
+void Foam::remoteMesh::splitFaces
+(
+    const label celli,
+    const pointField& base,
+    boolList& split,
+    Map<point>& found
+) const
+{
+    const cell& faces = mesh_.cells()[celli];
+    const point centre(faces.centre(base, mesh_.faces()));
+    bool all = false; // if a split face is still hidden
+    for (const label facei : faces)
+    {
+        const face f(inwards(facei, celli));
+        scalarList heights(f.size());
+        forAll(f, i)
+        {
+            const point& at = base[f[i]];
+            const vector after = base[f.nextLabel(i)] - at;
+            heights[i] = (after ^ (base[f.prevLabel(i)] - at)) & (centre - at);
+        }
+        if (f.size() > 4 || (f.size() == 4 && isNonpositive(heights)))
+        {
+            split[facei] = true;
+            const point middle(meanOf(f, base, diagonal(f, base)));
+            forAll(f, i)
+            {
+                const point& at = base[f[i]];
+                const vector normal = (base[f.nextLabel(i)] - at) ^ (middle - at);
+                all = all || (normal & (centre - at)) <= 0;
+            }
+        }
+    }
+    if (all)
+    {
+        for (const label facei : faces)
+        {
+            split[facei] = split[facei] || mesh_.faces()[facei].size() == 4;
+        }
+    }
+    found.insert(celli, all ? seeingAll(celli, base) : centre);
+}
+
+
+Foam::point Foam::remoteMesh::seeingAll
+(
+    const label celli,
+    const pointField& base
+) const
+{
+    const cell& faces = mesh_.cells()[celli];
+    const point centre(faces.centre(base, mesh_.faces()));
+    DynamicList<vector> normals;
+    DynamicList<point> corners;
+    for (const label facei : faces)
+    {
+        const face f(inwards(facei, celli));
+        const point middle(meanOf(f, base, diagonal(f, base)));
+        forAll(f, i)
+        {
+            const point& at = base[f[i]];
+            const vector normal = (base[f.nextLabel(i)] - at) ^ (middle - at);
+            normals.append(normal/(mag(normal) + VSMALL));
+            corners.append(at);
+        }
+    }
+    const scalar size = boundBox(corners, false).mag();
+    for (scalar depth = 0.1*size; depth > 1e-4*size; depth /= 2)
+    {
+        point at(centre);
+        for (label step = 0; step < 200; ++step)
+        {
+            label worst = 0;
+            scalar least = GREAT;
+            forAll(normals, i)
+            {
+                const scalar height = normals[i] & (at - corners[i]);
+                if (height < least)
+                {
+                    least = height;
+                    worst = i;
+                }
+            }
+            if (least >= depth)
+            {
+                return at;
+            }
+            at += 1.9*(depth - least)*normals[worst];
+        }
+    }
+    FatalErrorInFunction
+        << "cell " << celli << " at " << centre << " cannot be judged: no "
+        << "point in it sees all of its faces" << nl
+        << "    a cell that is no valid hexahedron, prism, pyramid or "
+        << "tetrahedron is divided about such a point"
+        << exit(FatalError);
+    return centre;
+}
+
+
+Foam::face Foam::remoteMesh::inwards(const label facei, const label celli) const
+{
+    const face& out = mesh_.faces()[facei];
+    return mesh_.faceOwner()[facei] == celli ? out.reverseFace() : out;
 }
 
 
@@ -86,61 +274,30 @@ void Foam::remoteMesh::addCell
 }
 
 
-void Foam::remoteMesh::checkSeen
-(
-    const face& f,
-    const label facei,
-    const label celli
-) const
-{
-    const pointField& points = mesh_.points();
-    const point& centre = mesh_.cellCentres()[celli];
-    const point middle(meanOf(f, points));
-    forAll(f, i)
-    {
-        const label third = f.size() > 4 ? -1 : f.prevLabel(i);
-        const point& corner = third < 0 ? middle : points[third];
-        if (isLeftHanded(points[f[i]], points[f.nextLabel(i)], corner, centre))
-        {
-            FatalErrorInFunction
-                << "polyhedral cell " << celli << " at " << centre
-                << " cannot be judged: its face " << facei
-                << " is not seen as a whole from the cell's centre" << nl
-                << "    a cell that is no hexahedron, prism, pyramid or "
-                << "tetrahedron is divided about its centre"
-                << exit(FatalError);
-        }
-    }
-}
-
-
 void Foam::remoteMesh::addPieces(const label celli)
 {
     const label centre = cellNode_[celli];
     for (const label facei : mesh_.cells()[celli])
     {
-        // anticlockwise as seen from the centre
-        const face& out = mesh_.faces()[facei];
-        const face f
-        (
-            mesh_.faceOwner()[facei] == celli ? out.reverseFace() : out
-        );
-        checkSeen(f, facei, celli);
+        const face f(inwards(facei, celli));
+        const auto middle = faceNode_.cfind(facei);
         if (f.size() == 3)
         {
             addCell("tetra", labelList({f[0], f[1], f[2], centre}), celli);
         }
-        else if (f.size() == 4)
+        else if (!middle.found())
         {
             const labelList pyramid({f[0], f[1], f[2], f[3], centre});
             addCell("pyramid", pyramid, celli);
         }
         else
         {
-            const label middle = faceNode_[facei];
             forAll(f, i)
             {
-                const labelList tetra({f[i], f.nextLabel(i), middle, centre});
+                const labelList tetra
+                ({
+                    f[i], f.nextLabel(i), middle.val(), centre
+                });
                 addCell("tetra", tetra, celli);
             }
         }
@@ -183,10 +340,9 @@ void Foam::remoteMesh::addCells()
     forAll(mesh_.cells(), celli)
     {
         const cellShape& shape = mesh_.cellShapes()[celli];
-        const char* type = typeOf(shape);
-        if (type)
+        if (!cellNode_.found(celli))
         {
-            addCell(type, shape, celli);
+            addCell(typeOf(shape), shape, celli);
         }
         else
         {

@@ -102,7 +102,7 @@ def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
             f"it for {len(mesh.points)} points"
         )
     long = faces[mesh.sizes[faces] > 4]
-    points = np.concatenate([mesh.points[front], mesh.means(long)])[:, list(axes)]
+    points = np.concatenate([mesh.points[front], mesh.middles(long)])[:, list(axes)]
     flip = axes[1] - axes[0] == 2  # anticlockwise about y is clockwise in (x, z)
     return Plane(np.ascontiguousarray(points), _polygons(mesh, faces, long, node_of, len(front), flip), node_of)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 
-__all__ = ["FaceMesh", "FacePatch"]
+__all__ = ["FaceMesh", "FacePatch", "corner_normals"]
 
 
 @dataclass(frozen=True)
@@ -167,15 +167,33 @@ class FaceMesh:
         return np.arange(patch.start, patch.start + patch.count)
 
     @np.errstate(all="ignore")
-    def means(self, faces: IntArray, values: FloatArray | None = None) -> FloatArray:
-        """(k, 3) mean of the points of each of the faces, or of other values (n, 3) at points."""
-        values = self.points if values is None else values
+    def middles(self, faces: IntArray) -> FloatArray:
+        """(k, 3) mean of the points of each face; in a quadrilateral with a reflex corner, of it and its opposite."""
         out = np.empty((len(faces), 3))
         for size in np.unique(self.sizes[faces]):
             rows = np.flatnonzero(self.sizes[faces] == size)
-            nodes = self.nodes[self.starts[faces[rows], None] + np.arange(size)]
-            out[rows] = values[nodes].mean(axis=1)
+            corners = self.points[self.nodes[self.starts[faces[rows], None] + np.arange(size)]]
+            out[rows] = corners.mean(axis=1)
+            if size == 4:
+                normals = corner_normals(corners)
+                reflex = np.einsum("ijk,ik->ij", normals, normals.sum(axis=1)) < 0.0
+                bent, corner = np.flatnonzero(reflex.any(axis=1)), np.argmax(reflex, axis=1)
+                out[rows[bent]] = 0.5 * (corners[bent, corner[bent]] + corners[bent, (corner[bent] + 2) % 4])
         return out
+
+    def edges(self, faces: IntArray) -> tuple[IntArray, IntArray]:
+        """(e, 2) the edges of the faces, in their direction, and (e,) the row of ``faces`` of each."""
+        counts = self.sizes[faces]
+        rows = np.repeat(np.arange(len(faces)), counts)
+        place = np.arange(len(rows)) - (np.cumsum(counts) - counts)[rows]
+        begin = self.starts[faces][rows]
+        return np.column_stack([self.nodes[begin + place], self.nodes[begin + (place + 1) % counts[rows]]]), rows
+
+    def faces_of(self, cells: IntArray) -> tuple[IntArray, IntArray]:
+        """(k,) the faces of the cells, and (k,) the cell of each."""
+        counts = np.diff(self.cell_starts)[cells]
+        places = np.arange(counts.sum()) + np.repeat(self.cell_starts[cells] - np.cumsum(counts) + counts, counts)
+        return self.cell_faces[places], np.repeat(cells, counts)
 
     @cached_property
     @np.errstate(all="ignore")  # absurd coordinates are the mesh check's matter
@@ -210,6 +228,11 @@ class FaceMesh:
         volumes = np.bincount(cells, pyramids, self.n_cells)
         centroid = _sums(cells, pyramids[:, None] * tips, self.n_cells) / volumes[:, None]
         return volumes.astype(np.float64), np.where(np.isfinite(centroid), centroid, estimate)
+
+
+def corner_normals(corners: FloatArray) -> FloatArray:
+    """(m, k, 3) product of the edges at each corner of polygons (m, k, 3): as long as their parallelogram is large."""
+    return np.cross(np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners)
 
 
 def _sums(rows: NDArray[np.integer], values: FloatArray, count: int) -> FloatArray:

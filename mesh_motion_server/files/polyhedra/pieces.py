@@ -1,24 +1,31 @@
 """Divide polyhedra into pieces, as the motion solver for OpenFOAM does (adapters/openfoam).
 
 A polyhedron is divided around a node at its centre: one tetrahedron for each triangle, one pyramid for each
-quadrilateral, and for a face with more points tetrahedra around a node in the middle of the face. The neighbour of such
-a face is also a polyhedron and is divided in the same way, so the cells fit. The mesh's own points keep their numbers;
-middles and centres follow.
+quadrilateral. A face with more points gets a node in its middle, and there is a tetrahedron for each of its edges. So
+does a quadrilateral with a corner that the centre does not see: snappyHexMesh makes them where it snaps a cell to an
+edge. The cell on the other side of such a face is divided in the same way, even if it is a hexahedron, so the cells
+fit. So is a simple cell with an inverted corner. The mesh's own points keep their numbers; middles and centres follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 from mesh_motion_server.files.polyhedra.cells import FoundCells
-from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
+from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, corner_normals
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["Pieces", "divide"]
+
+_QUAD = 4  # points of a quadrilateral
+_SHALLOW = 1e-9  # depth in sizes of the cell: rounding hides a face below it
+_ROUNDING = 1e-12  # a determinant that is this share of the cell's largest may be 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,81 +48,139 @@ class Pieces:
 
     def facets(self, mesh: FaceMesh, faces: IntArray) -> dict[str, IntArray]:
         """{type: (m, k)} the facets that these faces are divided into."""
-        found = {name: mesh.short[faces[mesh.sizes[faces] == k], :k] for name, k in (("triangle", 3), ("quad", 4))}
-        fans = [_fan(mesh.face(int(face)), self.middles[face]) for face in faces[mesh.sizes[faces] > 4]]
-        found["triangle"] = np.concatenate([found["triangle"], *fans])
+        split = self.middles[faces] >= 0
+        whole = np.where(split, 0, mesh.sizes[faces])
+        found = {name: mesh.short[faces[whole == k], :k] for name, k in (("triangle", 3), ("quad", _QUAD))}
+        edges, rows = mesh.edges(faces[split])
+        fans = np.column_stack([edges, self.middles[faces[split][rows]]])
+        found["triangle"] = np.concatenate([found["triangle"], fans])
         return {name: nodes for name, nodes in found.items() if len(nodes)}
 
 
 def divide(mesh: FaceMesh, found: FoundCells) -> Pieces:
-    """Divide the polyhedra.
+    """Divide the polyhedra, and the simple cells that they or their own shape require.
 
     Raises
     ------
     InvalidInput
-        If part of a face is not visible from the centre of its cell: a piece would be inverted.
+        If no point of a cell sees all its faces: a piece would be inverted.
     """
+    new = np.union1d(found.others, _crossed(mesh, found))
+    centres = mesh.volumes_and_centres()[1] if len(new) else mesh.points
+    split, (divided, bent) = mesh.sizes > _QUAD, np.zeros((2, mesh.n_cells), dtype=bool)
+    while len(new):
+        divided[new] = True
+        hidden, hiding = _hidden(mesh, new, centres)
+        split[hidden] = bent[hiding] = True
+        beside = np.concatenate([mesh.owner[hidden], mesh.neighbour[hidden[hidden < mesh.n_inner]]])
+        new = np.unique(beside[~divided[beside]])
+    for cell in np.flatnonzero(bent):
+        centres[cell] = _seeing_all(mesh, int(cell))
+    long, others = np.flatnonzero(split), np.flatnonzero(divided)
     middles = np.full(mesh.n_faces, -1, dtype=np.int64)
-    cells = np.repeat(found.others, np.diff(mesh.cell_starts)[found.others])  # the cell of each face
-    spans = [mesh.cell_faces[mesh.cell_starts[c] : mesh.cell_starts[c + 1]] for c in found.others]
-    faces = np.concatenate(spans) if spans else np.empty(0, dtype=np.int64)
-    long = np.unique(faces[mesh.sizes[faces] > 4])
     middles[long] = len(mesh.points) + np.arange(len(long))
     centre = np.full(mesh.n_cells, -1, dtype=np.int64)
-    centre[found.others] = len(mesh.points) + len(long) + np.arange(len(found.others))
-    points = mesh.points
-    if len(found.others):
-        centres = mesh.volumes_and_centres()[1][found.others]
-        points = np.concatenate([points, mesh.means(long), centres])
-    pieces = _pieces(mesh, faces, cells, middles, centre)
-    _check_seen(mesh, points, pieces)
-    return Pieces(points, _joined(found.nodes, {name: nodes for name, (nodes, _) in pieces.items()}), middles)
+    centre[others] = len(mesh.points) + len(long) + np.arange(len(others))
+    points = np.concatenate([mesh.points, mesh.middles(long), centres[others]]) if len(others) else mesh.points
+    pieces = _pieces(mesh, *mesh.faces_of(others), middles, centre)
+    whole = {name: nodes[~divided[found.numbers[name]]] for name, nodes in found.nodes.items()}
+    return Pieces(points, _joined(whole, pieces), middles)
+
+
+@np.errstate(all="ignore")
+def _crossed(mesh: FaceMesh, found: FoundCells) -> IntArray:
+    """Numbers of the simple cells with an inverted corner."""
+    crossed = [np.empty(0, dtype=np.int64)]
+    for name, nodes in found.nodes.items():
+        corners = mesh.points[nodes[:, CELL_TYPES[name].corner_array]]
+        determinants = np.linalg.det(corners[..., 1:, :] - corners[..., :1, :])
+        crossed.append(found.numbers[name][_nonpositive(determinants)])
+    return np.concatenate(crossed)
+
+
+def _nonpositive(determinants: FloatArray) -> NDArray[np.bool_]:
+    """Whether one of the determinants (m, k) of a cell is not positive, but for rounding."""
+    least: NDArray[np.bool_] = determinants.min(axis=1) <= _ROUNDING * np.abs(determinants).max(axis=1)
+    return least
+
+
+@np.errstate(all="ignore")
+def _hidden(mesh: FaceMesh, cells: IntArray, centres: FloatArray) -> tuple[IntArray, IntArray]:
+    """The quadrilaterals of these cells to be split, and the cells of which the centre does not see a split face.
+
+    A quadrilateral is split where a corner is not seen. If that does not help, all of the cell are: what another point
+    sees of them is then a matter of triangles.
+    """
+    faces, own = mesh.faces_of(cells)
+    quads = np.flatnonzero(mesh.sizes[faces] == _QUAD)
+    corners = mesh.points[mesh.short[faces[quads]]]
+    heights = np.einsum("ijk,ijk->ij", corner_normals(corners), centres[own[quads], None] - corners)
+    heights[mesh.owner[faces[quads]] == own[quads]] *= -1.0
+    hidden = quads[_nonpositive(heights)]
+    fans = np.concatenate([np.flatnonzero(mesh.sizes[faces] > _QUAD), hidden])
+    normals, corners, rows = _fan_planes(mesh, faces[fans], own[fans])
+    unseen = np.einsum("ij,ij->i", normals, centres[own[fans[rows]]] - corners) <= 0.0
+    hiding = np.unique(own[fans[rows[unseen]]])
+    return np.unique(faces[np.concatenate([hidden, quads[np.isin(own[quads], hiding)]])]), hiding
+
+
+def _fan_planes(mesh: FaceMesh, faces: IntArray, cells: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Of the triangles from the edges of faces to their middles: inward normals, corners and rows of the faces."""
+    edges, rows = mesh.edges(faces)
+    middles = mesh.middles(faces)
+    corners = mesh.points[edges[:, 0]]
+    normals = np.cross(mesh.points[edges[:, 1]] - corners, middles[rows] - corners)
+    normals[(mesh.owner[faces] == cells)[rows]] *= -1.0
+    return normals, corners, rows
+
+
+@np.errstate(all="ignore")
+def _seeing_all(mesh: FaceMesh, cell: int) -> FloatArray:
+    """The point of a cell that is furthest inside the triangles of all its faces.
+
+    Raises
+    ------
+    InvalidInput
+        If there is none: the cell hides a part of its faces from all its points.
+    """
+    faces, own = mesh.faces_of(np.array([cell]))
+    normals, corners, rows = _fan_planes(mesh, faces, own)
+    normals = normals / np.linalg.norm(normals, axis=1)[:, None]
+    middle = corners.mean(axis=0)
+    size = np.ptp(corners, axis=0).max()
+    heights = np.einsum("ij,ij->i", normals, middle - corners) / size
+    # of (x - middle) / size and the depth below all planes, the largest depth
+    sides, deepest = np.column_stack([-normals, np.ones(len(normals))]), [0.0, 0.0, 0.0, -1.0]
+    found = linprog(deepest, sides, heights, bounds=(-1.0, 1.0)) if np.isfinite(sides).all() else None
+    if found is not None and found.status == 0 and found.x[3] > _SHALLOW:
+        return np.asarray(middle + size * found.x[:3])
+    at, face = ", ".join(f"{value:.6g}" for value in middle), int(faces[rows[int(np.argmin(heights))]])
+    raise InvalidInput(
+        f"{mesh.path}: cell {cell} at ({at}) cannot be judged: no point in it sees all its faces, as face {face}",
+        hint="a cell that is no valid hexahedron, prism, pyramid or tetrahedron is divided about such a point",
+        code="INVALID_ARGUMENT.MESH",
+        details={"cell": cell, "face": face},
+    )
 
 
 def _pieces(
     mesh: FaceMesh, faces: IntArray, cells: IntArray, middles: IntArray, centre: IntArray
-) -> dict[str, tuple[IntArray, IntArray]]:
-    """{type: (m, k) nodes of the pieces, (m, 2) face and cell of each}, bases anticlockwise from the centre."""
-    own = mesh.owner[faces] == cells
+) -> dict[str, IntArray]:
+    """{type: (m, k) nodes of the pieces}, bases anticlockwise from the centre."""
+    own, split = mesh.owner[faces] == cells, middles[faces] >= 0
     found = {}
-    for name, size in (("tetra", 3), ("pyramid", 4)):
-        rows = np.flatnonzero(mesh.sizes[faces] == size)
+    for name, size in (("tetra", 3), ("pyramid", _QUAD)):
+        rows = np.flatnonzero((mesh.sizes[faces] == size) & ~split)
         base = mesh.short[faces[rows], :size]
         base = np.where(own[rows, None], base[:, ::-1], base)
-        found[name] = np.column_stack([base, centre[cells[rows]]]), rows
-    tetras, owners = [found["tetra"][0]], [found["tetra"][1]]
-    for row in np.flatnonzero(mesh.sizes[faces] > 4):
-        nodes = mesh.face(int(faces[row]))
-        fan = _fan(nodes[::-1] if own[row] else nodes, middles[faces[row]])
-        tetras.append(np.column_stack([fan, np.full(len(fan), centre[cells[row]])]))
-        owners.append(np.full(len(fan), row))
-    found["tetra"] = np.concatenate(tetras), np.concatenate(owners)
-    return {name: (nodes, np.column_stack([faces[rows], cells[rows]])) for name, (nodes, rows) in found.items()}
-
-
-@np.errstate(all="ignore")
-def _check_seen(mesh: FaceMesh, points: FloatArray, pieces: Mapping[str, tuple[IntArray, IntArray]]) -> None:
-    """Check that, at each corner of each base, the centre is on the inner side."""
-    for nodes, rows in pieces.values():
-        corners, tip = points[nodes[:, :-1]], points[nodes[:, -1]]
-        first, second = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-        normals = np.cross(first, second)
-        wrong = (np.einsum("ijk,ijk->ij", normals, tip[:, None] - corners) <= 0).any(axis=1)
-        if wrong.any():
-            face, cell = (int(v) for v in rows[np.argmax(wrong)])
-            at = ", ".join(f"{value:.6g}" for value in tip[np.argmax(wrong)])
-            raise InvalidInput(
-                f"{mesh.path}: polyhedral cell {cell} at ({at}) cannot be judged: its face {face} is not seen as a "
-                "whole from the cell's centre",
-                hint="a cell that is no hexahedron, prism, pyramid or tetrahedron is divided about its centre",
-                code="INVALID_ARGUMENT.MESH",
-                details={"cell": cell, "face": face},
-            )
-
-
-def _fan(nodes: IntArray, middle: np.int64) -> IntArray:
-    """(k, 3) triangles from each edge of a face to its middle."""
-    return np.column_stack([nodes, np.roll(nodes, -1), np.full(len(nodes), middle)])
+        found[name] = np.column_stack([base, centre[cells[rows]]])
+    fans, own, cells = faces[split], own[split], cells[split]
+    edges, rows = mesh.edges(fans)
+    edges = np.where(own[rows, None], edges[:, ::-1], edges)
+    found["tetra"] = np.concatenate(
+        [found["tetra"], np.column_stack([edges, middles[fans[rows]], centre[cells[rows]]])]
+    )
+    return found
 
 
 def _joined(first: dict[str, IntArray], second: dict[str, IntArray]) -> dict[str, IntArray]:

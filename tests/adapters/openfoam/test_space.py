@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from mesh_motion_server.files.openfoam.polymesh import read_face_mesh
+
 HEADER = "FoamFile {{ version 2.0; format ascii; class {}; object {}; }}\n"
 # a cube, a prism at its side, a pyramid on top of it and a tetrahedron beside the pyramid, as Gmsh writes them
 SHAPES = """$MeshFormat
@@ -115,17 +117,39 @@ def test_a_refined_mesh_has_long_faces_on_one_rank_and_on_two(make_space_case):
     parallel.check_ranks("0.1", serial.points("0.1"))
 
 
-def test_a_polyhedron_that_its_centre_does_not_see_as_a_whole(make_space_case):
-    case = make_space_case()
+def displace_a_point(case, height):
+    """Put a point of a refined mesh at another height: its cells are bent."""
     refine(case)
     start = case.numbers("constant/polyMesh/points", 3)
     (point,) = np.flatnonzero(np.linalg.norm(start - [0.55, 0.315, 0.1], axis=1) < 1e-9)
     path = case.folder / "constant/polyMesh/points"
     written = re.findall(r"(?m)^\(\S+ \S+ \S+\)$", path.read_text())[point]
-    path.write_text(path.read_text().replace(written, "(0.55 0.315 0.19)"))
+    path.write_text(path.read_text().replace(written, f"(0.55 0.315 {height})"))
+
+
+def test_a_cell_that_its_centre_does_not_see_as_a_whole_is_divided_otherwise(make_space_case):
+    """Its quadrilaterals are split, and so are the hexahedra on their other side, on another rank too."""
+    serial, parallel = make_space_case("serial"), make_space_case("parallel")
+    for case in (serial, parallel):
+        displace_a_point(case, 0.19)
+    serial.run("moveDynamicMesh")
+    rank_of = (read_face_mesh(serial.folder / "constant/polyMesh").volumes_and_centres()[1][:, 0] > 0.55).astype(int)
+    ranks = "\n".join(map(str, rank_of))
+    text = f"{HEADER.format('labelList', 'ranks')}{len(rank_of)}\n(\n{ranks}\n)\n"
+    (parallel.folder / "constant/ranks").write_text(text)
+    plan = parallel.folder / "system/decomposeParDict"
+    plan.write_text(plan.read_text().partition("method ")[0] + 'method manual; manualCoeffs { dataFile "ranks"; }\n')
+    parallel.run("decomposePar")
+    parallel.run("moveDynamicMesh", ranks=2)
+    parallel.check_ranks("0.1", serial.points("0.1"))
+
+
+def test_a_cell_that_no_point_of_it_sees_as_a_whole(make_space_case):
+    case = make_space_case()
+    displace_a_point(case, 0.5)
     case.run("moveDynamicMesh", expect=1)
     assert "FOAM FATAL ERROR" in case.output
-    assert re.search(r"polyhedral cell \d+ at \(0\.5\d* 0\.3\d* 0\.1\d*\) cannot be judged", case.output)
+    assert re.search(r"cell \d+ at \(0\.5\d* 0\.3\d* 0\.\d*\) cannot be judged: no point", case.output)
 
 
 @pytest.mark.slow
