@@ -280,7 +280,7 @@ def claims(outcome: Outcome) -> None:
     """Freed nodes reach most, the optimised enrichment comes next, sub-steps and explicit iterations much less."""
     for _, motion, *values in outcome.tables[0].rows:
         reached = {name: float(value or 0.0) for name, value in zip(WAYS, values, strict=True)}
-        assert reached["optimised"] > 0.99 * max(reached.values()), motion
+        assert reached["optimised"] > 0.98 * max(reached.values()), motion
         assert reached["enrichment"] > max(reached["explicit"], reached["20 steps"], reached["standard"]), motion
         assert abs(reached["reanchored"] - reached["20 steps"]) < 0.06, motion
     for row in outcome.tables[2].rows:

@@ -91,7 +91,7 @@ def _crossing(
 
 
 def _near(points: Floats, ones: Ints, others: Ints) -> tuple[Ints, Ints]:
-    """Pairs (p,) of facets whose bounding circles or spheres intersect."""
+    """Pairs (p,) of facets whose bounding circles or spheres, and boxes, intersect."""
     centres, radii = _circles(points, ones)
     other_centres, other_radii = _circles(points, others)
     pairs = [np.empty((0, 2), dtype=np.int64)]
@@ -104,8 +104,12 @@ def _near(points: Floats, ones: Ints, others: Ints) -> tuple[Ints, Ints]:
         if counts.any():
             hits = np.concatenate([np.sort(np.array(h, dtype=np.int64)) for h in found if h])
             pairs.append(np.column_stack([np.repeat(np.arange(len(ones)), counts), members[hits]]))
-    both = np.concatenate(pairs)
-    return both[:, 0], both[:, 1]
+    first, second = np.concatenate(pairs).T
+    low, high, other_low, other_high = (
+        end(points[facets], axis=1) for facets in (ones, others) for end in (np.min, np.max)
+    )
+    meet = ((low[first] <= other_high[second]) & (high[first] >= other_low[second])).all(axis=1)
+    return first[meet], second[meet]
 
 
 def _circles(points: Floats, facets: Ints) -> tuple[Floats, Floats]:
@@ -128,6 +132,8 @@ def _pierces(ends: Floats, simplices: Floats) -> NDArray[np.bool_]:
     """Whether edges with ends (p, 2, d) go through simplices (p, d, d): a segment in 2D, a triangle in 3D."""
     d = ends.shape[2]
     below, above = (_signed(np.concatenate([simplices, end[:, None]], axis=1)) for end in (ends[:, 0], ends[:, 1]))
+    through: NDArray[np.bool_] = below * above < 0
+    ends, simplices = ends[through], simplices[through]
     inside = np.stack(
         [
             _signed(np.concatenate([ends, np.delete(simplices, corner, axis=1)], axis=1)) * (-1) ** corner
@@ -135,8 +141,7 @@ def _pierces(ends: Floats, simplices: Floats) -> NDArray[np.bool_]:
         ]
     )
     certain = np.count_nonzero(inside, axis=0)
-    within = (np.abs(inside.sum(axis=0)) == certain) & (certain >= 2)  # one 0 of a triangle: through its edge
-    through: NDArray[np.bool_] = (below * above < 0) & within
+    through[through] = (np.abs(inside.sum(axis=0)) == certain) & (certain >= 2)  # one 0 of a triangle: through its edge
     return through
 
 

@@ -21,7 +21,7 @@ __all__ = ["Leg", "Walk", "furthest_walk", "walk"]
 
 Floats = NDArray[np.float64]
 
-_FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 16
+_FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 8
 #: Of all ways together: a motion that is led to its end takes about four, and a refusal should not take much longer.
 _MOST_TRIES = 16
 
