@@ -42,8 +42,18 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
         "motionSolver", "solver", "cellZone", "cellSet", "updateControl",
         "updateInterval"
     });
-    const bool own = dict.found(remoteMeshMotion::typeName + "Coeffs");
-    checkEntries(coeffs, known, own ? wordList() : ofMesh);
+    const word own(remoteMeshMotion::typeName + "Coeffs");
+    checkEntries(coeffs, known, dict.found(own) ? wordList() : ofMesh);
+    for (const word& key : known)
+    {
+        if (dict.found(own) && dict.found(key))
+        {
+            FatalIOErrorInFunction(dict)
+                << "the entry " << key << " stands beside " << own
+                << ", where nobody reads it: move it there"
+                << exit(FatalIOError);
+        }
+    }
     return coeffs;
 }
 

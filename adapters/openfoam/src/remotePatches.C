@@ -101,13 +101,17 @@ void Foam::remotePatches::checkNames
     const dictionary& given
 )
 {
+    const wordList names(physicalNames(boundary));
     for (const entry& e : given)
     {
-        if (!e.keyword().isPattern() && boundary.findPatchID(e.keyword()) < 0)
+        const bool found = e.keyword().isPattern()
+          ? findStrings(regExp(e.keyword()), names).size()
+          : boundary.findPatchID(e.keyword()) >= 0;
+        if (!found)
         {
             FatalIOErrorInFunction(given)
                 << "there is no patch " << e.keyword() << nl
-                << "    patches are " << flatOutput(physicalNames(boundary))
+                << "    patches are " << flatOutput(names)
                 << exit(FatalIOError);
         }
     }

@@ -9,17 +9,25 @@ void Foam::remoteSession::readPatience()
     {
         return;
     }
-    ITstream& is = e->stream();
-    const word choice(is);
-    if (choice == "wait")
+    tokenList given;
+    if (e->isStream())
     {
-        patience_ = readScalar(is);
+        given = e->stream();
     }
-    else if (choice != "fail")
+    word choice;
+    if (given.size() && given[0].isWord())
+    {
+        choice = given[0].wordToken();
+    }
+    if (choice == "wait" && given.size() == 2 && given[1].isNumber())
+    {
+        patience_ = given[1].number();
+    }
+    else if (choice != "fail" || given.size() != 1)
     {
         FatalIOErrorInFunction(coeffs_)
             << "onServerLoss is fail, or wait and the seconds; got "
-            << choice << exit(FatalIOError);
+            << flatOutput(given) << exit(FatalIOError);
     }
 }
 
@@ -83,8 +91,11 @@ Foam::remoteSession::~remoteSession()
 void Foam::remoteSession::setMethodEntry(const entry& e)
 {
     const char* key = e.keyword().c_str();
-    ITstream& is = e.stream();
-    const token value(is);
+    // of a dictionary or several words no one is the value
+    const token value
+    (
+        e.isStream() && e.stream().size() == 1 ? e.stream()[0] : token()
+    );
     if (value.isLabel())
     {
         mm_set_integer(session_, key, value.labelToken());

@@ -140,7 +140,8 @@ def test_a_session_is_kept_or_discarded(make_case, mesh_motion_server, at_end, l
         ("atEnd discrad;", ["atEnd is keep or discard; got discrad"]),
         ("commit always;", ["commit is timeStep or everyMove; got always"]),
         ("onServerLos wait 100;", ["there is no entry onServerLos", "onServerLoss"]),
-        ("onServerLoss retry;", ["onServerLoss is fail, or wait and the seconds; got retry"]),
+        ("onServerLoss retry;", ["onServerLoss is fail, or wait and the seconds; got", "retry"]),
+        ("onServerLoss wait 5 seconds;", ["onServerLoss is fail, or wait and the seconds; got", "seconds"]),
         ("durability none;", ["durability", "none"]),
     ],
 )
@@ -151,6 +152,24 @@ def test_a_wrong_choice_is_named(make_case, further, words):
     assert "FOAM FATAL" in case.output
     for word in words:
         assert word in case.output
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "words"),
+    [
+        ("quality_threshold 0.3;", "quality_threshold 0.3 0.1;", "method: quality_threshold must be a number"),
+        ("quality_threshold 0.3;", "quality_threshold { value 0.3; }", "method: quality_threshold must be a number"),
+        ("walls   slip;", 'walls slip; "wallls.*" fixed;', r'there is no patch "wallls\.\*"'),
+        ("motionSolver      ", "commit everyMove;\nmotionSolver      ", "entry commit stands beside remoteMeshMotionCoeffs"),
+    ],
+    ids=["two values", "a dictionary", "a pattern", "beside the coefficients"],
+)
+def test_what_nobody_would_read_is_refused(make_case, was, becomes, words):
+    case = make_case(steps=1)
+    change(case, "constant/dynamicMeshDict", (was, becomes))
+    case.run("moveDynamicMesh", expect=1)
+    assert "FOAM FATAL IO ERROR" in case.output
+    assert re.search(words, case.output)
 
 
 WEDGE = """scale 1;
