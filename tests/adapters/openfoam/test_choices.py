@@ -160,7 +160,11 @@ def test_a_wrong_choice_is_named(make_case, further, words):
         ("quality_threshold 0.3;", "quality_threshold 0.3 0.1;", "method: quality_threshold must be a number"),
         ("quality_threshold 0.3;", "quality_threshold { value 0.3; }", "method: quality_threshold must be a number"),
         ("walls   slip;", 'walls slip; "wallls.*" fixed;', r'there is no patch "wallls\.\*"'),
-        ("motionSolver      ", "commit everyMove;\nmotionSolver      ", "entry commit stands beside remoteMeshMotionCoeffs"),
+        (
+            "motionSolver      ",
+            "commit everyMove;\nmotionSolver      ",
+            "commit stands beside",
+        ),
     ],
     ids=["two values", "a dictionary", "a pattern", "beside the coefficients"],
 )
