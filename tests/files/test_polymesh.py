@@ -206,6 +206,20 @@ def test_a_hexahedron_with_a_reflex_corner_is_divided(reflex: float, expected: d
     np.testing.assert_allclose(pieces.points[pieces.middles[0]], between)
 
 
+def test_a_polyhedron_of_triangles_is_divided_about_a_point_that_sees_them() -> None:
+    quads = arrowhead(1.5)
+    faces = quads.nodes.reshape(-1, 4)
+    faces[0], faces[1] = [3, 2, 1, 0], [5, 6, 7, 4]  # cut from the reflex corner to the tip
+    triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    owner, starts = np.zeros(12, np.int64), 3 * np.arange(13)
+    mesh = FaceMesh(quads.path, quads.points, starts, triangles.ravel(), owner, quads.neighbour, ())
+    pieces = divide(mesh, find_cells(mesh))
+    volumes = sizes(MeshFile(pieces.points, pieces.cells, {}, mesh.path))["tetra"]
+    assert len(volumes) == 12
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(0.5)
+
+
 def test_a_cell_of_which_no_point_sees_all_is_named() -> None:
     mesh = arrowhead(0.0, height=-3.0)
     with pytest.raises(InvalidInput, match=r"cell 0 at \(.*\) cannot be judged: no point in it") as caught:

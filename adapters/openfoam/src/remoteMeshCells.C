@@ -164,7 +164,7 @@ void Foam::remoteMesh::splitFaces
 {
     const cell& faces = mesh_.cells()[celli];
     const point centre(faces.centre(base, mesh_.faces()));
-    bool all = false; // if a split face is still hidden
+    bool all = false; // if a triangle is hidden
     for (const label facei : faces)
     {
         const face f(inwards(facei, celli));
@@ -178,6 +178,9 @@ void Foam::remoteMesh::splitFaces
         if (f.size() > 4 || (f.size() == 4 && isNonpositive(heights)))
         {
             split[facei] = true;
+        }
+        if (f.size() == 3 || split[facei])
+        {
             const point middle(meanOf(f, base, diagonal(f, base)));
             forAll(f, i)
             {

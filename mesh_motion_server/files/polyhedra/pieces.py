@@ -106,10 +106,10 @@ def _nonpositive(determinants: FloatArray) -> NDArray[np.bool_]:
 
 @np.errstate(all="ignore")
 def _hidden(mesh: FaceMesh, cells: IntArray, centres: FloatArray) -> tuple[IntArray, IntArray]:
-    """The quadrilaterals of these cells to be split, and the cells of which the centre does not see a split face.
+    """The quadrilaterals of these cells to be split, and the cells of which the centre does not see every triangle.
 
-    A quadrilateral is split where a corner is not seen. If that does not help, all of the cell are: what another point
-    sees of them is then a matter of triangles.
+    """The quadrilaterals of these cells to be split, and the cells of which the centre does not see all triangles.
+    quadrilaterals of the cell are split: what another point sees of them is then a matter of triangles.
     """
     faces, own = mesh.faces_of(cells)
     quads = np.flatnonzero(mesh.sizes[faces] == _QUAD)
@@ -117,7 +117,7 @@ def _hidden(mesh: FaceMesh, cells: IntArray, centres: FloatArray) -> tuple[IntAr
     heights = np.einsum("ijk,ijk->ij", corner_normals(corners), centres[own[quads], None] - corners)
     heights[mesh.owner[faces[quads]] == own[quads]] *= -1.0
     hidden = quads[_nonpositive(heights)]
-    fans = np.concatenate([np.flatnonzero(mesh.sizes[faces] > _QUAD), hidden])
+    fans = np.concatenate([np.flatnonzero(mesh.sizes[faces] != _QUAD), hidden])
     normals, corners, rows = _fan_planes(mesh, faces[fans], own[fans])
     unseen = np.einsum("ij,ij->i", normals, centres[own[fans[rows]]] - corners) <= 0.0
     hiding = np.unique(own[fans[rows[unseen]]])
