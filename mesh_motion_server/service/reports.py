@@ -58,7 +58,7 @@ def move_quality(motion: Motion, session: Session) -> dict[str, Any]:
     }
 
 
-def faces_report(faces: tuple[FaceMeasures, FaceMeasures] | None, mesh: MergedMesh) -> dict[str, Any]:
+def faces_report(faces: tuple[FaceMeasures, ...], mesh: MergedMesh) -> dict[str, Any]:
     """FaceMeasures of the reference mesh and of the answer, as sent; empty without them."""
     return {
         name: measures.numbers()
@@ -73,7 +73,7 @@ def faces_report(faces: tuple[FaceMeasures, FaceMeasures] | None, mesh: MergedMe
                 for face in measures.worst
             ]
         }
-        for name, measures in zip(("before", "after"), faces or (), strict=False)
+        for name, measures in zip(("before", "after"), faces, strict=False)
     }
 
 

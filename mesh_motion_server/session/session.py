@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
+from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
@@ -270,7 +270,8 @@ class Session:
         computed = compute(model, built.mesh, self.coordinates("committed"), move_input, self.factors)
         judged = computed.motion.corrected if computed.exact and in_full else None
         trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input)
-        faces = _faces(built, trial.points) if report == "faces" else None
+        measured = (built.faces, face_measures(trial.points, built.mesh.cells)) if report == "faces" else ()
+        faces = tuple(filter(None, measured))
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial)
         return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements, faces)
@@ -296,9 +297,7 @@ class Session:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
         failpoint("session.commit.start")
         durable = np.take(trial.points, built.mesh.id_order, axis=0)
-        self._write(
-            lambda: built.keeper.prepare(durable), self._now
-        )  # the disk works while the state is hashed and judged
+        self._write(lambda: built.keeper.prepare(durable), self._now)  # the disk works while the state is judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
@@ -420,9 +419,3 @@ class Session:
             self.fail()
             raise
         self._now = after
-
-
-def _faces(built: Built, points: Floats) -> tuple[FaceMeasures, FaceMeasures] | None:
-    """Of the reference mesh and of the mesh with its nodes at ``points`` (n, d); None in one dimension."""
-    before, after = built.faces, face_measures(points, built.mesh.cells)
-    return None if before is None or after is None else (before, after)

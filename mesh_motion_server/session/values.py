@@ -63,15 +63,15 @@ class MoveOutcome:
         Of the numerics.
     displacements : one (n_p, d) array per partition, mesh length unit
         Of all its nodes, in its own order and in the frame of the request.
-    faces : tuple of two FaceMeasures, or None
-        Of the reference mesh and of the trial, where they were asked for and the mesh has faces.
+    faces : tuple of FaceMeasures
+        Of the reference mesh and of the trial; empty where nobody asked, or in one dimension.
     """
 
     step: int
     iteration: int
     motion: Motion
     displacements: list[Floats]
-    faces: tuple[FaceMeasures, FaceMeasures] | None = None
+    faces: tuple[FaceMeasures, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
+from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.session.history.boundary import BoundaryLog
+from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
@@ -86,6 +89,29 @@ def test_a_failure_changes_nothing(session: Session) -> None:
     assert session._now is before
 
 
+def test_faces_are_measured_of_the_reference_and_of_the_trial_where_asked(session: Session) -> None:
+    session.move("committed", right(0.1))
+    commit(session)
+    assert session.move("committed", right(0.1)).faces == ()
+    before, after = session.move("committed", right(0.1), report="faces").faces
+    assert session._now.trial is not None
+    assert before == face_measures(session.coordinates("reference"), session.mesh.cells)
+    assert after == face_measures(session._now.trial.points, session.mesh.cells)
+    assert before != after
+
+
+def test_in_one_dimension_no_face_is_measured(kit: Any, tmp_path: Path) -> None:
+    spec = replace(kit.make_spec(), dimension=1)
+    session = Session(SessionStore(tmp_path).create(spec), ServerSettings(), build_motion_model)
+    session.add_part(0, Part("nodes", "", "", np.linspace(0.0, 1.0, 5)[:, None]))
+    session.add_part(0, Part("cells", "line", "", np.stack([np.arange(4), np.arange(1, 5)], axis=1)))
+    for name, role, node in ("left", "moving", 0), ("right", "fixed", 4):
+        session.add_part(0, Part("patch", name, role, np.array([[node]])))
+    session.build()
+    assert session.move("committed", [np.array([[0.1]])], report="faces").faces == ()
+    session.close()
+
+
 def test_a_receipt_that_cannot_be_made_stops_the_commit_before_anything_is_written(session: Session) -> None:
     session.move("committed", right(0.1))
 
@@ -142,6 +168,19 @@ def test_what_is_committed_is_committing_meanwhile(session: Session, monkeypatch
     commit(session)
     assert seen == [(State.COMMITTING, 0, 1)]
     assert (session.state, session.step, session.iteration) == (State.READY, 1, 0)
+
+
+def test_the_state_is_on_its_way_to_the_disk_while_a_commit_is_judged(kit: Any) -> None:
+    session, files = with_a_trial(kit, "full")
+    before, judged = files.count, []
+
+    def receipt(outcome: Any) -> bytes:
+        judged.append(files.count)
+        return b""
+
+    session.commit((), receipt)
+    assert before < judged[0] < files.count
+    session.close()
 
 
 def test_factorizations_of_past_states_are_not_kept(session: Session) -> None:
