@@ -106,9 +106,9 @@ def _nonpositive(determinants: FloatArray) -> NDArray[np.bool_]:
 
 @np.errstate(all="ignore")
 def _hidden(mesh: FaceMesh, cells: IntArray, centres: FloatArray) -> tuple[IntArray, IntArray]:
-    """The quadrilaterals of these cells to be split, and the cells of which the centre does not see every triangle.
-
     """The quadrilaterals of these cells to be split, and the cells of which the centre does not see all triangles.
+
+    A quadrilateral is split where a corner is not seen. If a triangle is not seen, a face or part of a split one, all
     quadrilaterals of the cell are split: what another point sees of them is then a matter of triangles.
     """
     faces, own = mesh.faces_of(cells)
