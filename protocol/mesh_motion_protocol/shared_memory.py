@@ -134,7 +134,8 @@ def _opened(offer: Mapping[str, Any]) -> int | None:
         return None
     try:
         fcntl.fcntl(memory, fcntl.F_GET_SEALS)  # refused for a file on a disk
-        if os.pread(memory, _KEY_BYTES, 0) == key:
+        named = os.fstat(memory).st_nlink  # as a file in a folder of memory (tmpfs) is, which may have seals too
+        if not named and os.pread(memory, _KEY_BYTES, 0) == key:
             return memory
     except OSError:
         pass

@@ -64,7 +64,9 @@ _NUMERICS = {
     "quality.orientation": ("orientation",),
     "quality.quality_summary": ("quality_summary", "order_statistics"),
 }
-_PROTOCOL = tuple(f"tests/protocol/test_{name}.py" for name in ("codec", "header", "schema", "vectors", "digests"))
+_PROTOCOL = tuple(
+    f"tests/protocol/test_{name}.py" for name in ("codec", "header", "schema", "vectors", "digests", "shared_memory")
+)
 
 
 def _targets(package: str, tests: tuple[str, ...], own: Mapping[str, tuple[str, ...]]) -> dict[str, Target]:

@@ -2,6 +2,7 @@
 
 import os
 import struct
+from tempfile import NamedTemporaryFile
 
 import msgpack
 import numpy as np
@@ -90,18 +91,21 @@ def test_what_is_no_offer_is_left_alone(change):
     assert content(memory) == before
 
 
-def test_no_other_file_is_written_to(tmp_path):
-    """A file on a disk that begins with the key, and a descriptor that is none of a file."""
-    key, path = b"k" * 16, tmp_path / "file"
-    path.write_bytes(key + bytes(2 * ROWS.nbytes))
+@pytest.mark.parametrize("folder", ["/var/tmp", "/dev/shm"])
+def test_no_other_file_is_written_to(folder):
+    """A file on a disk or in a folder of memory that begins with the key, and a descriptor that is none of a file."""
+    key = b"k" * 16
     reader, writer = os.pipe()
-    with open(path, "r+b") as file:
+    with NamedTemporaryFile(dir=folder) as file:
+        file.write(key + bytes(2 * ROWS.nbytes))
+        file.flush()
         for descriptor in (file.fileno(), reader, writer):
             offer = {"process": os.getpid(), "descriptor": descriptor, "key": key}
             assert len(encode(moved(), offer)) == 3
+        file.seek(0)
+        assert file.read() == key + bytes(2 * ROWS.nbytes)
     os.close(reader)
     os.close(writer)
-    assert path.read_bytes() == key + bytes(2 * ROWS.nbytes)
 
 
 def _with_place(at, **declared):
