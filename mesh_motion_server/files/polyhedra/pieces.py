@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import FloatArray, IntArray
@@ -24,7 +23,9 @@ from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 __all__ = ["Pieces", "divide"]
 
 _QUAD = 4  # points of a quadrilateral
-_SHALLOW = 1e-9  # depth in sizes of the cell: rounding hides a face below it
+#: Depths of an inner point below a cell's faces that are tried, in sizes of the cell; steps for each, their length.
+_DEPTHS = 0.1 * 0.5 ** np.arange(10.0)
+_STEPS, _BEYOND = 200, 1.9
 _ROUNDING = 1e-12  # a determinant that is this share of the cell's largest may be 0
 
 
@@ -75,7 +76,7 @@ def divide(mesh: FaceMesh, found: FoundCells) -> Pieces:
         beside = np.concatenate([mesh.owner[hidden], mesh.neighbour[hidden[hidden < mesh.n_inner]]])
         new = np.unique(beside[~divided[beside]])
     for cell in np.flatnonzero(bent):
-        centres[cell] = _seeing_all(mesh, int(cell))
+        centres[cell] = _seeing_all(mesh, int(cell), centres[cell])
     long, others = np.flatnonzero(split), np.flatnonzero(divided)
     middles = np.full(mesh.n_faces, -1, dtype=np.int64)
     middles[long] = len(mesh.points) + np.arange(len(long))
@@ -135,26 +136,30 @@ def _fan_planes(mesh: FaceMesh, faces: IntArray, cells: IntArray) -> tuple[Float
 
 
 @np.errstate(all="ignore")
-def _seeing_all(mesh: FaceMesh, cell: int) -> FloatArray:
-    """The point of a cell that is furthest inside the triangles of all its faces.
+def _seeing_all(mesh: FaceMesh, cell: int, centre: FloatArray) -> FloatArray:
+    """A point of a cell that is inside the triangles of all its faces, and deep if there is such a one.
+
+    From the centre it steps across the plane that it is furthest outside of: the relaxation method of Motzkin and
+    Schoenberg (Canadian Journal of Mathematics 6, 1954), as in the motion solver for OpenFOAM.
 
     Raises
     ------
     InvalidInput
-        If there is none: the cell hides a part of its faces from all its points.
+        If none is found: the cell hides a part of its faces from all its points.
     """
     faces, own = mesh.faces_of(np.array([cell]))
     normals, corners, rows = _fan_planes(mesh, faces, own)
     normals = normals / np.linalg.norm(normals, axis=1)[:, None]
-    middle = corners.mean(axis=0)
-    size = np.ptp(corners, axis=0).max()
-    heights = np.einsum("ij,ij->i", normals, middle - corners) / size
-    # of (x - middle) / size and the depth below all planes, the largest depth
-    sides, deepest = np.column_stack([-normals, np.ones(len(normals))]), [0.0, 0.0, 0.0, -1.0]
-    found = linprog(deepest, sides, heights, bounds=(-1.0, 1.0)) if np.isfinite(sides).all() else None
-    if found is not None and found.status == 0 and found.x[3] > _SHALLOW:
-        return np.asarray(middle + size * found.x[:3])
-    at, face = ", ".join(f"{value:.6g}" for value in middle), int(faces[rows[int(np.argmin(heights))]])
+    size = np.linalg.norm(np.ptp(corners, axis=0))
+    for depth in size * _DEPTHS:
+        point = centre
+        for _ in range(_STEPS):
+            heights = np.einsum("ij,ij->i", normals, point - corners)
+            worst = int(np.argmin(heights))
+            if heights[worst] >= depth:
+                return point
+            point = point + _BEYOND * (depth - heights[worst]) * normals[worst]
+    at, face = ", ".join(f"{value:.6g}" for value in centre), int(faces[rows[worst]])
     raise InvalidInput(
         f"{mesh.path}: cell {cell} at ({at}) cannot be judged: no point in it sees all its faces, as face {face}",
         hint="a cell that is no valid hexahedron, prism, pyramid or tetrahedron is divided about such a point",
