@@ -25,9 +25,14 @@ void Foam::remoteSession::readPatience()
     }
     else if (choice != "fail" || given.size() != 1)
     {
+        OStringStream words;
+        for (const token& t : given)
+        {
+            words << ' ' << t;
+        }
         FatalIOErrorInFunction(coeffs_)
-            << "onServerLoss is fail, or wait and the seconds; got "
-            << flatOutput(given) << exit(FatalIOError);
+            << "onServerLoss is fail, or wait and the seconds; got"
+            << words.str().c_str() << exit(FatalIOError);
     }
 }
 
