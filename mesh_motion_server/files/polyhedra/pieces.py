@@ -26,7 +26,6 @@ _QUAD = 4  # points of a quadrilateral
 #: Depths of an inner point below a cell's faces that are tried, in sizes of the cell; steps for each, their length.
 _DEPTHS = 0.1 * 0.5 ** np.arange(10.0)
 _STEPS, _BEYOND = 200, 1.9
-_CHUNK = 50_000  # cells at a time: their corners take a kilobyte each
 _ROUNDING = 1e-12  # a determinant that is this share of the cell's largest may be 0
 
 
@@ -94,11 +93,9 @@ def _crossed(mesh: FaceMesh, found: FoundCells) -> IntArray:
     """Numbers of the simple cells with an inverted corner."""
     crossed = [np.empty(0, dtype=np.int64)]
     for name, nodes in found.nodes.items():
-        for first in range(0, len(nodes), _CHUNK):
-            some = slice(first, first + _CHUNK)
-            corners = mesh.points[nodes[some][:, CELL_TYPES[name].corner_array]]
-            determinants = np.linalg.det(corners[..., 1:, :] - corners[..., :1, :])
-            crossed.append(found.numbers[name][some][_nonpositive(determinants)])
+        corners = mesh.points[nodes[:, CELL_TYPES[name].corner_array]]
+        determinants = np.linalg.det(corners[..., 1:, :] - corners[..., :1, :])
+        crossed.append(found.numbers[name][_nonpositive(determinants)])
     return np.concatenate(crossed)
 
 
