@@ -18,6 +18,7 @@
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
 # make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, six minutes (adapters/kratos/README.md)
 # make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
+# make turek  Turek and Hron's FSI3 on two meshes against the published figures, hours; goes on where it stopped (CASE=fsi2)
 # make docker builds the images and couples server, mock fluid and mock solid: out/docker; make docker-openfoam OpenFOAM and CalculiX
 #
 # Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the versions
@@ -35,7 +36,7 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize peers bench bench-quick studies docs adapters mok flap docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
 	@sed -n '1,24s/^# \{0,1\}//p' Makefile
@@ -156,6 +157,10 @@ mok: $(VENV)/.development
 
 flap: $(VENV)/.development
 	$(BIN)/python examples/perpendicular_flap/proof.py --out out/flap
+
+CASE = fsi3
+turek: $(VENV)/.development
+	$(BIN)/python examples/turek_hron_fsi/proof.py $(CASE) --out out/turek
 
 # The plugin of today, or docker-compose 1. The result comes from the stopped container to out/docker, as the caller's own.
 COMPOSE = $$(docker compose version >/dev/null 2>&1 && echo docker compose || echo docker-compose) --profile $(1)

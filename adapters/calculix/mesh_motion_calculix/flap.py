@@ -1,4 +1,4 @@
-"""The deck of a flap clamped at its foot: a strip one element thick in plane strain, to start with."""
+"""The deck of a beam clamped at one end: a strip one element thick in plane strain, to start with."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ def flap_deck(
     width: float = 0.1,
     height: float = 1.0,
     thickness: float = 1.0,
+    foot: tuple[float, float] = (0.0, 0.0),
+    axis: tuple[float, float] = (0.0, 1.0),
     density: float = 3000.0,
     young: float = 4e6,
     poisson: float = 0.3,
 ) -> str:
-    """Deck of a flap that stands on y = 0 about x = 0; the defaults are those of the perpendicular flap.
+    """Deck of a flap; the defaults are those of the perpendicular flap, which stands on y = 0 about x = 0.
 
     Elements are bricks with incompatible modes (C3D8I), which bend without locking (two across give the period of the
     first mode within one per cent; C3D8 is 8 % too stiff, C3D8R 14 % too soft). All nodes are held in z, those
@@ -28,7 +30,11 @@ def flap_deck(
     elements : (int, int)
         Elements across and along the flap.
     width, height, thickness : float
-        Extents in x, y and z, length unit.
+        Extents across and along the flap and in z, length unit.
+    foot : (float, float)
+        The middle of the clamped end, length unit.
+    axis : (float, float)
+        Unit vector from the foot to the tip: (1, 0) for a flag that lies along x.
     density, young, poisson : float
         The material, in the units of the rest.
 
@@ -50,11 +56,12 @@ def flap_deck(
     def number(i: int, j: int, k: int) -> int:
         return 1 + i + (across + 1) * (j + (along + 1) * k)
 
+    def place(i: int, j: int) -> tuple[float, float]:
+        across_by, along_by = width * (i / across - 0.5), height * j / along
+        return foot[0] + along_by * axis[0] + across_by * axis[1], foot[1] + along_by * axis[1] - across_by * axis[0]
+
     places = [(i, j, k) for k in range(2) for j in range(along + 1) for i in range(across + 1)]
-    nodes = (
-        f"{number(i, j, k)}, {width * (i / across - 0.5)!r}, {height * j / along!r}, {thickness * k!r}"
-        for i, j, k in places
-    )
+    nodes = (", ".join(map(str, (number(i, j, k), *place(i, j), thickness * k))) for i, j, k in places)
     return "\n".join([
         "*NODE, NSET=NALL",
         *nodes,

@@ -1,0 +1,87 @@
+"""What a coupled run with OpenFOAM needs around it: the adapter's library, a case with a mesh, a mesh-motion server."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from mesh_motion_client.embedded import EmbeddedServer
+
+from mesh_motion_fsi.errors import SetupError
+
+__all__ = ["build_library", "environment", "make_case", "mesh_motion"]
+
+
+def environment(adapter: Path) -> dict[str, str]:
+    """What Debian's OpenFOAM needs, and where the library of ``adapter``, the folder adapters/openfoam, is."""
+    root = os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")
+    path = f"{adapter / 'build'}:{os.environ.get('LD_LIBRARY_PATH', '')}"
+    return {"WM_PROJECT_DIR": root, "FOAM_ETC": os.environ.get("FOAM_ETC", f"{root}/etc"), "LD_LIBRARY_PATH": path}
+
+
+def build_library(adapter: Path) -> None:
+    """The library for OpenFOAM, which takes a moment where it is built already.
+
+    Raises
+    ------
+    SetupError
+        OpenFOAM is not installed, or the library cannot be built.
+    """
+    if shutil.which("pimpleFoam") is None:
+        raise SetupError("OpenFOAM is not installed", "Debian: apt-get install openfoam")
+    if (adapter / "build" / "libremoteMeshMotion.so").exists() and not (adapter / "Allwmake").exists():
+        return  # an image that runs holds no sources
+    done = subprocess.run([adapter / "Allwmake"], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SetupError(f"{adapter / 'Allwmake'} failed: {done.stderr.strip()[-500:]}")
+
+
+def make_case(template: Path, folder: Path, motion: str, adapter: Path, files: Mapping[str, str]) -> None:
+    """A copy of ``template`` with its mesh; one that is there already is left as it is.
+
+    Parameters
+    ----------
+    template, folder : path
+        Where the case comes from, and where it goes.
+    motion : str
+        ``"server"``, or another for which the template has a ``constant/dynamicMeshDict.<motion>``.
+    adapter : path
+        The folder adapters/openfoam.
+    files : dict of str to str
+        Files that this run has of its own, their texts by their paths in the case.
+
+    Raises
+    ------
+    SetupError
+        blockMesh has failed.
+    """
+    if (folder / "constant" / "polyMesh" / "points").exists():
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(template, folder)
+    if motion != "server":
+        (folder / "constant" / f"dynamicMeshDict.{motion}").replace(folder / "constant" / "dynamicMeshDict")
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    done = subprocess.run(
+        ["blockMesh"], cwd=folder, env=os.environ | environment(adapter), capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise SetupError(f"blockMesh failed: {done.stdout[-500:]}{done.stderr[-500:]}")
+
+
+@contextmanager
+def mesh_motion(motion: str, endpoint: str | None, state: Path) -> Iterator[dict[str, str]]:
+    """The server's address for the fluid: a given one, a private one, or none where OpenFOAM moves its mesh."""
+    if motion != "server" or endpoint:
+        yield {"MESH_MOTION_ENDPOINT": endpoint or ""}
+        return
+    server = EmbeddedServer(state, 120.0, ["--threads", "1"])
+    try:
+        yield {"MESH_MOTION_ENDPOINT": server.endpoint}
+    finally:
+        server.stop()

@@ -1,0 +1,195 @@
+"""Turek and Hron's FSI2 and FSI3 against their published figures: ``make turek CASE=fsi3``.
+
+Runs the case on two meshes with the mesh-motion server and on the coarse one with OpenFOAM's displacementLaplacian;
+prints mean, amplitude and frequency of A's displacement, drag and lift over the last periods, draws the histories, and
+ends with status 1 where the finer mesh misses a tolerance. Runs that were stopped are gone on with; ``--read`` only
+judges the histories that are kept in ``results/``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import turek
+from channel import DEPTH
+from mesh_motion_calculix import CalculixError
+from mesh_motion_fsi import FsiError, read_history
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+HERE = Path(__file__).resolve().parent
+NAMES = ("ux", "uy", "drag", "lift")
+UNITS = {"ux": "mm", "uy": "mm", "drag": "N/m", "lift": "N/m"}
+#: Mean, amplitude and frequency (Hz) of each: S. Turek, J. Hron (2006), the tables' finest rows.
+PUBLISHED = {
+    "fsi2": {
+        "ux": (-14.58, 12.44, 3.8),
+        "uy": (1.23, 80.6, 2.0),
+        "drag": (208.83, 73.75, 3.8),
+        "lift": (0.88, 234.2, 2.0),
+    },
+    "fsi3": {
+        "ux": (-2.69, 2.53, 10.9),
+        "uy": (1.48, 34.38, 5.3),
+        "drag": (457.3, 22.66, 10.9),
+        "lift": (2.22, 149.78, 5.3),
+    },
+}
+AMPLITUDE_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.02  # of uy
+PERIODS = 6  # of uy, that are looked at
+RUNS = (("coarse", 1.0, "server"), ("fine", 1.5, "server"), ("control", 1.0, "laplacian"))
+LABELS = {"coarse": "server, coarse mesh", "fine": "server, fine mesh", "control": "displacementLaplacian, coarse mesh"}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Of one quantity over its last periods: middle and half of its range (means over the periods), frequency, Hz."""
+
+    mean: float
+    amplitude: float
+    frequency: float
+
+
+def figures(t: Array, values: Array, period: float) -> Figure:
+    """The figures of a history (n,) over the last ``PERIODS`` periods of given length, s."""
+    last = [(t > t[-1] - (k + 1) * period) & (t <= t[-1] - k * period) for k in range(PERIODS)]
+    tops, bottoms = ([extreme(values[period]) for period in last] for extreme in (np.max, np.min))
+    middle = float(np.mean(tops) + np.mean(bottoms)) / 2.0
+    return Figure(middle, float(np.mean(tops) - np.mean(bottoms)) / 2.0, frequency(t, values - middle, period))
+
+
+def frequency(t: Array, values: Array, period: float) -> float:
+    """From the first to the last passage through zero upwards within the last periods; nan where there are none."""
+    late = t > t[-1] - PERIODS * period
+    t, values = t[late], values[late]
+    up = np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0))
+    if len(up) < 2:
+        return float("nan")
+    passages = t[up] - values[up] * (t[up + 1] - t[up]) / (values[up + 1] - values[up])
+    return float((len(passages) - 1) / (passages[-1] - passages[0]))
+
+
+def read_run(folder: Path) -> dict[str, Array]:
+    """Time and the four quantities (n,) of a run's windows, in the units of ``UNITS``."""
+    rows = read_history(folder)
+    forces: dict[int, list[float]] = {}
+    written = (folder / "fluid" / "postProcessing" / "forces").glob("*/force.dat")
+    parts = sorted(written, key=lambda path: float(path.parent.name))
+    dt = rows[0].time / rows[0].window if rows else 1.0
+    for part in parts:  # a later run has the last word on a window that was computed again
+        for line in part.read_text().splitlines():
+            if not line.startswith("#"):
+                time, x, y = (float(word) for word in line.replace("(", " ").replace(")", " ").split()[:3])
+                forces[round(time / dt)] = [x / DEPTH, y / DEPTH]
+    rows = [row for row in rows if row.window in forces]
+    table = np.array([[row.time, 1e3 * row.x, 1e3 * row.y, *forces[row.window]] for row in rows]).reshape(-1, 5)
+    return dict(zip(("t", *NAMES), table.T, strict=True))
+
+
+def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool]:
+    """The table's lines, and whether the finest mesh's uy is within the tolerances."""
+    published = PUBLISHED[case]
+    period = 1.0 / published["uy"][2]
+    found = {
+        name: {quantity: figures(run["t"], run[quantity], period) for quantity in NAMES}
+        for name, run in runs.items()
+        if len(run["t"]) and run["t"][-1] > (PERIODS + 1) * period
+    }
+    lines = [f"| {case.upper()} | published | " + " | ".join(LABELS[name] for name in found) + " |"]
+    lines.append("|---" * (len(found) + 2) + "|")
+    for quantity in NAMES:
+        mean, amplitude, hertz = published[quantity]
+        row = f"| {quantity} [{UNITS[quantity]}] | {mean:.2f} ± {amplitude:.2f} [{hertz:.1f} Hz] |"
+        lines.append(row + "".join(f" {cell(figure[quantity])} |" for figure in found.values()))
+    good = bool(found)
+    for name, figure in found.items():
+        amplitude_off = figure["uy"].amplitude / published["uy"][1] - 1.0
+        frequency_off = figure["uy"].frequency / published["uy"][2] - 1.0
+        passed = abs(amplitude_off) <= AMPLITUDE_TOLERANCE and abs(frequency_off) <= FREQUENCY_TOLERANCE
+        good = good and (passed or name != "fine")
+        lines.append(
+            f"{LABELS[name]}: amplitude of uy {100 * amplitude_off:+.1f} %, frequency {100 * frequency_off:+.1f} %"
+            f"  {'PASS' if passed else 'FAIL'}"
+        )
+    return lines, good and "fine" in found
+
+
+def cell(figure: Figure) -> str:
+    """A figure as it stands in the table."""
+    return f"{figure.mean:.2f} ± {figure.amplitude:.2f} [{figure.frequency:.2f} Hz]"
+
+
+def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
+    """Histories of the four quantities: whole runs at the left, the last periods at the right."""
+    import matplotlib  # noqa: PLC0415  a proof without a picture needs none
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    published = PUBLISHED[case]
+    figure, panels = plt.subplots(4, 2, figsize=(12, 10), width_ratios=(2, 1), layout="constrained", sharex="col")
+    for quantity, (whole, late) in zip(NAMES, panels, strict=True):
+        mean, amplitude, _ = published[quantity]
+        for axes in (whole, late):
+            for name, run in runs.items():
+                axes.plot(run["t"], run[quantity], "--" if name == "control" else "-", lw=0.9, label=LABELS[name])
+            axes.axhspan(mean - amplitude, mean + amplitude, color="0.9", zorder=0, label="published range")
+            axes.grid(alpha=0.3)
+        whole.set_ylabel(f"{quantity} [{UNITS[quantity]}]")
+        if quantity == "drag":
+            whole.set_ylim(mean - 3.0 * amplitude, mean + 2.0 * amplitude)
+    end = max((run["t"][-1] for run in runs.values() if len(run["t"])), default=1.0)
+    panels[3, 1].set_xlim(end - 4.0 / published["uy"][2], end)
+    for axes in panels[3]:
+        axes.set_xlabel("time [s]")
+    panels[0, 0].legend(loc="upper left", fontsize="small")
+    panels[0, 0].set_title(f"{case.upper()}: displacement of A, drag and lift")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def play(case: str, name: str, refinement: float, motion: str, out: Path) -> dict[str, Array]:
+    """Run it, or go on with it; an error is an outcome, told in a line."""
+    folder = out / f"{case}-{name}"
+    sys.stdout.write(f"\n{case.upper()}, {LABELS[name]}\n")
+    given = [case, "--out", str(folder), "--refinement", repr(refinement), "--motion", motion]
+    try:
+        turek.run(turek.arguments(given))
+    except (FsiError, CalculixError) as error:
+        sys.stdout.write(f"{error}\n")
+    return read_run(folder)
+
+
+def main() -> int:
+    """The runs, the table, the picture."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("case", choices=sorted(PUBLISHED))
+    parser.add_argument("--out", type=Path, default=Path("out/turek"))
+    parser.add_argument("--only", choices=sorted(LABELS), help="one of the runs")
+    parser.add_argument("--read", action="store_true", help="judge the kept histories, run nothing")
+    options = parser.parse_args()
+    kept = HERE / "results" if options.read else options.out
+    kept.mkdir(parents=True, exist_ok=True)
+    runs = {}
+    for name, refinement, motion in RUNS:
+        path = kept / f"{options.case}-{name}.npz"
+        if options.only in (None, name) and not options.read:
+            run = play(options.case, name, refinement, motion, options.out)
+            np.savez_compressed(path, allow_pickle=False, **{key: run[key].astype(np.float32) for key in run})
+        if path.exists():
+            with np.load(path) as record:
+                runs[name] = {key: record[key].astype(np.float64) for key in record.files}
+    lines, good = judge(options.case, runs)
+    sys.stdout.write("\n" + "\n".join(lines) + "\n")
+    picture = kept / f"{options.case}.png"
+    draw(options.case, runs, picture)
+    sys.stdout.write(f"{'PASS' if good else 'FAIL'}  {picture}\n")
+    return int(not good)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
