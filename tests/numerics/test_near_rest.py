@@ -113,12 +113,15 @@ def test_areas_are_not_spent_for_shapes_but_shapes_are_raised(monkeypatch: pytes
 
 
 def test_where_the_worst_cell_has_no_free_node_nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As at the corners of a box among tetrahedra, which have all their nodes on it or next to it."""
+    """A cell at the body whose other nodes are held too, as where a wall is one cell away."""
     mesh = box_mesh("tetra")
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    cells = mesh.cells.blocks[0].nodes
+    touching = cells[np.isin(cells, mesh.body).sum(axis=1) == 2][0]
+    held = np.union1d(mesh.outer, np.setdiff1d(touching, mesh.body))
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", held)}
     model = model_of((mesh.points, mesh.cells, patches))
     monkeypatch.setattr(near_rest, "reach", None)
-    turn, body = np.array([[0.866, -0.5, 0.0], [0.5, 0.866, 0.0], [0.0, 0.0, 1.0]]), model.points[model.roles.moving]
+    turn, body = np.array([[0.94, -0.342, 0.0], [0.342, 0.94, 0.0], [0.0, 0.0, 1.0]]), model.points[model.roles.moving]
     motion = model.move(model.points, (body - 0.5) @ turn.T + 0.5)
     assert extremes(model, motion.points)[0] < 0.8
     assert motion.reached

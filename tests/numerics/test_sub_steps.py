@@ -220,7 +220,7 @@ def test_every_correction_goes_in_sub_steps(correction: str, at_least: float) ->
 def test_what_no_leg_leads_to_is_refused_with_how_far_it_went() -> None:
     model = box_model("tetra")
     with pytest.raises(NumericalError, match=r"sub-steps the mesh was kept valid for 0\.\d+ of the way") as refusal:
-        model.move(model.points, turned(model, 180.0))
+        model.move(model.points, turned(model, 180.0, 0.2))
     assert 0.3 < refusal.value.fraction < 1.0
     assert refusal.value.cells
     assert refusal.value.best <= 0.0

@@ -224,7 +224,6 @@ class Coupling:
             x = self._acceleration.next(x.ravel(), answer.ravel()).reshape(x.shape)
         most = self._settings.most_iterations
         why = f"window {window} did not converge: residual {residual:.3g} after {most} iterations"
-        self._fluid.next()
         self._fluid.refuse(why)
         raise NotConvergedError(why, "a smaller dt, another acceleration or more iterations")
 

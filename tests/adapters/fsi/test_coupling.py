@@ -48,12 +48,14 @@ class AddedMass:
         self.kept, self.correctors, self.refused = kept, correctors, ""
 
     def start(self, done, windows, dt):
-        self.window, self.last, self.iteration = done + 1, windows, 0
+        self.window, self.last, self.iteration, self.waits = done + 1, windows, 0, False
         # as OpenFOAM, it goes on behind any window that it has written
         self.position, self.velocity = self.kept.setdefault("fluid", {0: (0 * self.points, 0 * self.points)})[done]
         self.x = self.position
 
     def next(self):
+        assert not self.waits, "a fluid that waits for its answer sends nothing"
+        self.waits = True
         self.iteration += 1
         if self.iteration > 1 and self.final:
             self.velocity, self.position = (self.x - self.position) / DT, self.x
@@ -66,7 +68,7 @@ class AddedMass:
         return Request(self.window, self.iteration, self.window * DT, DT, force)
 
     def move(self, displacements, *, final=False):
-        self.x, self.final = displacements, final
+        self.x, self.final, self.waits = displacements, final, False
 
     def refuse(self, why):
         self.refused = why
