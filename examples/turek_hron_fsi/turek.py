@@ -40,7 +40,7 @@ class Case:
 
 CASES = {
     "fsi2": Case(inflow=1.0, density=1e4, young=1.4e6, dt=4e-3, end=15.0),
-    "fsi3": Case(inflow=2.0, density=1e3, young=5.6e6, dt=2e-3, end=6.0),
+    "fsi3": Case(inflow=2.0, density=1e3, young=5.6e6, dt=2e-3, end=7.0),
 }
 
 

@@ -125,3 +125,15 @@ def test_where_the_worst_cell_has_no_free_node_nothing_is_tried(monkeypatch: pyt
     motion = model.move(model.points, (body - 0.5) @ turn.T + 0.5)
     assert extremes(model, motion.points)[0] < 0.8
     assert motion.reached
+
+
+def test_in_short_steps_no_node_jumps() -> None:
+    """A flow solver takes a displacement within a time step for a velocity."""
+    model = model_of()
+    committed, ratios = model.points, []
+    for share in np.linspace(0.0, 1.0, 61)[1:]:
+        motion = model.move(committed, pitched(model, 15.0 * share, 0.1 * share))
+        steps = np.linalg.norm(motion.points - committed, axis=1)
+        ratios.append(steps.max() / steps[model.roles.moving].max())
+        committed = motion.points
+    assert max(ratios) < 1.6  # one and a half times, or the interpolation's own

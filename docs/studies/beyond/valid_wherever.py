@@ -155,6 +155,24 @@ def random_motions(name: str, count: int) -> Iterator[Floats]:
             yield mesh.targets(lambda _, x, turn=turn: turn(x))  # type: ignore[misc]
 
 
+#: Motions of which many are impossible: mesh → of the full study, of the quick one.
+ANYWHERE = {
+    "thesis_block": (60, 0),
+    "correction_slab": (60, 0),
+    "grid of quads": (60, 6),
+    "correction_box": (60, 0),
+    "grid of hexahedra": (60, 0),
+}
+
+
+def anywhere(name: str, count: int) -> Iterator[Floats]:
+    """Turns of up to half a turn with shifts over up to the whole gap to the walls, and beyond it."""
+    mesh, rng = subject(name), np.random.default_rng(2028)
+    for _ in range(count):
+        turn = Turn(tuple(rng.uniform(-0.45, 0.45, size=mesh.points.shape[1])), rng.uniform(-180.0, 180.0))
+        yield mesh.targets(lambda _, x, turn=turn: turn(x))  # type: ignore[misc]
+
+
 @dataclass(frozen=True)
 class Tried:
     """What a method made of a motion: its smallest quality (of a refusal the best met), CPU seconds, the motion."""
@@ -188,7 +206,11 @@ def run(quick: bool) -> Outcome:
     fresh = [_random_row(name, counts[1 if quick else 0]) for name, counts in RANDOM.items() if counts[quick]]
     columns = ("mesh", "motions", "valid: standard", "corrected directly", "default", "least", "mean")
     random = Table(columns, fresh, _RANDOM, digits=3)
-    return Outcome((cases, random), (Picture(_draw, _PICTURE, (9.5, 7.8)),))
+    chances = [_refusals(name, counts[quick]) for name, counts in ANYWHERE.items() if counts[quick]]
+    times = (f"{what}: {which}" for what in ("accepted", "refused") for which in ("median", "hardest"))
+    columns = ("mesh", "motions", "refused", *times, "ratio")
+    refusals = Table(columns, chances, _REFUSALS, digits=3)
+    return Outcome((cases, random, refusals), (Picture(_draw, _PICTURE, (9.5, 7.8)),))
 
 
 _CASES = (
@@ -199,6 +221,11 @@ _CASES = (
 _RANDOM = (
     "Fresh random motions: turns of 90° to 180° with shifts up to 0.15 along each axis, and bodies that pass each "
     "other with 0.1 to 0.3 between them. The smallest quality of each motion by the default: least and mean of all."
+)
+_REFUSALS = (
+    "Random motions of which many are impossible: turns of up to 180° with shifts of up to 0.45 along each axis. CPU "
+    "ms of a Move, the search for an acceptable fraction included; the ratio is that of the hardest refused motion to "
+    "the hardest accepted one. The fraction of each refusal was sent back and accepted."
 )
 _PICTURE = (
     "Left: the reference mesh; middle: where the standard motion puts the nodes in one step, inverted cells filled; "
@@ -233,6 +260,25 @@ def _random_row(name: str, count: int) -> list[Cell]:
         float(minima[:, 2].min()),
         float(minima[:, 2].mean()),
     ]
+
+
+def _refusals(name: str, count: int) -> list[Cell]:
+    mesh = subject(name)
+    model, accepted, refused = mesh.model(), [], []
+    rest = model.points[model.roles.moving]
+    for targets in anywhere(name, count):
+        begin = time.process_time()
+        try:
+            model.move(model.points, targets)
+            accepted.append(1e3 * (time.process_time() - begin))
+        except NumericalError as refusal:
+            refused.append(1e3 * (time.process_time() - begin))
+            model.move(model.points, rest + (refusal.fraction or 0.0) * (targets - rest))
+    hardest = [max(times, default=np.nan) for times in (accepted, refused)]
+    return [
+        name, count, len(refused), float(np.median(accepted)), hardest[0], float(np.median(refused)), hardest[1],
+        hardest[1] / hardest[0],
+    ]  # fmt: skip
 
 
 def _draw(figure: Any) -> None:
@@ -275,7 +321,8 @@ def _draw_mesh(ax: Any, model: MotionModel, points: Floats) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    cases, random = outcome.tables
+    cases, random, refusals = outcome.tables
+    assert all(0 < refused < motions for _, motions, refused, *_ in refusals.rows)
     assert min(cases.column("default")) > 0.0
     assert min(cases.column("in sub-steps")) > 0.0
     for direct, led, default in zip(

@@ -71,6 +71,8 @@ class CorrectionProblem:
         untangling ``standard``, and the other corrections leave it as it is.
     known : float, optional
         Smallest quality of ``standard``, if it was already judged and no cell is inverted.
+    last : (n, d) array, mesh length unit, optional
+        Positions at the end of the last step; ``start`` by default.
     near_walls : callable, optional
         Marks the nodes (n,) near the moving walls, which stay in place if ``standard`` is good and only improved.
     """
@@ -88,7 +90,13 @@ class CorrectionProblem:
     near: Floats | None = None
     valid: Floats | None = None
     known: float | None = None
+    last: Floats | None = None
     near_walls: Callable[[], NDArray[np.bool_]] | None = None
+
+    @property
+    def committed(self) -> Floats:
+        """Positions (n, d) at the end of the last step."""
+        return self.start if self.last is None else self.last
 
     @property
     def begin(self) -> Floats:

@@ -7,6 +7,9 @@ Nodes near the moving walls keep their interpolated positions: first cells keep 
 If displacements count from the committed mesh and NEAR_REST cannot be reached, every step would pay for the attempt. So
 the skews below NEAR_REST form a ladder, and a step is raised only if its smallest relative skew falls to a lower rung
 than that of the mesh from which it starts.
+
+A flow solver takes every displacement of a node for a velocity. So no node moves further in a step than
+:data:`_FURTHEST` times the boundary: a large step is raised, a short time step of a coupled run is left as it is.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem, CorrectionSettings
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
@@ -28,6 +32,8 @@ from mesh_motion_server.numerics.correction.trial_nodes import (
 )
 from mesh_motion_server.numerics.quality.metrics import CellQuality
 
+Floats = NDArray[np.float64]
+
 __all__ = ["NEAR_REST", "NOTICED", "leans", "nearer_rest", "raises", "reshaped", "spoils"]
 
 #: Smallest relative skew that needs no correction.
@@ -38,6 +44,8 @@ _LARGEST = {2: 30_000, 3: 20_000}
 NOTICED = 1.01
 _RUNG = 0.9  # between rungs of the ladder below NEAR_REST: successive steps may lose this before one is raised again
 _LEAST = 1e-3
+#: Largest displacement of a raised node in a step, as a multiple of the boundary's largest.
+_FURTHEST = 1.5
 #: Least share of the best metric that a mesh below the threshold keeps when it is moved towards its shape at rest.
 _WORTH = 0.92
 
@@ -72,11 +80,20 @@ def nearer_rest(problem: CorrectionProblem, mesh: TrialMesh, before: CellQuality
     limit = np.min(before.relative_skew, where=~cells_of_nodes(mesh.cells, ~held), initial=NEAR_REST)
     for metric in (RELATIVE_SHAPE, mesh.metric, RELATIVE_BOTH) if limit > NOTICED * least else ():
         found = reach(problem.begin, replace(mesh, held=held, metric=metric), NEAR_REST)
+        if _jumps(problem, found.points):
+            break
         after = mesh.cell_quality(found.points)
         gains = after.relative_extremes()[0] > NOTICED * least
         if gains and NOTICED * after.metric(mesh.metric).min() > lowest and not spoils(before, after, mesh.metric):
             return found
     return Polished(problem.begin, least)
+
+
+def _jumps(problem: CorrectionProblem, points: Floats) -> bool:
+    """Whether a node moves too far in this step, and further than the interpolation moves any."""
+    plain, raised = (np.sum((to - problem.committed) ** 2, axis=1) for to in (problem.begin, points))
+    most = max(_FURTHEST**2 * plain[problem.held].max(initial=0.0), plain.max(initial=0.0))
+    return bool(raised.max(initial=0.0) > most)
 
 
 def reshaped(problem: CorrectionProblem, mesh: TrialMesh) -> Polished:

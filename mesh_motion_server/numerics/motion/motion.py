@@ -250,6 +250,7 @@ class MotionModel(PreparedMesh):
             smooth=self.smooth_with(layer),
             near=near,
             valid=step.valid,
+            last=step.committed,
             known=None if quality.inverted else quality.metric.min,
             near_walls=lambda: self.near_walls,
         )
