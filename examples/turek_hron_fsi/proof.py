@@ -1,6 +1,6 @@
 """Turek and Hron's FSI2 and FSI3 against their published figures: ``make turek CASE=fsi3``.
 
-Runs the case on two meshes with the mesh-motion server and on the coarse one with OpenFOAM's displacementLaplacian;
+Runs the case on two meshes with the mesh-motion server and on the finer one with OpenFOAM's displacementLaplacian;
 prints mean, amplitude and frequency of A's displacement, drag and lift over the last periods, draws the histories, and
 ends with status 1 where the finer mesh misses a tolerance. Runs that were stopped are gone on with; ``--read`` only
 judges the histories that are kept in ``results/``.
@@ -41,8 +41,8 @@ PUBLISHED = {
 }
 AMPLITUDE_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.02  # of uy
 PERIODS = 6  # of uy, that are looked at
-RUNS = (("coarse", 1.0, "server"), ("fine", 1.5, "server"), ("control", 1.0, "laplacian"))
-LABELS = {"coarse": "server, coarse mesh", "fine": "server, fine mesh", "control": "displacementLaplacian, coarse mesh"}
+RUNS = (("coarse", 0.7, "server"), ("fine", 1.0, "server"), ("control", 1.0, "laplacian"))
+LABELS = {"coarse": "server, coarse mesh", "fine": "server, fine mesh", "control": "displacementLaplacian, fine mesh"}
 
 
 @dataclass(frozen=True)
@@ -108,11 +108,15 @@ def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool
     good = bool(found)
     for name, figure in found.items():
         amplitude_off = figure["uy"].amplitude / published["uy"][1] - 1.0
-        frequency_off = figure["uy"].frequency / published["uy"][2] - 1.0
+        # ux and drag have twice the frequency of uy: what is published for both is rounded, and brackets it
+        low, high = sorted((published["uy"][2], published["ux"][2] / 2.0))
+        hertz = figure["uy"].frequency
+        frequency_off = hertz / min(max(hertz, low), high) - 1.0
         passed = abs(amplitude_off) <= AMPLITUDE_TOLERANCE and abs(frequency_off) <= FREQUENCY_TOLERANCE
         good = good and (passed or name != "fine")
         lines.append(
-            f"{LABELS[name]}: amplitude of uy {100 * amplitude_off:+.1f} %, frequency {100 * frequency_off:+.1f} %"
+            f"{LABELS[name]}: amplitude of uy {100 * amplitude_off:+.1f} %, "
+            f"frequency {100 * frequency_off:+.1f} % from {low:g} to {high:g} Hz"
             f"  {'PASS' if passed else 'FAIL'}"
         )
     return lines, good and "fine" in found

@@ -101,7 +101,8 @@ def test_figures_of_a_known_oscillation(scripts):
 
 
 @pytest.mark.parametrize(
-    ("change", "good"), [({}, True), ({"amplitude": 34.38 * 1.06}, False), ({"hertz": 5.3 * 0.97}, False)]
+    ("change", "good"),
+    [({}, True), ({"amplitude": 34.38 * 1.06}, False), ({"hertz": 5.3 * 0.97}, False), ({"hertz": 5.4}, True)],
 )
 def test_the_verdict_is_that_of_the_fine_mesh(scripts, tmp_path, change, good):
     proof = scripts["proof"]
