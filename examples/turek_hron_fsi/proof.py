@@ -1,8 +1,8 @@
 """Turek and Hron's FSI2 and FSI3 against their published figures: ``make turek CASE=fsi3``.
 
-Runs the case on two meshes with the mesh-motion server and on the finer one with OpenFOAM's displacementLaplacian;
+Runs the case on three meshes with the mesh-motion server and on the middle one with OpenFOAM's displacementLaplacian;
 prints mean, amplitude and frequency of A's displacement, drag and lift over the last periods, draws the histories, and
-ends with status 1 where the finer mesh misses a tolerance. Runs that were stopped are gone on with; ``--read`` only
+ends with status 1 where the finest mesh misses a tolerance. Runs that were stopped are gone on with; ``--read`` only
 judges the histories that are kept in ``results/``.
 """
 
@@ -41,8 +41,13 @@ PUBLISHED = {
 }
 AMPLITUDE_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.02  # of uy
 PERIODS = 6  # of uy, that are looked at
-RUNS = (("coarse", 0.7, "server"), ("fine", 1.0, "server"), ("control", 1.0, "laplacian"))
-LABELS = {"coarse": "server, coarse mesh", "fine": "server, fine mesh", "control": "displacementLaplacian, fine mesh"}
+RUNS = (("coarse", 0.7, "server"), ("middle", 1.0, "server"), ("fine", 1.3, "server"), ("control", 1.0, "laplacian"))
+LABELS = {
+    "coarse": "server, 6 300 cells",
+    "middle": "server, 13 000 cells",
+    "fine": "server, 22 000 cells",
+    "control": "displacementLaplacian, 13 000 cells",
+}
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,7 @@ def read_run(folder: Path) -> dict[str, Array]:
 
 
 def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool]:
-    """The table's lines, and whether the finest mesh's uy is within the tolerances."""
+    """The table's lines, and whether uy on the finest mesh that was run is within the tolerances."""
     published = PUBLISHED[case]
     period = 1.0 / published["uy"][2]
     found = {
@@ -105,7 +110,7 @@ def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool
         mean, amplitude, hertz = published[quantity]
         row = f"| {quantity} [{UNITS[quantity]}] | {mean:.2f} ± {amplitude:.2f} [{hertz:.1f} Hz] |"
         lines.append(row + "".join(f" {cell(figure[quantity])} |" for figure in found.values()))
-    good = bool(found)
+    good = False
     for name, figure in found.items():
         amplitude_off = figure["uy"].amplitude / published["uy"][1] - 1.0
         # ux and drag have twice the frequency of uy: what is published for both is rounded, and brackets it
@@ -113,13 +118,13 @@ def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool
         hertz = figure["uy"].frequency
         frequency_off = hertz / min(max(hertz, low), high) - 1.0
         passed = abs(amplitude_off) <= AMPLITUDE_TOLERANCE and abs(frequency_off) <= FREQUENCY_TOLERANCE
-        good = good and (passed or name != "fine")
+        good = passed if name != "control" else good
         lines.append(
             f"{LABELS[name]}: amplitude of uy {100 * amplitude_off:+.1f} %, "
             f"frequency {100 * frequency_off:+.1f} % from {low:g} to {high:g} Hz"
             f"  {'PASS' if passed else 'FAIL'}"
         )
-    return lines, good and "fine" in found
+    return lines, good
 
 
 def cell(figure: Figure) -> str:

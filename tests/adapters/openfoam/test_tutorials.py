@@ -1,0 +1,44 @@
+"""The table of OpenFOAM's own tutorials: one row, with both motion solvers and on two processors."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ADAPTER = Path(__file__).resolve().parents[3] / "adapters" / "openfoam"
+
+
+@pytest.fixture
+def tutorials(monkeypatch):
+    """The script as a module."""
+    specification = importlib.util.spec_from_file_location("openfoam_tutorials", ADAPTER / "tutorials.py")
+    module = importlib.util.module_from_spec(specification)
+    monkeypatch.setitem(sys.modules, specification.name, module)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_without_tutorials_it_says_what_to_install(tutorials, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(tutorials, "TUTORIALS", tmp_path / "none")
+    monkeypatch.setattr(sys, "argv", ["tutorials.py"])
+    assert tutorials.main() == 69
+    assert "openfoam-examples" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("moveDynamicMesh") is None, reason="OpenFOAM is not installed (Debian: openfoam)")
+def test_the_row_of_the_moving_cone(tutorials, tmp_path):
+    if not tutorials.TUTORIALS.is_dir():
+        pytest.skip("its tutorials are not installed (Debian: openfoam-examples)")
+    command = [sys.executable, str(ADAPTER / "tutorials.py"), "--only", "movingCone", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    row = done.stdout.splitlines()[-1]
+    original, serial, parallel = re.findall(r"([\d.]+), ([\d.]+) \| [\d.]+", row)
+    assert original == ("27.3", "0.53")  # OpenFOAM 1912's own
+    assert serial == parallel
+    assert float(serial[0]) < 60.0
