@@ -166,7 +166,7 @@ def summary_of(ranks: Sequence[Heard], metric: str) -> QualitySummary:
     Unanswered
         If more bins must be known.
     InvalidInput
-        If a rank tells of other metrics.
+        If a rank tells of other metrics, or what they tell does not add up.
     """
 
     def ask(questions: Questions) -> list[list[BinContent]]:
@@ -187,4 +187,10 @@ def summary_of(ranks: Sequence[Heard], metric: str) -> QualitySummary:
         contents = {name: one[place] for name, one in zip(reported_metrics(metric), whole, strict=True)}
         part = rank.part
         parts.append(PartialSummary(part.cells, part.inverted, part.sums, part.minima, contents, part.worst))
-    return joined(parts, metric, ask)
+    try:
+        return joined(parts, metric, ask)
+    except IndexError as error:
+        raise InvalidInput(
+            "JUDGE: the bins that the partitions tell do not add up",
+            hint="tell of each question all values in it, and of all partitions the same trial",
+        ) from error

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.judging import first_questions, read_questions, told
 from mesh_motion_server.distributed.order_statistics import WHOLE, Way, content_within, within_division
-from mesh_motion_server.distributed.summaries import part_of
+from mesh_motion_server.distributed.summaries import part_of, values_of
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import Kept, prepared_for
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
@@ -97,9 +97,10 @@ class Rank:
         points = self._points + displacement
         quality = cell_quality(points, self._cells, self._at_rest)
         numbers = np.arange(len(self._cells))
-        part = part_of(quality, numbers, lambda chosen: self._cells.centres(points, chosen), metric=metric)
+        everywhere = values_of(quality, metric)
+        part = part_of(quality, everywhere, numbers, lambda cells: self._cells.centres(points, cells), metric=metric)
         answers = {(name, WHOLE): found for name, found in part.contents.items()}
-        values = {(name, WHOLE): quality.metric(name) for name in part.contents}
+        values = {(name, WHOLE): found for name, found in everywhere.items()}
 
         def within(name: str, way: Way) -> Floats:
             """The values in a bin, each found once."""

@@ -8,7 +8,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from mesh_motion_server.errors import JournalError
+from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.settings import MethodSettings
 
 __all__ = ["SessionSpec", "StoredSpec"]
@@ -91,6 +91,17 @@ class StoredSpec:
     def admits(self, token: bytes) -> bool:
         """Whether this is the session's token; takes the same time for every wrong one."""
         return hmac.compare_digest(hashlib.sha256(token).hexdigest(), self.token_sha256)
+
+    def require_cells(self) -> None:
+        """Raise if the server has not the cells.
+
+        Raises
+        ------
+        InvalidInput
+            If the client evaluates the field.
+        """
+        if self.evaluation == "client":
+            raise InvalidInput(f"session {self.session}: its cells are with the client, not with the server")
 
     def to_bytes(self) -> bytes:
         """The file's content."""

@@ -9,7 +9,11 @@ from box_meshes import box_mesh
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
 from mesh_motion_protocol.messages import Fetch, Fetched
 
+from mesh_motion_server.cases.recorded import read_recorded
 from mesh_motion_server.distributed.split import Split
+from mesh_motion_server.errors import InvalidInput as Unusable
+from mesh_motion_server.session.inspection import inspect_session
+from mesh_motion_server.watch.observation.mesh_view import StoredMesh
 from proofs.server_process import ServerProcess
 from proofs.waiting import PATIENCE
 
@@ -262,6 +266,67 @@ def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durab
         session._closed = True
         session._courier.disconnect()
         session._control.close()
+
+
+def test_a_server_killed_between_move_and_judge_judges_the_same_trial(tmp_path, monkeypatch):
+    mesh = whole("quad", 20)
+    with (
+        ServerProcess(tmp_path) as server,
+        connect(server.endpoint) as client,
+        client.open(mesh, SETTINGS, evaluation="client") as session,
+    ):
+        expected = drive(session, mesh, 1)
+        judge = session._volume.judge
+
+        def killed_before(*given):
+            server.stop(signal.SIGKILL)
+            server.start()
+            return judge(*given)
+
+        monkeypatch.setattr(session._volume, "judge", killed_before)
+        moved = session.move(displacement(mesh.points[session.moving_nodes], 1))
+        np.testing.assert_array_equal(moved.displacement, expected[0].displacement)
+        assert session.commit().step == 2
+
+
+def test_after_kill_9_two_ranks_take_their_nodes_up_again(tmp_path):
+    parts = pieces("hexahedron", 10, 2)
+    with ServerProcess(tmp_path) as server:
+        shared = []
+
+        def begin(session, mesh):
+            shared.append(session.credentials)
+            return drive(session, mesh)[-1]
+
+        points = on_ranks(server, parts, begin)
+        server.stop(signal.SIGKILL)
+        server.start()
+        with connect(server.endpoint) as one, connect(server.endpoint) as other:
+            first = one.resume(shared[0], parts[0])
+            second = other.join(shared[0], parts[1], partition=1)
+            for session, found in zip((first, second), points, strict=True):
+                np.testing.assert_array_equal(session.points(), found)
+            step = [
+                displacement(part.points[s.moving_nodes], 2) for part, s in zip(parts, (first, second), strict=True)
+            ]
+            there = threading.Thread(target=lambda: second.move(step[1]))
+            there.start()
+            again = first.move(step[0])
+            there.join(PATIENCE)
+            np.testing.assert_array_equal(parts[0].points + again.displacement, points[0])
+            second.close()
+            first.close()
+
+
+def test_what_draws_or_repeats_a_session_says_that_its_cells_are_elsewhere(tmp_path):
+    mesh = whole("quad", 10)
+    with connect(state=tmp_path) as client, client.open(mesh, SETTINGS, evaluation="client") as session:
+        drive(session, mesh, 1)
+    folder = tmp_path / "sessions" / session.credentials.session
+    for look in (StoredMesh, read_recorded):
+        with pytest.raises(Unusable, match="its cells are with the client"):
+            look(folder)
+    assert inspect_session(folder).state == "whole"
 
 
 def test_a_resumed_session_needs_the_mesh(server):

@@ -10,7 +10,7 @@ import pytest
 
 from mesh_motion_server.distributed.judging import Unanswered, as_plain, first_questions, heard, summary_of, told
 from mesh_motion_server.distributed.order_statistics import content
-from mesh_motion_server.distributed.summaries import Questions, part_of
+from mesh_motion_server.distributed.summaries import Questions, part_of, values_of
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.quality.metrics import CellQuality
 from mesh_motion_server.numerics.quality.quality_summary import distribution
@@ -29,7 +29,9 @@ def quality(count: int, seed: int) -> CellQuality:
 def fields(number: int, further: Questions = ()) -> dict[str, Any]:
     """What a rank tells."""
     own = quality(RANKS[number], number)
-    part = part_of(own, np.arange(len(own)), lambda cells: np.zeros((len(cells), 3)), metric=METRIC)
+    part = part_of(
+        own, values_of(own, METRIC), np.arange(len(own)), lambda cells: np.zeros((len(cells), 3)), metric=METRIC
+    )
     questions = (*first_questions(METRIC), *further)
     answers = [content(own.metric(name), way) for name, way in questions]
     return told(part, lambda cell: ("tetra", cell), questions, answers)
@@ -96,6 +98,20 @@ def test_a_question_is_read_as_it_was_asked() -> None:
 def test_what_does_not_fit_together_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(InvalidInput, match="JUDGE of partition 0"):
         heard(fields(0) | change, number_of(0), partition=0)
+
+
+def test_values_that_are_too_few_for_a_rank_are_refused() -> None:
+    further: Questions = ()
+    try:
+        summary_of(listened(), METRIC)
+    except Unanswered as unknown:
+        further = unknown.questions
+    told_by = [fields(rank, further) for rank in range(len(RANKS))]
+    for one in told_by:
+        last = len(one["questions"]) - 1
+        one["bins"], one["values"] = (rows[rows[:, 0] != last] for rows in (one["bins"], one["values"]))
+    with pytest.raises(InvalidInput, match="do not add up"):
+        summary_of([heard(one, number_of(rank), partition=rank) for rank, one in enumerate(told_by)], METRIC)
 
 
 def test_a_rank_without_cells_or_metrics_is_refused() -> None:

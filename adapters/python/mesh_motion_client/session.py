@@ -150,7 +150,8 @@ class Session(Described):
         Raises
         ------
         QualityRefused
-            If no acceptable mesh was found; the session is as before.
+            If no acceptable mesh was found; the session is as before, except that an earlier trial is lost where the
+            client evaluates the volume.
         InvalidInput, SessionError, Unavailable, Timeout
             Timeout too if the server gave up.
         """

@@ -128,8 +128,7 @@ class StoredMesh:
         self._folder = folder
         self._files = files or PosixFileSystem()
         self._spec = StoredSpec.from_bytes(_read(folder / SPEC))
-        if self._spec.evaluation == "client":
-            raise InvalidInput("the cells of this session are with its client, not with the server")
+        self._spec.require_cells()
         foundation = read_journal(folder, self._files).ledger.foundation
         _check_size(folder / "mesh.bin", most_bytes)
         self._mesh = merge(read_mesh(folder / "mesh.bin", self._files, foundation.mesh))
