@@ -2,7 +2,7 @@
 
 Every request has an id; what was sent twice executes once. When the connection ends, PROBE tells whether the worker
 lives: then the request is sent again on a new connection. If the worker is gone, the session is resumed from its
-journal and the request is sent again; a COMMIT whose trial is lost is preceded by the MOVE that made it.
+journal and the request is sent again; where a trial is lost, the MOVE that made it, and its JUDGE, come first.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ class Courier:
         return reply
 
     def _repeat_trial(self, deadline: float) -> ConnectionLost | None:
-        """Make the lost trial again: a MOVE is a pure function of the committed state."""
+        """Make the lost trial again: MOVE, and JUDGE if there was one, are functions of the committed state."""
         try:
             for request in self.trial:
                 self._sequence += 1
