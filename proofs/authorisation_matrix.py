@@ -322,8 +322,8 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "authorisation",
     "{count} questions by every role; strangers see no session",
-    short=353,
-    full=3530,
+    short=375,
+    full=3750,
     seconds=40,
     run=run,
 )

@@ -289,8 +289,8 @@ def replay_loses_a_logged_step(patch: Patch) -> None:
     patch.setattr(state_machine, "LEVELS", ("replay",))
     honest = sessions.restore
 
-    def short(journal: Any, *arguments: Any) -> Any:
-        committed = honest(journal, *arguments)
+    def short(journal: Any, *arguments: Any, **named: Any) -> Any:
+        committed = honest(journal, *arguments, **named)
         return replace(committed, step=max(committed.step - 1, 0)) if journal.ledger.logged else committed
 
     patch.setattr(sessions, "restore", short)
