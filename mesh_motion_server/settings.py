@@ -26,11 +26,20 @@ from pydantic import (
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.method import KEYS, Key, Method
 
-__all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability"]
+__all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability", "check_evaluation"]
 
 _Level = Literal["full", "replay", "relaxed"]
 #: Durability levels that a server offers unless it is told otherwise, the default first.
 DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")
+
+#: What the motion of a boundary must be so that its field is all that the volume needs.
+_WITHOUT_VOLUME: dict[str, str | float] = {
+    "displacement": "absolute",
+    "correction": "none",
+    "sub_steps": "never",
+    "boundary_layer_thickness": 0.0,
+    "reduction": "none",
+}
 
 _Length = Annotated[float, Field(gt=0)]
 _File = Annotated[Path | None, Field(strict=False)]
@@ -190,6 +199,25 @@ def check_durability(level: str, offered: Sequence[str] = DURABILITY_LEVELS) -> 
             details={"field": "durability", "value": level},
         )
     return level or offered[0]
+
+
+def check_evaluation(evaluation: str, settings: MethodSettings) -> None:
+    """Check that the client can evaluate the motion, if it wants to.
+
+    Raises
+    ------
+    InvalidInput
+        INVALID_ARGUMENT.SETTINGS, naming the first setting that takes the volume.
+    """
+    for key, expected in _WITHOUT_VOLUME.items() if evaluation == "client" else ():
+        got = getattr(settings, key)
+        if got != expected:
+            raise InvalidInput(
+                f"evaluation = 'client': expected {key} = {expected!r}, got {got!r}",
+                code="INVALID_ARGUMENT.SETTINGS",
+                hint=f"set {key} = {expected!r}, or open the session with evaluation = 'server'",
+                details={"setting": key, "value": got, "expected": expected},
+            )
 
 
 def _first_offender(error: ValidationError, model: type[BaseModel]) -> InvalidInput:

@@ -37,7 +37,7 @@ __all__ = ["CHECK", "Stage", "one_round"]
 _TIMED = 40
 _JUNK = b"x" * 32
 #: Requests that a session which is built refuses by itself, which shows that they were taken.
-_TOO_LATE = {"UPLOAD", "BUILD"}
+_TOO_LATE = {"UPLOAD", "BUILD", "JUDGE"}
 _NEED_TOKEN = ("PROBE", "RESUME", "JOIN")
 
 
@@ -177,6 +177,7 @@ def _fields(request: str, at: dict[str, Any]) -> dict[str, Any]:
     """A right request's fields: where, and what of the rest it has to have."""
     rows = np.full((5, 2), 1e-4)
     known = at | {"dimension": 2, "item": "nodes", "frame": "committed", "rows": rows, "displacement": rows}
+    known |= {"part": {}, "questions": [], "bins": np.zeros((0, 3), dtype=np.int64), "values": rows, "worst": rows}
     names = m.MESSAGES[request].__dataclass_fields__
     fields = {name: value for name, value in known.items() if name in names}
     return fields | ({"outcome": "keep"} if request == "CLOSE" else {})
@@ -321,8 +322,8 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "authorisation",
     "{count} questions by every role; strangers see no session",
-    short=353,
-    full=3530,
+    short=375,
+    full=3750,
     seconds=40,
     run=run,
 )

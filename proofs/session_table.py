@@ -4,7 +4,7 @@ from __future__ import annotations
 
 __all__ = ["ADMITTED", "COLLECTIVE", "DISK", "OPERATIONS", "OTHERS"]
 
-#: The columns of section 8's table.
+#: The columns of section 8's table, but for JUDGE: the server judges the cells of these sessions.
 OPERATIONS = (
     "JOIN",
     "UPLOAD",

@@ -103,6 +103,7 @@ class StandIn:
             support_radius=1.0,
             sub_steps=1,
             warnings=[],
+            field=None,
         )
 
     @staticmethod

@@ -14,7 +14,7 @@ from proofs.ranks import shared_mesh, uploads_of
 __all__ = ["CONTROL", "DATA", "Known", "Request", "upload_of", "valid_request"]
 
 CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
-DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
+DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
 _SETTINGS: tuple[dict[str, Any], ...] = (
     {}, {"basis": "wendland-c4"}, {"correction": "none", "quality_threshold": 0.1}, {"support_radius": 2.5},
     {"reduction": "greedy", "max_control_points": 20},
@@ -120,6 +120,14 @@ def _move(request: Request, known: Known, partition: int, random: Random) -> dic
     return {"step": known.step + 1, "frame": "committed" if alike else "reference"}
 
 
+def _judge(request: Request, known: Known, _partition: int, _random: Random) -> dict[str, Any]:
+    _array(request, "bins", np.array([[0, 1536, 18]]))
+    _array(request, "values", np.array([[0.0, 0.5, 18.0]]))
+    _array(request, "worst", np.array([[1.0, 0.0, 0.5, 0.5, 1.0, 0.5, 0.0, 0.0]]))
+    part = {"cells": 18, "inverted": 0, "sums": {"size": 9.0}, "minima": {"size": 0.5}}
+    return {"step": known.step + 1, "part": part, "questions": [{"metric": "size", "way": []}]}
+
+
 _More = Callable[[Request, Known, int, Random], dict[str, Any]]
 #: Fields beside the address, by type.
 _MORE: Mapping[str, _More] = {
@@ -131,6 +139,7 @@ _MORE: Mapping[str, _More] = {
     "JOIN": lambda _r, known, _p, _: {"token": known.token},
     "UPLOAD": _upload,
     "MOVE": _move,
+    "JUDGE": _judge,
     "COMMIT": lambda _r, known, _p, _: {"step": known.step + 1},
     "ROLLBACK": lambda _r, known, _p, _: {"step": known.step + 1},
     "FETCH": lambda _r, _k, _p, random: {"what": random.choice(("committed", "reference"))},

@@ -175,7 +175,11 @@ def _setting_type(key: Key) -> str:
     """Type and choices or range, as the conformance suite reads them."""
     if key.choices:
         return "str: " + ", ".join(f'`"{choice}"`' for choice in key.choices)
-    text = key.kind.__name__ if key.low is None else f"{key.kind.__name__} {key.low:.15g} … {key.high:.15g}"
+    text = key.kind.__name__
+    if key.high is not None:
+        text += f" {key.low:.15g} … {key.high:.15g}"
+    elif key.low is not None:
+        text += f" ≥ {key.low:.15g}"
     text += "" if key.above is None else f" > {key.above:g}"
     return text.replace("-", "−") + (" or nil" if key.default is None else "")
 

@@ -126,11 +126,12 @@ def read_recorded(folder: Path) -> Recorded:
     Raises
     ------
     InvalidInput
-        If the boundary motion is not recorded from step 1 on.
+        If the boundary motion is not recorded from step 1 on, or the cells are with the client.
     JournalError
         If the folder is not a session folder, or the data for a replay does not verify.
     """
     spec = _spec(folder)
+    spec.require_cells()
     log = BoundaryLog(folder)
     if not log.steps:
         raise InvalidInput(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.distributed.order_statistics import BinContent, content
 from mesh_motion_server.distributed.packing import unpack
 from mesh_motion_server.distributed.split import MeshPartition
-from mesh_motion_server.distributed.summaries import PartialSummary, Questions, part_of
+from mesh_motion_server.distributed.summaries import PartialSummary, Questions, part_of, values_of
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.quality.metrics import CellQuality, CellsAtRest, cell_quality, cells_at_rest
@@ -206,4 +206,5 @@ def questioned(
 def _judged(held: HeldPartition, points: Floats, metric: str) -> PartialSummary:
     held.quality = cell_quality(points, held.mesh.cells, held.at_rest)
     centres: Callable[[Ints], Floats] = lambda numbers: held.mesh.cells.centres(points, numbers)  # noqa: E731
-    return part_of(held.quality, held.mesh.cell_numbers, centres, metric=metric)
+    values = values_of(held.quality, metric)
+    return part_of(held.quality, values, held.mesh.cell_numbers, centres, metric=metric)

@@ -14,7 +14,17 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BINS", "WHOLE", "BinContent", "Way", "content", "merged_counts", "narrowed"]
+__all__ = [
+    "BINS",
+    "WHOLE",
+    "BinContent",
+    "Way",
+    "content",
+    "content_within",
+    "merged_counts",
+    "narrowed",
+    "within_division",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,8 +35,11 @@ _FEW = 512
 #: After this many divisions a bin of [-1, 1] is narrower than the distance of two numbers: it has one value, or zeros.
 _DEEPEST = 6
 
-Way = tuple[tuple[float, float, int], ...]
-"""How a bin is reached from all values: (lower limit, bins per unit, bin) of each division."""
+Division = tuple[float, float, int]
+"""Lower limit, bins per unit, bin."""
+
+Way = tuple[Division, ...]
+"""How a bin is reached from all values: the divisions one after the other."""
 
 WHOLE: Way = ()
 """All values."""
@@ -53,8 +66,20 @@ class BinContent:
 def content(values: Floats, way: Way) -> BinContent:
     """Return what the values (m,) of a metric have in the bin at the end of a way."""
     values = np.ascontiguousarray(values)
-    for low, scale, wanted in way:
-        values = kernels.values_in_bin(values, low, scale, BINS, wanted)
+    for division in way:
+        values = within_division(values, division)
+    return content_within(values, way)
+
+
+def within_division(values: Floats, division: Division) -> Floats:
+    """The values (m,) in the bin of one division."""
+    low, scale, wanted = division
+    found: Floats = kernels.values_in_bin(values, low, scale, BINS, wanted)
+    return found
+
+
+def content_within(values: Floats, way: Way) -> BinContent:
+    """Return what the bin at the end of a way has, given its values (m,)."""
     low, scale = _division(way)
     counts = np.zeros(BINS, dtype=np.int64)
     kernels.count_in_bins(values, low, scale, counts)

@@ -6,7 +6,7 @@ a sum in another order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from mesh_motion_server.numerics.quality.quality_summary import (
     worst_cells,
 )
 
-__all__ = ["PartialSummary", "Questions", "by_question", "joined", "part_of"]
+__all__ = ["PartialSummary", "Questions", "by_question", "joined", "part_of", "values_of"]
 
 Floats = NDArray[np.float64]
 
@@ -57,8 +57,18 @@ class PartialSummary:
     worst: tuple[WorstCell, ...]
 
 
+def values_of(quality: CellQuality, metric: str) -> dict[str, Floats]:
+    """Return the values (m,) of each metric of a report."""
+    return {name: quality.metric(name) for name in reported_metrics(metric)}
+
+
 def part_of(
-    quality: CellQuality, numbers: NDArray[np.int64], centres: Callable[[NDArray[np.int64]], Floats], *, metric: str
+    quality: CellQuality,
+    values: Mapping[str, Floats],
+    numbers: NDArray[np.int64],
+    centres: Callable[[NDArray[np.int64]], Floats],
+    *,
+    metric: str,
 ) -> PartialSummary:
     """Return the part of a partition in a summary.
 
@@ -66,6 +76,8 @@ def part_of(
     ----------
     quality : CellQuality
         Of its m cells.
+    values : mapping of str to (m,) array
+        :func:`values_of` them.
     numbers : (m,) int64 array
         Their numbers in the mesh.
     centres : callable
@@ -73,7 +85,6 @@ def part_of(
     metric : str
         Ranks the worst cells.
     """
-    values = {name: quality.metric(name) for name in reported_metrics(metric)}
     worst = smallest(values[metric], _WORST)
     return PartialSummary(
         cells=len(quality),

@@ -150,10 +150,10 @@ class Method:
         _DISPLACEMENT,
         "Nodes this near to a moving wall (and to fixed walls it is joined to) move with it. Left out: layers of thin "
         "cells move so where interpolation would change their height by more than half a per cent or lean them over by "
-        "half a degree, or a correction is needed.",
+        "half a degree, or a correction is needed. 0: no layer moves so.",
         "To hold a layer of a given height whatever its cells look like. It gives way, with a warning, where it would "
         "spoil cells or have a motion refused ([measured](beyond.md#boundary-layers-kept)).",
-        above=0.0,
+        low=0.0,
     )
     sub_steps: str = _key(
         "auto",

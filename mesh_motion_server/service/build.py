@@ -25,7 +25,9 @@ def run(session: Session, requests: Sequence[Build], request_ids: Sequence[Reque
     del request_ids
     session.build()
     settings, mesh = session.model.method.as_dict(), mesh_report(session)
-    quality = summary_report(session.model.summary(session.coordinates("committed")), session.mesh)
+    quality = {}
+    if session.spec.evaluation == "server":
+        quality = summary_report(session.model.summary(session.coordinates("committed")), session.mesh)
     return [
         Built(
             client=request.client,

@@ -28,7 +28,7 @@ def count_executed(reply: Message, seconds: float) -> None:
         return
     TALLY.count(f"{name}s")
     TALLY.observe(f"{name}_seconds", seconds)
-    if isinstance(reply, Moved):
+    if isinstance(reply, Moved) and "standard" in reply.quality:
         _count_motion(reply)
 
 

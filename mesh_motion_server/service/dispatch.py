@@ -32,7 +32,7 @@ from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import ServerSettings, check_durability
+from mesh_motion_server.settings import ServerSettings, check_durability, check_evaluation
 
 __all__ = ["Envelope", "SessionHost", "SessionSpec"]
 
@@ -81,12 +81,13 @@ class SessionHost:
         Raises
         ------
         InvalidInput
-            If the basis or the durability level is not offered.
+            If the basis or the durability level is not offered, or the client cannot evaluate this motion.
         ResourceError
             If the disk has no room for it or fails.
         """
         limits = limits or ServerSettings()
         check_durability(spec.durability, limits.durability)
+        check_evaluation(spec.evaluation, spec.settings)
         build_model = build_model or model_builder(limits)
         session = Session(store.create(spec), limits, build_model)
         return cls(session, store, limits=limits, clock=clock)

@@ -30,9 +30,11 @@ def answer(session: Session, request: Fetch) -> Fetched:
             details={"what": str(request.what)},
         )
     points = session.mesh.scatter(session.coordinates(request.what), request.partition)
+    field = session.field(request.what)
     return Fetched(
         client=request.client,
         sequence=request.sequence,
         step=session.step,
         points=points,
+        **({} if field is None else vars(field)),
     )

@@ -23,8 +23,8 @@ class Arrival:
 
 
 def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
-    """What the requests of all partitions must have in common: type, and step and frame where they exist."""
-    named = ((name, getattr(request, name)) for name in ("step", "frame") if hasattr(request, name))
+    """What the requests of all partitions must have in common: type, and step, frame and questions where they exist."""
+    named = ((name, getattr(request, name)) for name in ("step", "frame", "questions") if hasattr(request, name))
     return (("type", request.type), *named)
 
 

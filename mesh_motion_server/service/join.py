@@ -31,5 +31,6 @@ def answer(session: Session, request: Join) -> Joined:
         dimension=session.spec.dimension,
         partitions=session.spec.partitions,
         nodes=len(mesh.node_maps[request.partition]) if mesh else 0,
+        evaluation=session.spec.evaluation,
         moving_nodes=mesh.moving_local[request.partition] if mesh else None,
     )

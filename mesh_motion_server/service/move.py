@@ -43,6 +43,8 @@ def check(session: Session, request: Move) -> None:
             code="INVALID_ARGUMENT.VALUE",
             details={"frame": str(request.frame)},
         )
+    if session.spec.evaluation == "client":
+        _check_at_client(request)
     _check_rows(session, request)
 
 
@@ -72,9 +74,26 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
             faces=faces if request.report == "faces" else {},
             displacement=outcome.displacements[request.partition],
             enrichment_points=np.ascontiguousarray(motion.correction.enrichment_points, dtype=np.float64),
+            **({} if outcome.field is None else vars(outcome.field)),
         )
         for request in requests
     ]
+
+
+def _check_at_client(request: Move) -> None:
+    """Check that the MOVE asks for nothing that takes the volume or the way to the committed state."""
+    for name, expected, way_out in (
+        ("frame", "reference", "send the total displacement, since the reference mesh"),
+        ("report", "", "measure the faces where the cells are"),
+    ):
+        got = getattr(request, name)
+        if got != expected:
+            raise InvalidInput(
+                f"evaluation = 'client': expected {name} {expected!r}, got {got!r}",
+                code="INVALID_ARGUMENT.VALUE",
+                hint=way_out,
+                details={"field": name, "value": got},
+            )
 
 
 def _check_rows(session: Session, request: Move) -> None:

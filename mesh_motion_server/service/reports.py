@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures
 from mesh_motion_server.numerics.mesh.points import bounding_box
+from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.session import Session
 
@@ -14,7 +15,15 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.motion.motion_found import Motion
     from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
-__all__ = ["correction_report", "faces_report", "mesh_report", "move_quality", "summary_report", "worst_places"]
+__all__ = [
+    "correction_report",
+    "faces_report",
+    "mesh_report",
+    "move_quality",
+    "quality_frame",
+    "summary_report",
+    "worst_places",
+]
 
 #: Longest list of warnings or patches in a reply: the header holds at most 256 items each.
 _LONGEST = 100
@@ -46,16 +55,21 @@ def summary_report(summary: Judgement, mesh: MergedMesh) -> dict[str, Any]:
 
 
 def move_quality(motion: Motion, session: Session) -> dict[str, Any]:
-    """Predicted quality of a Move, before and after its correction."""
+    """Predicted quality of a Move, before and after its correction; where the client judges it, only by what."""
     method = session.model.method
+    if motion.field is not None:
+        return quality_frame(method)
     standard = summary_report(motion.standard, session.mesh)
     unchanged = motion.corrected is motion.standard
-    return {
-        "metric": method.quality_metric,
-        "threshold": float(method.quality_threshold),
+    return quality_frame(method) | {
         "standard": standard,
         "corrected": standard if unchanged else summary_report(motion.corrected, session.mesh),
     }
+
+
+def quality_frame(method: Method) -> dict[str, Any]:
+    """What a motion is judged by."""
+    return {"metric": method.quality_metric, "threshold": float(method.quality_threshold)}
 
 
 def faces_report(faces: tuple[FaceMeasures, ...], mesh: MergedMesh) -> dict[str, Any]:
@@ -98,7 +112,7 @@ def mesh_report(session: Session, warnings: list[str] | None = None) -> dict[str
     patches = list(mesh.patches.items())[:_LONGEST]
     return {
         "nodes": len(mesh.points),
-        "cells": {block.type.name: len(block) for block in mesh.cells},
+        "cells": {origin.type_name: len(origin) for origin in mesh.cell_origins},
         "patches": {name: {"role": patch.role, "nodes": len(patch.nodes)} for name, patch in patches},
         "moving_nodes": len(mesh.moving),
         "box": bounding_box(mesh.points).tolist(),

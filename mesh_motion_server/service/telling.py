@@ -11,7 +11,7 @@ from collections import Counter
 from typing import Any
 
 import msgpack
-from mesh_motion_protocol.messages import Built, Committed, ErrorReply, Message, Moved, RolledBack
+from mesh_motion_protocol.messages import Built, Committed, ErrorReply, Judged, Message, Moved, RolledBack
 
 from mesh_motion_server import __version__
 from mesh_motion_server.service.reports import mesh_report
@@ -41,6 +41,7 @@ class Teller:
         self._history = session.history
         self._refusals: Counter[str] = Counter()
         self._recorded_trouble = self._session.state
+        self._unjudged: dict[str, Any] = {}
 
     def executed(self, reply: Message, seconds: float, iteration: int) -> None:
         """Record a request that took effect.
@@ -83,7 +84,15 @@ class Teller:
 
     def _executed(self, reply: Message, seconds: float, iteration: int) -> None:
         if isinstance(reply, Moved):
-            self._tell("moved", **_motion(reply), seconds_total=seconds)
+            moved = _motion(reply) | {"seconds_total": seconds}
+            if reply.coefficients is not None:
+                self._unjudged = moved  # told once the client has judged it
+            else:
+                self._tell("moved", **moved)
+        elif isinstance(reply, Judged):
+            if reply.quality and self._unjudged:
+                self._tell("moved", **self._unjudged | {"quality": reply.quality, "warnings": reply.warnings})
+                self._unjudged = {}
         elif isinstance(reply, Committed):
             self._committed(self._session.commits[-1], seconds_total=seconds)
         elif isinstance(reply, RolledBack):

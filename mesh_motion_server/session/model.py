@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Model",
     "ModelBuilder",
+    "build_boundary_model",
     "build_motion_model",
     "checked_model",
     "checked_warnings",
@@ -84,6 +85,17 @@ def build_motion_model(
     from mesh_motion_server.numerics.motion.motion import MotionModel  # noqa: PLC0415
 
     return MotionModel.build(points, cells, patches, method)
+
+
+def build_boundary_model(
+    points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch], method: Method
+) -> Model:
+    """The numerics' model of a boundary whose volume stays with the client."""
+    # imported here for the same reason
+    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion  # noqa: PLC0415
+
+    del cells
+    return BoundaryMotion.build(points, patches, method)
 
 
 def model_builder(settings: ServerSettings) -> ModelBuilder:

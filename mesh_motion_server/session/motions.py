@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement, settle
 from mesh_motion_server.session.factors import FactorCache
@@ -43,6 +44,11 @@ class Computed:
     points: Floats
     exact: bool
     displacements: list[Floats]
+
+    @property
+    def field(self) -> Field | None:
+        """The displacement anywhere, if the client evaluates it."""
+        return None if self.motion.field is None else Field.of(self.motion.field)
 
 
 def compute(

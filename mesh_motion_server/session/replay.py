@@ -21,6 +21,7 @@ from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
 from mesh_motion_server import __version__
+from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal.journal import Journal
@@ -28,7 +29,7 @@ from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.state import CommittedState, MoveInput
+from mesh_motion_server.session.state import CommittedState, MoveInput, durable_rows
 
 __all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
 
@@ -36,6 +37,8 @@ Floats = NDArray[np.float64]
 Progress = Callable[[int], None]
 #: States that took longer than this to compute again are stored, seconds.
 _LONG_SECONDS = 10.0
+#: Share of the largest coefficient by which those of one field may differ between versions.
+_ROUNDING = 1e-5
 
 
 def silent(_step: int) -> None:
@@ -49,9 +52,15 @@ def boundary_input(mesh: MergedMesh, move_input: MoveInput) -> BoundaryInput:
 
 
 def restore(
-    journal: Journal, model: Model, mesh: MergedMesh, factors: FactorCache, progress: Progress = silent
+    journal: Journal,
+    model: Model,
+    mesh: MergedMesh,
+    factors: FactorCache,
+    progress: Progress = silent,
+    *,
+    field: Field | None = None,
 ) -> CommittedState:
-    """The last committed state of a journal, read or computed.
+    """The last committed state of a journal, read or computed; with the ``field`` at rest if the client evaluates it.
 
     What took long to compute is stored at once: else a worker that falls again and again would have ever more to do.
 
@@ -61,17 +70,47 @@ def restore(
         If it does not verify; as :func:`recompute`.
     """
     snapshot = journal.ledger.snapshot
-    stored = CommittedState(0, mesh.points)
+    stored = CommittedState(0, mesh.points, None if field is None else field.coefficients)
     if snapshot is not None:
-        points = np.empty_like(mesh.points)
-        points[mesh.id_order] = journal.read_state()
+        rows, points = journal.read_state(), np.empty_like(mesh.points)
+        points[mesh.id_order] = rows[: len(points)]
         points.flags.writeable = False
-        stored = CommittedState(snapshot.step, points)
+        coefficients = None if field is None else rows[len(points) :]
+        stored = CommittedState(snapshot.step, points, coefficients)
+        _check_field(stored, model, mesh, factors)
     began = time.monotonic()
     found = recompute(model, mesh, factors, stored, journal.ledger.logged, progress)
     if time.monotonic() - began > _LONG_SECONDS:
-        journal.snapshot(np.take(found.points, mesh.id_order, axis=0))
+        journal.snapshot(durable_rows(mesh, found))
     return found
+
+
+def _check_field(stored: CommittedState, model: Model, mesh: MergedMesh, factors: FactorCache) -> None:
+    """Check that stored coefficients are those of the field that this version describes, but for rounding.
+
+    Raises
+    ------
+    JournalError
+        DATA_LOSS.RECOVERY_DIVERGED.
+    """
+    if stored.coefficients is None:
+        return
+    moving = mesh.moving
+    reached = MoveInput("reference", stored.points[moving] - mesh.points[moving])
+    field = compute(model, mesh, mesh.points, reached, factors).field
+    known = stored.coefficients
+    if field is None or field.coefficients.shape != known.shape or not _near(field.coefficients, known):
+        raise JournalError(
+            f"the field of step {stored.step} was computed in another way; the session is not opened",
+            code="DATA_LOSS.RECOVERY_DIVERGED",
+            hint=f"this is {maker()}: resume it with the version that made it",
+            details={"step": stored.step, "expected": "", "made_by": "unknown"},
+        )
+
+
+def _near(found: Floats, known: Floats) -> bool:
+    """Whether two arrays differ by rounding only."""
+    return bool(np.max(np.abs(found - known), initial=0.0) <= _ROUNDING * np.max(np.abs(known), initial=0.0))
 
 
 @cache
@@ -107,19 +146,19 @@ def recompute(
     """
     model = model.without_distributions()
     for commit in logged:
-        points = _points_after(model, mesh, factors, start, commit)
-        found = state_digest(commit.step, np.take(points, mesh.id_order, axis=0))
+        after = _state_after(model, mesh, factors, start, commit)
+        found = state_digest(commit.step, durable_rows(mesh, after))
         if found != commit.digest:
             raise _diverged(commit, f"digest {found.hex()[:16]}… instead of {commit.digest.hex()[:16]}…")
-        start = CommittedState(commit.step, points)
+        start = after
         progress(commit.step)
     return start
 
 
-def _points_after(
+def _state_after(
     model: Model, mesh: MergedMesh, factors: FactorCache, before: CommittedState, commit: Commit
-) -> Floats:
-    """The coordinates (n, d) of a logged commit, in canonical order."""
+) -> CommittedState:
+    """The state of a logged commit."""
     boundary, order = commit.boundary, mesh.moving_by_id
     if boundary is None or len(boundary.rows) != 8 * order.size * mesh.points.shape[1]:
         raise _diverged(commit, "displacements that are not those of this mesh's moving nodes")
@@ -127,7 +166,9 @@ def _points_after(
     displacement[order] = np.frombuffer(boundary.rows, dtype="<f8").reshape(displacement.shape)
     move_input = MoveInput(boundary.frame, displacement)
     try:
-        return compute(model, mesh, before.points, move_input, factors, with_displacements=False).points
+        found = compute(model, mesh, before.points, move_input, factors, with_displacements=False)
+        field = found.field
+        return CommittedState(commit.step, found.points, None if field is None else field.coefficients)
     except MeshMotionError as error:
         raise _diverged(commit, f"{error.code} ({error.message})") from error
 

@@ -20,22 +20,25 @@ import numpy as np
 from mesh_motion_protocol.digests import state_digest
 from numpy.typing import NDArray
 
+from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
+from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
+from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
-from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, checked_warnings
+from mesh_motion_server.session.model import Model, ModelBuilder, build_boundary_model, checked_model, checked_warnings
 from mesh_motion_server.session.motions import compute
-from mesh_motion_server.session.partitions.merging import merge
+from mesh_motion_server.session.partitions.merging import check_boundary, merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
 from mesh_motion_server.session.spec import StoredSpec
-from mesh_motion_server.session.state import CommittedState, MoveInput, Operation, State, Trial, admit
+from mesh_motion_server.session.state import CommittedState, MoveInput, Operation, State, Trial, admit, durable_rows
 from mesh_motion_server.session.store import SessionFolder
 from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome
 from mesh_motion_server.settings import ServerSettings
@@ -67,12 +70,14 @@ class Session:
     def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
         self._folder = folder
         self._limits = limits
-        self._build_model = build_model
+        self._build_model = build_model if self.spec.evaluation == "server" else build_boundary_model
         self._reopened = False
         self._now = CurrentState(State.NEW)
         self._built: Built | None = None
         self._epoch = 1
-        self.upload = MeshUpload(self.spec.dimension, self.spec.partitions, limits.max_session_bytes)
+        self.upload = MeshUpload(
+            self.spec.dimension, self.spec.partitions, limits.max_session_bytes, self.spec.evaluation
+        )
         self.factors = FactorCache(limits.factor_cache_bytes)
         self.history = History(folder.path, limits.history_bytes, limits.reserve_disk_bytes)
 
@@ -93,14 +98,16 @@ class Session:
         try:
             failpoint("session.reopen.start")
             mesh = merge(partitions)
-            model = build_model(mesh.points, mesh.cells, mesh.patches, session.spec.settings.to_method())
-            committed = restore(journal, model, mesh, session.factors, progress)
+            method = session.spec.settings.to_method()
+            model = session._build_model(mesh.points, mesh.cells, mesh.patches, method)
+            field = session._field_at_rest(mesh, model)
+            committed = restore(journal, model, mesh, session.factors, progress, field=field)
             failpoint("session.reopen.restored")
             session._epoch = journal.raise_epoch()
         except BaseException:
             journal.close()
             raise
-        session._built = Built(mesh, model, keeper_of(journal))
+        session._built = Built(mesh, model, keeper_of(journal), field)
         session._reopened = True
         session._now = CurrentState(State.READY, committed, trial_lost=True)
         return session
@@ -164,14 +171,21 @@ class Session:
         Raises
         ------
         SessionError
-            As the state table says; ABORTED.TRIAL_LOST for a Commit whose trial a restart dropped.
+            As the state table says; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a restart dropped; for a
+            Commit of a trial that the client evaluates, if it was not judged.
         """
-        if operation is Operation.COMMIT and self.state is State.READY and self._now.trial_lost:
+        needs_trial = operation in (Operation.JUDGE, Operation.COMMIT)
+        if needs_trial and self.state is State.READY and self._now.trial_lost:
             raise SessionError(
                 f"a trial of step {self.step + 1} from before the session was resumed is lost",
                 code="ABORTED.TRIAL_LOST",
                 hint="send the MOVE again, then COMMIT: its answer will be the same",
                 details={"step": self.step + 1},
+            )
+        trial = self._now.trial
+        if operation is Operation.COMMIT and trial is not None and trial.coefficients is not None and not trial.quality:
+            raise SessionError(
+                "the trial is not judged, or it was refused", hint="send JUDGE from every partition, or another MOVE"
             )
         try:
             return admit(self.state, operation)
@@ -202,6 +216,20 @@ class Session:
                 details={"expected": self.step + 1, "got": step},
             )
 
+    def require_client_evaluation(self) -> None:
+        """Raise if the server judges the cells itself.
+
+        Raises
+        ------
+        SessionError
+            FAILED_PRECONDITION.STATE.
+        """
+        if self.spec.evaluation != "client":
+            raise SessionError(
+                "the server judges the cells of this session itself",
+                hint="send COMMIT; JUDGE is for sessions that were opened with evaluation = 'client'",
+            )
+
     def mesh_warnings(self) -> list[str]:
         """What was noticed when the session was built, in the numbering of the upload."""
         return checked_warnings(self.mesh, self.model)
@@ -210,6 +238,13 @@ class Session:
         """(n, d) coordinates in canonical order: "committed" or "reference"."""
         committed = self._now.committed
         return self.mesh.points if frame == "reference" or committed is None else committed.points
+
+    def field(self, frame: str) -> Field | None:
+        """The field that leads to "committed" or "reference" coordinates, if the client evaluates it."""
+        rest, committed = self._require_built().field, self._now.committed
+        if rest is None or frame == "reference" or committed is None or committed.coefficients is None:
+            return rest
+        return replace(rest, coefficients=committed.coefficients)
 
     # --- operations ------------------------------------------------------------------------------------------------
 
@@ -236,11 +271,14 @@ class Session:
         with self._folder.writing_mesh(partitions):
             mesh = merge(partitions)
             model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
+            field = self._field_at_rest(mesh, model)
+            committed = CommittedState(0, mesh.points, None if field is None else field.coefficients)
             failpoint("session.build.checked")
-        journal = self._folder.build(partitions, len(mesh.points), self._limits.snapshot_steps, epoch=self._epoch)
+        rows = len(mesh.points) + (0 if field is None else len(field.coefficients))
+        journal = self._folder.build(partitions, rows, self._limits.snapshot_steps, epoch=self._epoch)
         failpoint("session.build.stored")
-        self._built = Built(mesh, model, keeper_of(journal))
-        self._now = CurrentState(state, CommittedState(0, mesh.points))
+        self._built = Built(mesh, model, keeper_of(journal), field)
+        self._now = CurrentState(state, committed)
         self.upload.clear()
 
     def move(self, frame: str, boundary_displacements: Sequence[Floats], *, report: str = "") -> MoveOutcome:
@@ -268,13 +306,32 @@ class Session:
         in_full = not self.iteration or built.model.method.quality_report == "every-move"
         model = built.model if in_full else built.model.without_distributions()
         computed = compute(model, built.mesh, self.coordinates("committed"), move_input, self.factors)
-        judged = computed.motion.corrected if computed.exact and in_full else None
-        trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input)
+        field = computed.field
+        judged = computed.motion.corrected if computed.exact and in_full and field is None else None
+        coefficients = None if field is None else field.coefficients
+        trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input, coefficients)
         measured = (built.faces, face_measures(trial.points, built.mesh.cells)) if report == "faces" else ()
         faces = tuple(filter(None, measured))
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial)
-        return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements, faces)
+        return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements, faces, field)
+
+    def judge(self, quality: QualitySummary) -> list[str]:
+        """Take the quality of the trial's cells, which are with the client; returns warnings about it.
+
+        Raises
+        ------
+        NumericalError
+            If the quality is not acceptable; the trial stays, and cannot be committed.
+        """
+        self.require_client_evaluation()
+        state, model, trial = self.admit(Operation.JUDGE), self.model, self._now.trial
+        if trial is None:
+            raise SessionError("there is no trial to judge", hint="send MOVE first")
+        reached = quality.metric.min >= model.method.quality_threshold
+        refuse_unacceptable(model.method, quality, reached)
+        self._swap(state=state, trial=replace(trial, quality=quality))
+        return quality_warnings(model.method, quality, reached)
 
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
         """Make the trial the committed state, durably as the session's level says.
@@ -296,13 +353,13 @@ class Session:
         if trial is None:
             raise SessionError("there is no trial to commit", hint="send MOVE first")
         failpoint("session.commit.start")
-        durable = np.take(trial.points, built.mesh.id_order, axis=0)
+        durable = durable_rows(built.mesh, trial)
         self._write(lambda: built.keeper.prepare(durable), self._now)  # the disk works while the state is judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
-        after = CurrentState(state, CommittedState(trial.step, trial.points))
+        after = CurrentState(state, CommittedState(trial.step, trial.points, trial.coefficients))
         boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
         self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
 
@@ -380,7 +437,7 @@ class Session:
         if keep and self._built is not None:
             with logged_failure(self.spec.session):
                 if self.state in _WRITING:
-                    self._built.keeper.rest(self._durable_points)
+                    self._built.keeper.rest(self._durable_rows)
                 elif self.state is State.FAILED:
                     self.catch_up()  # no state is made of what nobody trusts
         self._swap(state=State.CLOSED, trial=None)
@@ -402,9 +459,17 @@ class Session:
             raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
         return self._built
 
-    def _durable_points(self) -> Floats:
-        """The committed coordinates (n, d), ascending by global id."""
-        return np.take(self.coordinates("committed"), self.mesh.id_order, axis=0)
+    def _field_at_rest(self, mesh: MergedMesh, model: Model) -> Field | None:
+        """The field of a mesh that does not move, if the client evaluates it."""
+        if self.spec.evaluation == "server":
+            return None
+        check_boundary(mesh)
+        rest = MoveInput("reference", np.zeros((len(mesh.moving), mesh.points.shape[1])))
+        return compute(model, mesh, mesh.points, rest, self.factors).field
+
+    def _durable_rows(self) -> Floats:
+        """The committed state as a commit stores it."""
+        return durable_rows(self.mesh, self._now.committed or CommittedState(0, self.mesh.points))
 
     def _write(self, write: Callable[[], None], after: CurrentState) -> None:
         """Swap to COMMITTING, write, then swap to the state after success or failure."""

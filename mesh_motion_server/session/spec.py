@@ -8,7 +8,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from mesh_motion_server.errors import JournalError
+from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.settings import MethodSettings
 
 __all__ = ["SessionSpec", "StoredSpec"]
@@ -33,6 +33,8 @@ class SessionSpec:
         One of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
     owner : str
         The public key of who opened it; empty on a server without keys.
+    evaluation : {"server", "client"}
+        Who moves and judges the volume.
     """
 
     session: str
@@ -43,15 +45,17 @@ class SessionSpec:
     label: str = ""
     durability: str = "full"
     owner: str = ""
+    evaluation: str = "server"
 
 
 @dataclass(frozen=True)
 class StoredSpec:
-    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here; no owner, no key.
+    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here; no owner, no key,
+    and so with the usual evaluation.
 
     Attributes
     ----------
-    session, label, durability, owner : str
+    session, label, durability, owner, evaluation : str
     token_sha256 : str
         Hexadecimal.
     dimension, partitions : int
@@ -67,6 +71,7 @@ class StoredSpec:
     label: str
     durability: str
     owner: str = ""
+    evaluation: str = "server"
 
     @classmethod
     def of(cls, spec: SessionSpec) -> StoredSpec:
@@ -80,11 +85,23 @@ class StoredSpec:
             label=spec.label,
             durability=spec.durability,
             owner=spec.owner,
+            evaluation=spec.evaluation,
         )
 
     def admits(self, token: bytes) -> bool:
         """Whether this is the session's token; takes the same time for every wrong one."""
         return hmac.compare_digest(hashlib.sha256(token).hexdigest(), self.token_sha256)
+
+    def require_cells(self) -> None:
+        """Raise if the server has not the cells.
+
+        Raises
+        ------
+        InvalidInput
+            If the client evaluates the field.
+        """
+        if self.evaluation == "client":
+            raise InvalidInput(f"session {self.session}: its cells are with the client, not with the server")
 
     def to_bytes(self) -> bytes:
         """The file's content."""
@@ -92,6 +109,8 @@ class StoredSpec:
         values |= {"format": _FORMAT, "settings": self.settings.model_dump()}
         if not self.owner:
             del values["owner"]
+        if self.evaluation == "server":
+            del values["evaluation"]
         return json.dumps(values, indent=1, sort_keys=True, allow_nan=False).encode() + b"\n"
 
     @classmethod

@@ -25,8 +25,9 @@ from mesh_motion_server.errors import SessionError
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.quality.quality_summary import Judgement
+    from mesh_motion_server.session.partitions.meshes import MergedMesh
 
-__all__ = ["TABLE", "CommittedState", "MoveInput", "Operation", "Refusal", "State", "Trial", "admit"]
+__all__ = ["TABLE", "CommittedState", "MoveInput", "Operation", "Refusal", "State", "Trial", "admit", "durable_rows"]
 
 
 class State(StrEnum):
@@ -50,6 +51,7 @@ class Operation(StrEnum):
     UPLOAD = "UPLOAD"
     BUILD = "BUILD"
     MOVE = "MOVE"
+    JUDGE = "JUDGE"
     COMMIT = "COMMIT"
     ROLLBACK = "ROLLBACK"
     FETCH = "FETCH"
@@ -74,6 +76,7 @@ _NO_MESH = Refusal("no mesh has been uploaded", "send UPLOAD first")
 _NOT_BUILT = Refusal("the mesh is not built yet", "send UPLOAD and BUILD first")
 _BUILT = Refusal("the mesh is already built", "open another session for another mesh")
 _NO_TRIAL = Refusal("there is no trial to commit", "send MOVE first")
+_NOT_MOVED = Refusal("there is no trial to judge", "send MOVE first")
 _COMMITTING = Refusal("a commit is being made durable", "wait for its reply")
 _SUSPENDED = Refusal("the session is suspended: no holder was heard within the lease", "send JOIN again")
 _FROZEN = Refusal(
@@ -117,11 +120,11 @@ TABLE: Mapping[State, Row] = MappingProxyType(
             _BUILT,
             _staying(_S.READY, _O.JOIN, _O.STATUS, _O.FETCH, _O.ROLLBACK, _O.RESUME)
             | {_O.MOVE: _S.TRIAL, _O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
-            {_O.COMMIT: _NO_TRIAL},
+            {_O.JUDGE: _NOT_MOVED, _O.COMMIT: _NO_TRIAL},
         ),
         _S.TRIAL: _row(
             _BUILT,
-            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE)
+            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE, _O.JUDGE)
             | _staying(_S.READY, _O.COMMIT, _O.ROLLBACK, _O.RESUME)
             | {_O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
         ),
@@ -174,10 +177,13 @@ class CommittedState:
         0 for the mesh as uploaded.
     points : (n, d) array, mesh length unit
         Coordinates in the session's canonical node order; read-only.
+    coefficients : (r, d) array, optional
+        Of the field, if the client evaluates it.
     """
 
     step: int
     points: NDArray[np.float64]
+    coefficients: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +212,10 @@ class Trial:
     points : (n, d) array, mesh length unit
         Trial coordinates in canonical order; read-only.
     quality : QualitySummary or None
-        Of ``points``, where the Move has judged these very coordinates.
+        Of ``points``, where the Move or a Judge has judged these very coordinates.
     input : MoveInput
+    coefficients : (r, d) array, optional
+        Of the field, if the client evaluates it.
     """
 
     step: int
@@ -215,3 +223,10 @@ class Trial:
     points: NDArray[np.float64]
     quality: Judgement | None
     input: MoveInput
+    coefficients: NDArray[np.float64] | None = None
+
+
+def durable_rows(mesh: MergedMesh, state: CommittedState | Trial) -> NDArray[np.float64]:
+    """What a commit stores: coordinates (n, d), ascending by global id, and behind them the coefficients, if any."""
+    points = np.take(state.points, mesh.id_order, axis=0)
+    return points if state.coefficients is None else np.concatenate([points, state.coefficients])

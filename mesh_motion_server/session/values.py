@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.model import Model
@@ -40,11 +41,15 @@ class CurrentState:
 
 @dataclass(frozen=True, eq=False)
 class Built:
-    """What BUILD makes and nothing changes afterwards, and the keeper of the commits."""
+    """What BUILD makes and nothing changes afterwards, and the keeper of the commits.
+
+    ``field``: if the client evaluates it, that of the reference mesh; of all others only the coefficients differ.
+    """
 
     mesh: MergedMesh
     model: Model
     keeper: Keeper
+    field: Field | None = None
 
     @cached_property
     def faces(self) -> FaceMeasures | None:
@@ -65,6 +70,8 @@ class MoveOutcome:
         Of all its nodes, in its own order and in the frame of the request.
     faces : tuple of FaceMeasures
         Of the reference mesh and of the trial; empty where nobody asked, or in one dimension.
+    field : Field, optional
+        The displacement from the reference mesh, if the client evaluates it.
     """
 
     step: int
@@ -72,6 +79,7 @@ class MoveOutcome:
     motion: Motion
     displacements: list[Floats]
     faces: tuple[FaceMeasures, ...] = ()
+    field: Field | None = None
 
 
 @dataclass(frozen=True, eq=False)

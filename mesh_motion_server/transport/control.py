@@ -134,6 +134,7 @@ class Control:
                 "method": request.settings,
                 "label": request.label,
                 "durability": durability,
+                "evaluation": request.evaluation,
                 "owner": asked.user,
             }
         )

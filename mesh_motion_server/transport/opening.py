@@ -7,7 +7,7 @@ from mesh_motion_protocol.messages import Open
 from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.room import available_memory
-from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability
+from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability, check_evaluation
 
 __all__ = ["check_open", "check_room"]
 
@@ -45,7 +45,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
             hint="raise the server's max_session_bytes",
             details={"field": "bytes_reserved", "expected": limits.max_session_bytes, "got": request.bytes_reserved},
         )
-    MethodSettings.from_mapping(request.settings)
+    check_evaluation(request.evaluation, MethodSettings.from_mapping(request.settings))
     return check_durability(request.durability, limits.durability)
 
 

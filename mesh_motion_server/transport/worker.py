@@ -408,6 +408,7 @@ def _host(
         label=order["label"],
         durability=order["durability"],
         owner=order["owner"],
+        evaluation=order["evaluation"],
     )
     created: SessionHost = hosts.create(spec, store, limits=settings)
     return created

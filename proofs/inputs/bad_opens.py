@@ -54,6 +54,12 @@ def _unknown_setting(draft: Draft, rng: Rng) -> Names:
     return {"setting": "radius"}
 
 
+def _at_client(draft: Draft, rng: Rng) -> Names:
+    del rng
+    draft.opening["evaluation"] = "client"
+    return {"setting": "displacement"}
+
+
 def _together(first: str, **settings: Any) -> BadInput:
     """Settings that do not go together; the error names the ``first``."""
 
@@ -78,6 +84,8 @@ BAD_OPENS = (
     _field("label", "y" * 257, _VALUE),
     _field("durability", "none", _VALUE, "none"),
     _field("durability", "relaxed", _VALUE, "relaxed"),
+    _field("evaluation", "both", _VALUE, "both"),
+    BadInput("evaluation = client with a correction", "open", _at_client, _SETTINGS, ("evaluation", "displacement")),
     _field("settings", [], _HEADER),
     BadInput("an unknown setting", "open", _unknown_setting, _SETTINGS, ("radius", "support_radius")),
     *(_setting("support_radius", value) for value in (0, 0.0, -1.0, -5e-324, "1", True, math.nan, math.inf)),
@@ -86,7 +94,7 @@ BAD_OPENS = (
     *(_setting("max_enrichment_points", value) for value in (-1, 2**40, 2.5)),
     _setting("max_control_points", -1),
     *(_setting("reduction_tolerance", value) for value in (-1e-9, 1.1)),
-    *(_setting("boundary_layer_thickness", value) for value in (0.0, -math.inf)),
+    *(_setting("boundary_layer_thickness", value) for value in (-1e-300, -math.inf)),
     _setting("enrichment_radius", -0.0),
     *(_setting("basis", value) for value in ("wendland-c3", "", 2, "qb")),
     *(_setting("reduction", value) for value in ("cholesky", None)),

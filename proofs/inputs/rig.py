@@ -65,7 +65,10 @@ def opened(draft: Draft, store: SessionStore, session: str) -> Rig | ErrorReply:
         assert isinstance(request, Open)  # its header says so
         durability = check_open(request, LIMITS)
         settings = MethodSettings.from_mapping(request.settings)
-        spec = SessionSpec(session, _TOKEN, request.dimension, request.partitions, settings, request.label, durability)
+        spec = SessionSpec(
+            session, _TOKEN, request.dimension, request.partitions, settings, request.label, durability,
+            evaluation=request.evaluation,
+        )  # fmt: skip
         rig = Rig(SessionHost.create(spec, store, limits=LIMITS), request.partitions)
     except ProtocolError as error:
         return undecodable(error)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from mesh_motion_protocol.declarations import Choice, Range
-from mesh_motion_protocol.field_types import Count, Name, SessionId, Token, Uuid
+from mesh_motion_protocol.field_types import Count, Evaluation, Name, SessionId, Token, Uuid
 from mesh_motion_protocol.message import Message
 
 __all__ = [
@@ -59,6 +59,7 @@ class Open(Message):
     label: Name = ""  # shown in logs and lists
     bytes_reserved: Count = 0  # what the upload will take, all partitions; 0 = unknown
     durability: Annotated[str, Choice(("", "full", "replay", "relaxed"))] = ""  # "" = the server's default
+    evaluation: Evaluation = "server"  # who moves and judges the nodes of the volume: section 23
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

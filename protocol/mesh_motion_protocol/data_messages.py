@@ -9,10 +9,16 @@ from mesh_motion_protocol.declarations import Choice
 from mesh_motion_protocol.field_types import (
     Count,
     Digest,
+    FieldBoxes,
+    FieldCentres,
+    FieldCoefficients,
     FloatEnrichment,
     FloatMoving,
     FloatNodes,
     Frame,
+    JudgedBins,
+    JudgedCells,
+    JudgedValues,
     KnownMovingIndices,
     MovingIndices,
     Name,
@@ -37,6 +43,8 @@ __all__ = [
     "Fetched",
     "Join",
     "Joined",
+    "Judge",
+    "Judged",
     "Move",
     "Moved",
     "Rollback",
@@ -77,6 +85,7 @@ class Joined(Message):
     dimension: int = 0  # as in OPEN; 0 = the server does not say
     partitions: int = 0  # as in OPEN; 0 = the server does not say
     nodes: int = 0  # nodes of this partition once BUILT
+    evaluation: str = "server"  # as in OPEN
     moving_nodes: KnownMovingIndices = None  # as in BUILT, once BUILT
 
 
@@ -87,7 +96,8 @@ class Upload(SessionMessage):
     item        name              rows
     nodes       —                 (k, dimension) <f8 coordinates
     global_ids  —                 (k, 1) <i8; only with partitions > 1, where they are required
-    cells       the cell type     (k, nodes of the type) <i8 local node indices, 0-based
+    cells       the cell type     (k, nodes of the type) <i8 local node indices, 0-based; (k, 0) if they stay with the
+                                  client (section 23)
     patch       the patch's name  (k, 1) <i8 local node indices; ``role`` is required
     """
 
@@ -155,8 +165,37 @@ class Moved(Message):
     seconds: dict[str, float]  # solve, predict, correct, displace, total
     warnings: list[str]  # for people
     faces: dict[str, Any] = field(default_factory=dict)  # "before" and "after", where MOVE asked: section 15
+    sums: list[dict[str, Any]] = field(default_factory=list)  # of the field, where the client evaluates it: section 23
     displacement: FloatNodes  # of all nodes of the partition, since the frame of the MOVE
     enrichment_points: FloatEnrichment  # where enrichment functions were added
+    centres: FieldCentres = None  # of the field: section 23
+    boxes: FieldBoxes = None  # of the field
+    coefficients: FieldCoefficients = None  # of the field
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judge(SessionMessage):
+    """Collective: the quality of the partition's cells in the trial of ``step``, where the client judges them."""
+
+    type: ClassVar[str] = "JUDGE"
+    step: Count  # committed step + 1
+    part: dict[str, Any]  # cells, inverted, sums, minima: section 23
+    questions: list[dict[str, Any]]  # the bins that are told, the same of all partitions
+    bins: JudgedBins  # question, bin, number of values in it
+    values: JudgedValues  # question, value, how often it occurs
+    worst: JudgedCells  # type, cell, metric, size, skew, size_skew, centre
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judged(Message):
+    """The quality of all cells, or further bins that it takes."""
+
+    type: ClassVar[str] = "JUDGED"
+    step: int  # as asked
+    questions: list[dict[str, Any]]  # bins to be told beside those of the request; empty: the trial is judged
+    quality: dict[str, Any]  # as in MOVED: section 15; empty while there are questions
+    reached: bool  # the quality is at or above the threshold
+    warnings: list[str]  # for people
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -209,7 +248,11 @@ class Fetched(Message):
 
     type: ClassVar[str] = "FETCHED"
     step: int  # last committed step
+    sums: list[dict[str, Any]] = field(default_factory=list)  # as in MOVED, where the client evaluates the field
     points: FloatNodes  # coordinates of all nodes of the partition
+    centres: FieldCentres = None  # as in MOVED
+    boxes: FieldBoxes = None  # as in MOVED
+    coefficients: FieldCoefficients = None  # as in MOVED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,10 +12,17 @@ from mesh_motion_protocol.declarations import ArrayField, Choice, Length, Range
 __all__ = [
     "Count",
     "Digest",
+    "Evaluation",
+    "FieldBoxes",
+    "FieldCentres",
+    "FieldCoefficients",
     "FloatEnrichment",
     "FloatMoving",
     "FloatNodes",
     "Frame",
+    "JudgedBins",
+    "JudgedCells",
+    "JudgedValues",
     "KnownMovingIndices",
     "MovingIndices",
     "Name",
@@ -38,6 +45,7 @@ Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]
 Report = Annotated[str, Choice(("", "faces"))]
+Evaluation = Annotated[str, Choice(("server", "client"))]
 Outcome = Annotated[str, Choice(("keep", "discard"))]
 Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "periodic"))]
 
@@ -46,4 +54,12 @@ FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "
 FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
 MovingIndices = Annotated[NDArray[np.int64], ArrayField("<i8", ("moving node",))]
 KnownMovingIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("moving node",), required=False)]
+FieldCentres = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("centre", "dimension"), required=False)]
+FieldBoxes = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("box", "column"), required=False)]
+FieldCoefficients = Annotated[
+    NDArray[np.float64] | None, ArrayField("<f8", ("coefficient", "dimension"), required=False)
+]
+JudgedBins = Annotated[NDArray[np.int64], ArrayField("<i8", ("bin", "column"))]
+JudgedValues = Annotated[NDArray[np.float64], ArrayField("<f8", ("value", "column"))]
+JudgedCells = Annotated[NDArray[np.float64], ArrayField("<f8", ("cell", "column"))]
 UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False, narrow=True)]

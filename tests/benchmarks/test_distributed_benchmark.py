@@ -11,6 +11,7 @@ import pytest
 from benchmarks.distributed.cases import load
 from benchmarks.distributed.figures import Results, Row
 from benchmarks.distributed.model import ASSUMED_BANDWIDTH, CostModel
+from benchmarks.distributed.own_ranks import measured as measured_on_ranks
 from benchmarks.distributed.picture import write_picture
 from benchmarks.distributed.report import tables
 
@@ -109,3 +110,12 @@ def test_a_small_case_is_measured(tmp_path: Path) -> None:
     assert round_trip > 0
     assert bandwidth > 1e6
     assert per_task < 0.1
+
+
+@pytest.mark.slow
+def test_ranks_that_evaluate_the_field_are_measured(tmp_path: Path) -> None:
+    row = measured_on_ranks(load("M1", tmp_path), 2, "client")
+    assert 10_000 < row["sent"] < 1_000_000
+    assert 10_000 < row["received"] < 1_000_000
+    assert 0.0 < row["step"] < 60.0
+    assert row["memory"] > 1e7

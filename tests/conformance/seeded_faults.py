@@ -15,6 +15,7 @@ from mesh_motion_server.service import error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import motions
+from mesh_motion_server.session import session as session_module
 from mesh_motion_server.session.journal.durability import FullKeeper, ReplayKeeper
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
@@ -194,6 +195,21 @@ def does_not_tell_lost_steps_apart(patch):
 @fault("12-MOVE-step-next-but-one", "12-ROLLBACK-step-committed-already", "7.2-MOVE-of-another-step")
 def does_not_look_at_the_step(patch):
     patch.setattr(Session, "require_next_step", nothing)
+
+
+@fault("23.7-bad-quality-is-refused")
+def takes_any_quality(patch):
+    patch.setattr(session_module, "refuse_unacceptable", nothing)
+
+
+@fault("8-JUDGE-where-the-server-judges")
+def lets_every_client_judge(patch):
+    patch.setattr(Session, "require_client_evaluation", nothing)
+
+
+@fault("23.8-field-survives")
+def answers_the_field_at_rest(patch):
+    patch.setattr(Session, "field", lambda self, frame: self._built.field)
 
 
 @fault("7.2-MOVE-of-another-step", "7.2-trial-after-a-refused-move-commits")

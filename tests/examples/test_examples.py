@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -168,3 +170,11 @@ def test_the_script_builds_the_mesh(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(built.points, shipped.points)
         for cell_type, nodes in shipped.cells.items():
             np.testing.assert_array_equal(built.cells[cell_type], nodes)
+
+
+def test_two_processes_move_and_judge_their_own_nodes() -> None:
+    script = EXAMPLES / "own_ranks" / "ranks.py"
+    told = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=120)
+    lines = told.stdout.splitlines()
+    assert len(lines) == 5
+    assert all("13760 cells, minimum 0.9" in line for line in lines)

@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Join, Move, Rollback, Status, Upload
+from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Join, Judge, Move, Rollback, Status, Upload
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.session.state import TABLE, Operation, State
 from mesh_motion_server.session.store import SessionStore
+
+JUDGED = {"part": {}, "questions": [], "bins": np.empty((0, 3), dtype=np.int64), "values": np.empty((0, 3)),
+          "worst": np.empty((0, 8))}  # fmt: skip
 
 
 def bring(kit: Any, state: State) -> Any:
@@ -54,11 +57,13 @@ def perform(kit: Any, driver: Any, operation: Operation) -> Any:
         Operation.JOIN: {"token": kit.TOKEN},
         Operation.UPLOAD: {"item": "nodes", "rows": np.zeros((1, 2))},
         Operation.MOVE: {"step": 1, "displacement": driver.displacement(1)[0]},
+        Operation.JUDGE: {"step": 1, **JUDGED},
         Operation.COMMIT: {"step": 1},
         Operation.ROLLBACK: {"step": 1},
     }
     kinds: dict[Operation, Any] = {
         Operation.JOIN: Join, Operation.UPLOAD: Upload, Operation.BUILD: Build, Operation.MOVE: Move,
+        Operation.JUDGE: Judge,
         Operation.COMMIT: Commit, Operation.ROLLBACK: Rollback, Operation.FETCH: Fetch, Operation.STATUS: Status,
         Operation.CLOSE: Close,
     }  # fmt: skip
@@ -72,6 +77,10 @@ def test_every_cell(kit: Any, state: State, operation: Operation) -> None:
     assert driver.host.state is state
     reply = perform(kit, driver, operation)
     cell = TABLE[state][operation]
+    if operation is Operation.JUDGE:  # the server judges the cells of these sessions
+        assert reply.code == "FAILED_PRECONDITION.STATE"
+        assert driver.host.state is state
+        return
     if isinstance(cell, State):
         assert getattr(reply, "type", "") != "ERROR", reply
         assert driver.host.state is cell

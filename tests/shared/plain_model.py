@@ -54,6 +54,7 @@ class PlainModel:
             support_radius=1.0,
             sub_steps=1,
             warnings=list(self.motion_warnings),
+            field=None,
         )
 
     def of_all(self, displacement):

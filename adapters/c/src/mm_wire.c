@@ -432,10 +432,11 @@ typedef struct {
 typedef struct {
     const char *name;
     char item; /* 'f' or 'i' */
-    int axes, optional;
+    int columns; /* 0: it has one axis; else the longest that the second one may be */
+    int optional;
 } array_rule;
 
-#define MOST_FIELDS 8
+#define MOST_FIELDS 9
 typedef struct {
     const char *type;
     field_rule fields[MOST_FIELDS];
@@ -448,6 +449,10 @@ typedef struct {
 #define BYTES(name, size) {name, MMI_BYTES, -1, 0, size}
 #define MAP(name) {name, MMI_MAP, -1, 0, 0}
 #define LIST(name, of) {name, MMI_ARRAY, of, 0, 0}
+
+/* of a field that the client evaluates (section 23) */
+#define FIELD_SUMS {"sums", MMI_ARRAY, MMI_MAP, 1, 0}
+#define FIELD_ARRAYS {"centres", 'f', 3, 1}, {"boxes", 'f', 8, 1}, {"coefficients", 'f', 3, 1}
 
 static const reply_rule RULES[] = {
     {"WELCOME",
@@ -465,10 +470,10 @@ static const reply_rule RULES[] = {
     {"PONG", {{0}}, {{0}}},
     {"JOINED",
      {TEXT("state"), INTEGER("step"), INTEGER("iteration"), OPTIONAL_INTEGER("dimension"),
-      OPTIONAL_INTEGER("partitions"), OPTIONAL_INTEGER("nodes")},
-     {{"moving_nodes", 'i', 1, 1}}},
+      OPTIONAL_INTEGER("partitions"), OPTIONAL_INTEGER("nodes"), {"evaluation", MMI_TEXT, -1, 1, 0}},
+     {{"moving_nodes", 'i', 0, 1}}},
     {"UPLOADED", {INTEGER("rows_total")}, {{0}}},
-    {"BUILT", {INTEGER("step"), MAP("settings"), MAP("mesh"), MAP("quality")}, {{"moving_nodes", 'i', 1, 0}}},
+    {"BUILT", {INTEGER("step"), MAP("settings"), MAP("mesh"), MAP("quality")}, {{"moving_nodes", 'i', 0, 0}}},
     {"MOVED",
      {INTEGER("step"),
       INTEGER("iteration"),
@@ -477,11 +482,19 @@ static const reply_rule RULES[] = {
       MAP("caches"),
       {"seconds", MMI_MAP, MMI_NUMBER, 0, 0},
       LIST("warnings", MMI_TEXT),
-      {"faces", MMI_MAP, -1, 1, 0}},
-     {{"displacement", 'f', 2, 0}, {"enrichment_points", 'f', 2, 0}}},
+      {"faces", MMI_MAP, -1, 1, 0},
+      FIELD_SUMS},
+     {{"displacement", 'f', 3, 0}, {"enrichment_points", 'f', 3, 0}, FIELD_ARRAYS}},
+    {"JUDGED",
+     {INTEGER("step"),
+      LIST("questions", MMI_MAP),
+      MAP("quality"),
+      {"reached", MMI_FLAG, -1, 0, 0},
+      LIST("warnings", MMI_TEXT)},
+     {{0}}},
     {"COMMITTED", {INTEGER("step"), INTEGER("durable_step"), BYTES("digest", 32), MAP("quality")}, {{0}}},
     {"ROLLED_BACK", {INTEGER("step")}, {{0}}},
-    {"FETCHED", {INTEGER("step")}, {{"points", 'f', 2, 0}}},
+    {"FETCHED", {INTEGER("step"), FIELD_SUMS}, {{"points", 'f', 3, 0}, FIELD_ARRAYS}},
     {"STATUS_REPORT",
      {TEXT("state"), INTEGER("step"), INTEGER("iteration"), LIST("waiting_for", MMI_INTEGER), MAP("report"),
       OPTIONAL_INTEGER("durable_step")},
@@ -564,12 +577,13 @@ static const char *read_array(mmi_reply *reply, uint32_t declared, const reply_r
     if (!array->width) {
         return "an array has another dtype";
     }
-    if (nodes[shape].kind != MMI_ARRAY || nodes[shape].count != (uint32_t)known->axes
+    if (nodes[shape].kind != MMI_ARRAY || nodes[shape].count != (known->columns ? 2u : 1u)
         || !read_axis(&nodes[shape + 1], &array->rows)) {
         return "an array has another shape";
     }
-    if (known->axes == 2
-        && (!read_axis(&nodes[shape + 2], &array->columns) || array->columns < 1 || array->columns > 3)) {
+    if (known->columns
+        && (!read_axis(&nodes[shape + 2], &array->columns) || array->columns < 1
+            || array->columns > (size_t)known->columns)) {
         return "an array has another shape";
     }
     array->name = known->name;

@@ -2,7 +2,7 @@
 
 Every request has an id; what was sent twice executes once. When the connection ends, PROBE tells whether the worker
 lives: then the request is sent again on a new connection. If the worker is gone, the session is resumed from its
-journal and the request is sent again; a COMMIT whose trial is lost is preceded by the MOVE that made it.
+journal and the request is sent again; where a trial is lost, the MOVE that made it, and its JUDGE, come first.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class Courier:
     ----------
     step, iteration : int
         The last step known to be committed, and how many moves were made since.
-    trial : Move or None
-        The MOVE that made the open trial.
+    trial : tuple of requests
+        The MOVE that made the open trial, and the JUDGE that completed it where the client judges.
     may_resume : bool
         Whether this partition may resume the session by itself when its worker is gone: it is built, and nobody else
         takes part.
@@ -74,7 +74,7 @@ class Courier:
         self, control: Control, credentials: Credentials, partition: int, *, shares_memory: bool = False
     ) -> None:
         self.step = self.iteration = 0
-        self.trial: Move | None = None
+        self.trial: tuple[SessionMessage, ...] = ()
         self.may_resume = False
         self._control = control
         self._credentials = credentials
@@ -126,7 +126,7 @@ class Courier:
         known = self.step
         if step >= known:
             return
-        self.step, self.iteration, self.trial, self._unanswered = step, 0, None, None
+        self.step, self.iteration, self.trial, self._unanswered = step, 0, (), None
         raise StepsLost(
             f"step {known} was committed, but after a restart the session stands at step {step}",
             hint="go on from session.step: the same moves and commits give the same coordinates again",
@@ -157,7 +157,7 @@ class Courier:
             except Unavailable:
                 raise
             except MeshMotionError as error:
-                if error.code != "ABORTED.TRIAL_LOST" or self.trial is None:
+                if error.code != "ABORTED.TRIAL_LOST" or not self.trial:
                     self._unanswered = None
                     raise
                 broken = self._repeat_trial(deadline)
@@ -189,12 +189,11 @@ class Courier:
         return reply
 
     def _repeat_trial(self, deadline: float) -> ConnectionLost | None:
-        """Make the lost trial again: a MOVE is a pure function of the committed state."""
-        if self.trial is None:
-            return None
-        self._sequence += 1
+        """Make the lost trial again: MOVE, and JUDGE if there was one, are functions of the committed state."""
         try:
-            self._request(replace(self.trial, sequence=self._sequence), deadline)
+            for request in self.trial:
+                self._sequence += 1
+                self._request(replace(request, sequence=self._sequence), deadline)
         except ConnectionLost as error:
             self.disconnect()
             return error

@@ -86,6 +86,7 @@ class Server:
         partition: int = 0,
         label: str = "",
         durability: str | None = None,
+        evaluation: str = "server",
         announce: Callable[[Credentials], None] | None = None,
     ) -> Session:
         """Open a session and upload its mesh.
@@ -104,6 +105,9 @@ class Server:
             What a commit waits for; "" is the server's default, None what :func:`connect` was given. "full" and
             "replay" lose nothing that was committed; "relaxed" may lose the steps behind ``session.durable_step``,
             and says so by :class:`~.errors.StepsLost`.
+        evaluation : {"server", "client"}
+            Who moves and judges the nodes of the volume. "client": only the boundary is uploaded, and this process
+            evaluates the field that each move answers; it needs ``mesh-motion-server[server]`` here.
         announce : callable, optional
             Called with the credentials before the upload: with several partitions, hand them to the others, who call
             :meth:`join`; the upload ends when all have sent their part.
@@ -119,7 +123,7 @@ class Server:
         while True:
             attempts -= 1
             try:
-                return self._open(mesh, settings, partitions, partition, label, durability, announce)
+                return self._open(mesh, settings, partitions, partition, label, durability, evaluation, announce)
             except (Unavailable, SessionError) as error:
                 # NOT_FOUND of what was just opened: the server was started again before it was built
                 gone = isinstance(error, Unavailable) or error.code == "NOT_FOUND"
@@ -134,6 +138,7 @@ class Server:
         partition: int,
         label: str,
         durability: str | None,
+        evaluation: str,
         announce: Callable[[Credentials], None] | None,
     ) -> Session:
         opened = self._connected.ask(
@@ -144,8 +149,9 @@ class Server:
             partitions=partitions,
             settings=dict(settings or {}),
             label=label,
-            bytes_reserved=mesh.nbytes if partitions == 1 else 0,
+            bytes_reserved=mesh.nbytes if partitions == 1 and evaluation == "server" else 0,
             durability=self._durability if durability is None else durability,
+            evaluation=evaluation,
         )
         session = self._session(Credentials(opened.session, opened.token), partition)
         with _closing_on_error(session, "discard"):
@@ -156,7 +162,10 @@ class Server:
         return session
 
     def join(self, credentials: Credentials, mesh: Mesh | None = None, *, partition: int) -> Session:
-        """Join a session that another partition opened or resumed; with ``mesh``, upload this partition's part."""
+        """Join a session that another partition opened or resumed; with ``mesh``, upload this partition's part.
+
+        A session that is built needs no mesh, except one whose volume the client evaluates.
+        """
         deadline = time.monotonic() + self._timeout
         fields = {"session": credentials.session, "token": credentials.token}
         while True:
@@ -171,18 +180,25 @@ class Server:
         session = self._session(credentials, partition)
         with _closing_on_error(session, "keep"):
             joined = session.join(probed.endpoint, probed.epoch)
-            if mesh is not None:
+            if mesh is not None and joined.moving_nodes is None:
                 session.upload(mesh, joined.partitions)
+            elif mesh is not None:
+                session.take_again(mesh)
         return session
 
-    def resume(self, credentials: Credentials, *, partition: int = 0) -> Session:
-        """Take a session up again at its last committed step; earlier holders are fenced off."""
+    def resume(self, credentials: Credentials, mesh: Mesh | None = None, *, partition: int = 0) -> Session:
+        """Take a session up again at its last committed step; earlier holders are fenced off.
+
+        ``mesh`` is that of the partition as it was opened: needed where the client evaluates the volume.
+        """
         fields = {"session": credentials.session, "token": credentials.token}
         resumed = self._connected.ask(Resume, Resumed, self._compute_timeout, **fields)
         session = self._session(credentials, partition)
         with _closing_on_error(session, "keep"):
             session.join(resumed.endpoint, resumed.epoch)
             session.durable_step = resumed.step
+            if mesh is not None:
+                session.take_again(mesh)
         return session
 
     def sessions(self) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -20,6 +20,8 @@ from mesh_motion_protocol.messages import (
     Fetch,
     Fetched,
     Joined,
+    Judge,
+    Judged,
     Move,
     Rollback,
     RolledBack,
@@ -36,6 +38,7 @@ from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError
 from mesh_motion_client.mesh import Mesh, finite_rows
 from mesh_motion_client.moved import Moved
+from mesh_motion_client.volume import Volume
 
 __all__ = ["Frame", "Report", "Session"]
 
@@ -92,6 +95,8 @@ class Session(Described):
         self.quality: dict[str, Any] = {}
         self._patches: dict[str, NDArray[np.int64]] = {}
         self._mesh: Mesh | None = None
+        self._evaluation = "server"
+        self._volume: Volume | None = None
         self._control = control
         self._courier = Courier(control, credentials, partition, shares_memory=shares_memory)
         self._timeout = timeout
@@ -145,7 +150,8 @@ class Session(Described):
         Raises
         ------
         QualityRefused
-            If no acceptable mesh was found; the session is as before.
+            If no acceptable mesh was found; the session is as before, except that an earlier trial is lost where the
+            client evaluates the volume.
         InvalidInput, SessionError, Unavailable, Timeout
             Timeout too if the server gave up.
         """
@@ -159,9 +165,32 @@ class Session(Described):
             compute_limit_ms=math.ceil(1000 * compute_limit),
             displacement=self._rows(displacements),
         )
-        moved = self._courier.deliver(move, messages.Moved, timeout or self._compute_timeout)
-        self._courier.trial, self._courier.iteration = replace(move, compute_limit_ms=0), moved.iteration
-        return Moved(**vars(moved), mesh=self._mesh, is_total=frame == "reference")
+        seconds = timeout or self._compute_timeout
+        volume = self._volume_if_here()
+        moved = self._courier.deliver(move, messages.Moved, seconds)
+        self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
+        told = vars(moved)
+        if volume is not None:
+            displacement = volume.displacement(moved)
+            judged = self._judged(volume.judge(displacement, moved.quality["metric"]), seconds)
+            told = told | {
+                "displacement": displacement,
+                "quality": judged.quality,
+                "correction": moved.correction | {"reached": judged.reached},
+                "warnings": [*moved.warnings, *judged.warnings],
+            }
+        return Moved(**told, mesh=self._mesh, is_total=frame == "reference")
+
+    def _judged(self, fields: Callable[[list[dict[str, Any]]], dict[str, Any]], seconds: float) -> Judged:
+        """Tell what this partition's cells are like, until the server asks for nothing more."""
+        questions: list[dict[str, Any]] = []
+        while True:
+            judge = Judge(**self._address, step=self.step + 1, **fields(questions))
+            judged = self._courier.deliver(judge, Judged, seconds)
+            if not judged.questions:
+                self._courier.trial = (*self._courier.trial, judge)
+                return judged
+            questions += judged.questions
 
     def commit(self, *, final_step: int = 0, timeout: float | None = None) -> Committed:
         """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
@@ -180,7 +209,7 @@ class Session(Described):
         """
         commit = Commit(**self._address, step=self.step + 1, final_step=final_step)
         committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
-        self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, None
+        self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, ()
         self.durable_step = committed.durable_step
         return committed
 
@@ -188,12 +217,13 @@ class Session(Described):
         """Drop the trial."""
         rollback = Rollback(**self._address, step=self.step + 1)
         self._courier.deliver(rollback, RolledBack, timeout or self._compute_timeout)
-        self._courier.iteration, self._courier.trial = 0, None
+        self._courier.iteration, self._courier.trial = 0, ()
 
     def points(self, what: Frame = "committed", *, timeout: float | None = None) -> NDArray[np.float64]:
         """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
-        fetch = Fetch(**self._address, what=what)
-        return self._courier.deliver(fetch, Fetched, timeout or self._timeout).points
+        fetch, volume = Fetch(**self._address, what=what), self._volume_if_here()
+        fetched = self._courier.deliver(fetch, Fetched, timeout or self._timeout)
+        return fetched.points if volume is None else volume.coordinates(fetched)
 
     def status(self, *, timeout: float | None = None) -> StatusReport:
         """Where the session stands: state, step, iteration, counters."""
@@ -255,22 +285,66 @@ class Session(Described):
         """Connect to the worker; a session that is built is then ready for use."""
         joined = self._courier.join(endpoint, epoch, self._timeout)
         self.dimension, self._courier.step, self._courier.iteration = joined.dimension, joined.step, joined.iteration
+        self._evaluation = joined.evaluation
         if joined.moving_nodes is not None:
-            self.moving_nodes = joined.moving_nodes
+            self.moving_nodes = self._in_mesh(joined.moving_nodes)
             self._courier.may_resume = joined.partitions == 1
         return joined
 
     def upload(self, mesh: Mesh, partitions: int) -> Built:
         """Send the mesh and wait until all partitions have sent theirs and the server has checked the whole."""
-        for part in mesh.parts(**self._courier.address):
+        self.take(mesh)
+        for part in (self._volume or mesh).parts(**self._courier.address):
             self._courier.deliver(part, Uploaded, self._timeout)
         built = self._courier.deliver(Build(**self._courier.address), Built, self._compute_timeout)
-        self.moving_nodes = built.moving_nodes
+        self.moving_nodes = self._in_mesh(built.moving_nodes)
         self._courier.may_resume = partitions == 1
         self.settings, self.mesh_report, self.quality = built.settings, built.mesh, built.quality
+        return built
+
+    def take(self, mesh: Mesh) -> None:
+        """Know the mesh of this partition, as it was opened with."""
+        if self._evaluation == "client":
+            self._volume = Volume(mesh)
         self._mesh = mesh
         self._patches = {name: patch.nodes for name, patch in mesh.patches.items() if patch.role == "moving"}
-        return built
+
+    def take_again(self, mesh: Mesh) -> None:
+        """Know the mesh of a session that was opened before.
+
+        Raises
+        ------
+        InvalidInput
+            If it is another one.
+        """
+        self.take(mesh)
+        nodes = slice(None) if self._volume is None else self._volume.nodes
+        fetch = Fetch(**self._address, what="reference")
+        if not np.array_equal(self._courier.deliver(fetch, Fetched, self._timeout).points, mesh.points[nodes]):
+            raise InvalidInput(
+                "the mesh is not the one that this session was opened with",
+                hint="give the same points, cells and patches in the same order",
+            )
+        self.moving_nodes = self._in_mesh(self.moving_nodes)
+
+    def _in_mesh(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Nodes (k,) as numbered in the mesh, not in what was uploaded of it."""
+        return nodes if self._volume is None else self._volume.nodes[nodes]
+
+    def _volume_if_here(self) -> Volume | None:
+        """The volume, where the client evaluates it.
+
+        Raises
+        ------
+        InvalidInput
+            If it must be known, and is not.
+        """
+        if self._evaluation == "client" and self._volume is None:
+            raise InvalidInput(
+                "the volume of this session stays with the client, and the mesh is not known here",
+                hint="give the mesh: server.resume(credentials, mesh), or server.join(credentials, mesh, partition=…)",
+            )
+        return self._volume
 
     @property
     def _address(self) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
     basis = _checked_basis(method, points.shape[1])
-    if method.boundary_layer_thickness is not None and points.shape[1] == 1:
+    if method.boundary_layer_thickness and points.shape[1] == 1:
         raise _unfit(
             "boundary_layer_thickness",
             "boundary_layer_thickness: expected a mesh in 2D or 3D, got one in 1D",
@@ -102,7 +102,7 @@ def _check_lengths(method: Method, points: NDArray[np.float64]) -> None:
     extent = float(np.ptp(bounding_box(points), axis=0).max())
     for name in ("support_radius", "enrichment_radius", "boundary_layer_thickness"):
         length = getattr(method, name)
-        if length is not None and not extent / _EXTENTS <= length <= extent * _EXTENTS:
+        if length and not extent / _EXTENTS <= length <= extent * _EXTENTS:
             raise _unfit(
                 name,
                 f"{name} = {length!r}: expected {1 / _EXTENTS:.0e} to {_EXTENTS:.0e} times the extent of the mesh, "

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.correction.correction import Correction
 from mesh_motion_server.numerics.interpolation.factor_source import CacheReport
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = ["Motion"]
@@ -40,6 +41,8 @@ class Motion:
     warnings : list of str
     sub_steps : int
         Legs in which the mesh was led there; 1 for a direct motion.
+    field : Interpolant or TwoScaleInterpolant, optional
+        The displacement anywhere, if the volume lies elsewhere: then the qualities are not known.
     """
 
     points: NDArray[np.float64]
@@ -53,3 +56,4 @@ class Motion:
     support_radius: float
     warnings: list[str]
     sub_steps: int = 1
+    field: AnyInterpolant | None = None

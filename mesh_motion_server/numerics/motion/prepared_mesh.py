@@ -116,7 +116,7 @@ class PreparedMesh:
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
         motion = StandardMotion.build(points, cells, patches, method, evaluator)
-        if motion.layer is None and method.boundary_layer_thickness is not None:
+        if motion.layer is None and method.boundary_layer_thickness:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
         smooth, never_free = None, held_with(held, motion.layer)
         if method.correction_in_time == "smooth" and not never_free.all():

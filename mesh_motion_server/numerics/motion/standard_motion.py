@@ -148,7 +148,7 @@ class StandardMotion:
             sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
         layer = None
-        if method.boundary_layer_thickness is not None:
+        if method.boundary_layer_thickness:
             thickness = method.boundary_layer_thickness
             layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
         plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()), evaluator)

@@ -28,7 +28,7 @@ from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality, quality_extremes, reference_sizes
 from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 
-__all__ = ["CheckedMesh", "check_mesh", "checked_mesh", "suggest_support_radius"]
+__all__ = ["CheckedMesh", "check_mesh", "checked_cells", "checked_mesh", "suggest_support_radius"]
 
 # A smaller skew is 0 but for rounding; cells of a boundary layer with aspect ratio 10⁶ have 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
@@ -88,12 +88,8 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
         ``.MESH`` for an extent outside the floating-point range and for patches (unknown role, no or repeated nodes, no
         moving patch).
     """
-    _check_points(points, cells.dimension)
-    _check_extent(points)
-    _check_indices(len(points), cells)
-    listed, read = cells, oriented(points, cells)
+    listed, read = cells, checked_cells(points, cells)
     cells, sizes = read.cells, read.sizes
-    _check_geometry(points, cells, sizes)
     check_patches(len(points), patches)
     boundary = _boundary_of(points, listed, read)
     checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
@@ -101,6 +97,16 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     odd = [*read.warnings, *_coincident(pairs), *_orphans(len(points), cells)]
     resting = nodes_behind_fixed(len(points), cells, boundary, patches)
     return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches, resting)], resting, pairs)
+
+
+def checked_cells(points: NDArray[np.float64], cells: CellTable) -> OrientedCells:
+    """Refuse unusable points (n, d) and cells, in particular inverted and flat ones; errors as above."""
+    _check_points(points, cells.dimension)
+    _check_extent(points)
+    _check_indices(len(points), cells)
+    read = oriented(points, cells)
+    _check_geometry(points, read.cells, read.sizes)
+    return read
 
 
 def _check_points(points: NDArray[np.float64], dimension: int) -> None:

@@ -39,7 +39,7 @@ class Foundation:
     spec, mesh : bytes
         sha256 of the files that hold them.
     nodes, dimension : int
-        Shape of one committed state.
+        Shape of one committed state; where the client evaluates the field, its coefficients count as nodes.
     record_area : int
         Bytes at a slot's start for the copy of its record.
     durability : str

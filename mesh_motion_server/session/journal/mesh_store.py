@@ -1,7 +1,8 @@
 """A session's mesh as its partitions uploaded it, in one immutable file.
 
 ``mesh.bin``: magic "MMMESH" 01 0a, the header's length (8 bytes, little-endian), the header (a msgpack list with one
-map per partition: nodes, dimension, cells {type: rows}, patches {name: [role, rows]}), zeros up to a multiple of 8,
+map per partition: nodes, dimension, cells {type: rows}, or counted {type: rows} where the cells stay with the client,
+patches {name: [role, rows]}), zeros up to a multiple of 8,
 then per partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name
 (64-bit integers). Its sha256 stands in the journal's first record.
 """
@@ -92,12 +93,17 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
 
 def _describe(partition: PartitionMesh) -> dict[str, Any]:
     """One partition's map in the header."""
-    return {
+    described: dict[str, Any] = {
         "nodes": partition.points.shape[0],
         "dimension": partition.points.shape[1],
-        "cells": {name: sum(map(len, partition.cell_pieces(name))) for name in partition.cells},
+        "cells": {},
         "patches": {name: [patch.role, len(patch.nodes)] for name, patch in partition.patches.items()},
     }
+    for name in partition.cells:
+        pieces = partition.cell_pieces(name)
+        key = "cells" if any(piece.size for piece in pieces) or not pieces else "counted"
+        described.setdefault(key, {})[name] = sum(map(len, pieces))
+    return described
 
 
 def _count(partition: PartitionMesh) -> int:
@@ -112,7 +118,7 @@ def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
     cells = [piece for name in partition.cells for piece in partition.cell_pieces(name)]
     numbers = [partition.global_ids, *cells, *(patch.nodes for patch in partition.patches.values())]
     for array, dtype in [(partition.points, "<f8"), *((array, "<i8") for array in numbers)]:
-        for start in range(0, len(array), _BLOCK_ROWS):
+        for start in range(0, len(array) if array.size else 0, _BLOCK_ROWS):
             yield np.ascontiguousarray(array[start : start + _BLOCK_ROWS], dtype=dtype)
 
 
@@ -145,6 +151,7 @@ def _restore(described: dict[str, Any], reader: _Reader) -> PartitionMesh:
         cells={
             name: reader.integers(rows * CELL_TYPES[name].n_nodes).reshape(rows, -1)
             for name, rows in described["cells"].items()
-        },
+        }
+        | {name: np.empty((rows, 0), dtype=np.int64) for name, rows in described.get("counted", {}).items()},
         patches={name: Patch(role, reader.integers(rows)) for name, (role, rows) in described["patches"].items()},
     )

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cell_order import sorted_cells
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.joining import joined
-from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh, PartitionMesh
+from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh
 from mesh_motion_server.session.partitions.ordering import canonical_order
 
-__all__ = ["merge"]
+__all__ = ["check_boundary", "merge"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -54,6 +55,46 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
         node_maps=node_maps,
         moving_local=tuple(_moving_local(partition) for partition in partitions),
         cell_origins=origins,
+    )
+
+
+def check_boundary(mesh: MergedMesh) -> None:
+    """Check that the boundary of a mesh whose cells stay with the client determines its motion.
+
+    A node on no patch may lie between partitions only, so that several hold it: how the others would move depends on
+    the cells. So does whether two nodes at the same place pass through each other.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the first offender.
+    """
+    held = np.zeros(len(mesh.points), dtype=np.int64)
+    for node_map in mesh.node_maps:
+        held[node_map] += 1
+    on_patches = np.unique(np.concatenate([patch.nodes for patch in mesh.patches.values()]))
+    held[on_patches] = 0
+    alone = np.flatnonzero(held == 1)
+    if len(alone):
+        fault, hint = (
+            f"is on the boundary and on no patch ({len(alone)} such nodes)",
+            "give it the role moving or fixed",
+        )
+        raise _undetermined(mesh, int(alone[0]), fault, hint)
+    pairs = coincident_nodes(mesh.points, on_patches)
+    if len(pairs):
+        first, other = pairs[0].tolist()
+        raise _undetermined(mesh, other, f"is at the place of that with {mesh.global_ids[first]}", "merge them")
+
+
+def _undetermined(mesh: MergedMesh, node: int, fault: str, hint: str) -> InvalidInput:
+    partition, local = mesh.locate_node(node)
+    global_id = int(mesh.global_ids[node])
+    return InvalidInput(
+        f"evaluation = 'client': the node with global id {global_id} {fault}",
+        code="INVALID_ARGUMENT.MESH",
+        hint=f"{hint}, or open the session with evaluation = 'server'",
+        details={"partition": partition, "node": local, "global_id": global_id},
     )
 
 
@@ -103,7 +144,7 @@ def _ascending(ids: Ints) -> bool:
 
 def _check_range(indices: Ints, count: int, where: str, details: dict[str, object], first_row: int = 0) -> None:
     """Every index in 0 … count - 1; the rows count from ``first_row``."""
-    if not len(indices) or (indices.min() >= 0 and indices.max() < count):
+    if not indices.size or (indices.min() >= 0 and indices.max() < count):
         return
     bad = np.argwhere((indices < 0) | (indices >= count))
     row, value = first_row + int(bad[0][0]), int(indices[tuple(bad[0])])
@@ -166,18 +207,23 @@ def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) ->
 
 def _merge_cells(
     partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints], nodes: int
-) -> tuple[CellTable, tuple[CellOrigin, ...]]:
+) -> tuple[CellTable, tuple[CellOrigin | CellCount, ...]]:
     """All cells in canonical order and where they came from, types in the order of CELL_TYPES."""
     tables: dict[str, Ints] = {}
-    origins = []
+    origins: list[CellOrigin] = []
+    counted: list[CellCount] = []
     for name in CELL_TYPES:
         pieces = [(p, piece) for p, mesh in enumerate(partitions) for piece in mesh.cell_pieces(name)]
         if not pieces:
             continue
+        if not pieces[0][1].size:  # they stay with the client
+            own = np.bincount([p for p, _ in pieces], [len(piece) for _, piece in pieces], len(partitions))
+            counted.append(CellCount(name, tuple(int(count) for count in own)))
+            continue
         tables[name], order, again = sorted_cells([(node_maps[p], piece) for p, piece in pieces], nodes)
         origins.append(_origin(name, [(p, len(piece)) for p, piece in pieces], order))
         _check_no_duplicate(again, origins[-1])
-    return CellTable.from_arrays(tables), tuple(origins)
+    return (CellTable(()), tuple(counted)) if counted else (CellTable.from_arrays(tables), tuple(origins))
 
 
 def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.integer]) -> CellOrigin:

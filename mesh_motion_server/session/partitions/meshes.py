@@ -20,7 +20,7 @@ from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 
-__all__ = ["CellOrigin", "MergedMesh", "PartitionMesh"]
+__all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,7 +39,8 @@ class PartitionMesh:
     global_ids : (n,) int64 array
         The same node has the same id in every partition; with one partition the local indices.
     cells : dict
-        Type name → (m, n_nodes) integer local node indices, or the pieces that they came in.
+        Type name → (m, n_nodes) integer local node indices, or the pieces that they came in; (m, 0) where the cells
+        stay with the client.
     patches : dict
         Name → Patch with local node indices.
     """
@@ -63,6 +64,30 @@ class CellOrigin:
     partition: NDArray[np.integer]
     local: NDArray[np.integer]
 
+    def __len__(self) -> int:
+        return len(self.local)
+
+    def place(self, row: int) -> tuple[int, int]:
+        """(partition, local index) of a cell."""
+        return int(self.partition[row]), int(self.local[row])
+
+
+@dataclass(frozen=True, eq=False)
+class CellCount:
+    """The numbers of cells of one type that stay with the client, by partition: they count through the partitions."""
+
+    type_name: str
+    counts: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return sum(self.counts)
+
+    def place(self, row: int) -> tuple[int, int]:
+        """(partition, local index) of a cell."""
+        ends = np.cumsum(self.counts)
+        partition = int(np.searchsorted(ends, row, side="right"))
+        return partition, row - int(ends[partition] - self.counts[partition])
+
 
 @dataclass(frozen=True, eq=False)
 class MergedMesh:
@@ -76,6 +101,7 @@ class MergedMesh:
     id_order : (n,) int64 array
         Canonical index of each node, ascending by global id: the order of the durable state.
     cells : CellTable
+        Empty where the cells stay with the client.
     patches : dict
         Name → Patch with canonical node indices, ascending; sorted by name.
     node_maps : tuple of (n_p,) int64 arrays
@@ -91,7 +117,7 @@ class MergedMesh:
     patches: Mapping[str, Patch]
     node_maps: tuple[Ints, ...]
     moving_local: tuple[Ints, ...]
-    cell_origins: tuple[CellOrigin, ...]
+    cell_origins: tuple[CellOrigin | CellCount, ...]
 
     @cached_property
     def moving(self) -> Ints:
@@ -110,11 +136,32 @@ class MergedMesh:
 
     def locate_cell(self, cell: int) -> tuple[int, str, int]:
         """(partition, type name, local index) of a canonical cell number."""
-        for origin, first in zip(self.cell_origins, self.cells.offsets, strict=False):
-            row = cell - first
-            if row < len(origin.local):
-                return int(origin.partition[row]), origin.type_name, int(origin.local[row])
+        first = 0
+        for origin in self.cell_origins:
+            if cell < first + len(origin):
+                partition, local = origin.place(cell - first)
+                return partition, origin.type_name, local
+            first += len(origin)
         raise IndexError(cell)
+
+    def cell_number(self, partition: int, type_name: str, local: int) -> int:
+        """Canonical number of a cell that stays with the client.
+
+        Raises
+        ------
+        IndexError
+            If the partition has no such cell.
+        """
+        first = 0
+        for origin in self.cell_origins:
+            if (
+                isinstance(origin, CellCount)
+                and origin.type_name == type_name
+                and local in range(origin.counts[partition])
+            ):
+                return first + sum(origin.counts[:partition]) + local
+            first += len(origin)
+        raise IndexError(f"partition {partition} has no cell {local} of type {type_name}")
 
     def locate_node(self, node: int) -> tuple[int, int]:
         """(lowest partition that holds it, local index there) of a canonical node index."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.session.partitions.meshes import MergedMesh
+from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh
 
 __all__ = ["UploadView", "in_senders_numbers", "upload_view"]
 
@@ -67,15 +67,16 @@ def upload_view(mesh: MergedMesh) -> UploadView:
     rank = np.empty_like(mesh.id_order)
     rank[mesh.id_order] = np.arange(len(rank))
     tables, orders = {}, []
-    for block, origin, first in zip(mesh.cells.blocks, mesh.cell_origins, mesh.cells.offsets, strict=False):
+    origins = [origin for origin in mesh.cell_origins if isinstance(origin, CellOrigin)]
+    for block, origin, first in zip(mesh.cells.blocks, origins, mesh.cells.offsets, strict=False):
         order = np.lexsort((origin.local, origin.partition))
         tables[block.type.name] = rank[block.nodes[order]]
         orders.append(first + order)
     return UploadView(
         points=mesh.points[mesh.id_order],
-        cells=CellTable.from_arrays(tables),
+        cells=CellTable.from_arrays(tables) if origins else mesh.cells,
         patches={name: Patch(patch.role, np.sort(rank[patch.nodes])) for name, patch in mesh.patches.items()},
-        cell_order=np.concatenate(orders),
+        cell_order=np.concatenate([np.empty(0, dtype=np.int64), *orders]),
         mesh=mesh,
     )
 

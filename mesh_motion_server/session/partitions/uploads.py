@@ -88,10 +88,13 @@ class MeshUpload:
     dimension, partitions : int
     byte_budget : int
         What all parts may take together.
+    evaluation : {"server", "client"}
+        With "client" cells come as rows without columns: only their number counts.
     """
 
-    def __init__(self, dimension: int, partitions: int, byte_budget: int) -> None:
+    def __init__(self, dimension: int, partitions: int, byte_budget: int, evaluation: str = "server") -> None:
         self._dimension = dimension
+        self._evaluation = evaluation
         self._budget = byte_budget
         self._piles = [_Pile() for _ in range(partitions)]
         self._added: list[_Added] = []
@@ -181,8 +184,8 @@ class MeshUpload:
     def _check(self, part: Part, partition: int, pile: _Pile) -> None:
         """Item, name, role, shape, type and finiteness of one part."""
         _check_names(part, self._dimension, pile.roles)
-        columns = {"nodes": self._dimension, "cells": CELL_TYPES[part.name].n_nodes if part.item == "cells" else 0}
-        expected = columns.get(part.item, 1)
+        of_cells = CELL_TYPES[part.name].n_nodes if part.item == "cells" and self._evaluation == "server" else 0
+        expected = {"nodes": self._dimension, "cells": of_cells}.get(part.item, 1)
         if part.rows.ndim != 2 or part.rows.shape[1] != expected:
             raise InvalidInput(
                 f"UPLOAD of {_title(part)}: expected an array of shape (k, {expected}), got {part.rows.shape}",

@@ -25,7 +25,7 @@ from mesh_motion_server.session.journal.ledger import Ledger
 from mesh_motion_server.session.journal.mesh_store import read_mesh
 from mesh_motion_server.session.listing import SPEC
 from mesh_motion_server.session.partitions.merging import merge
-from mesh_motion_server.session.partitions.meshes import MergedMesh
+from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.watch.observation.mesh_surface import Surface, cells_surface, sides_surface
 
@@ -121,13 +121,14 @@ class StoredMesh:
     JournalError
         If no mesh is stored yet, or its files do not verify.
     InvalidInput
-        If the mesh takes more than ``most_bytes``.
+        If the mesh takes more than ``most_bytes``, or its cells are with the client.
     """
 
     def __init__(self, folder: Path, most_bytes: int = 1 << 62, files: FileSystem | None = None) -> None:
         self._folder = folder
         self._files = files or PosixFileSystem()
         self._spec = StoredSpec.from_bytes(_read(folder / SPEC))
+        self._spec.require_cells()
         foundation = read_journal(folder, self._files).ledger.foundation
         _check_size(folder / "mesh.bin", most_bytes)
         self._mesh = merge(read_mesh(folder / "mesh.bin", self._files, foundation.mesh))
@@ -231,8 +232,9 @@ def _worst(quality: Floats, threshold: float) -> Ints:
 def _names(mesh: MergedMesh, cells: Ints) -> CellNames:
     """The names of the cells with these ascending numbers (c,)."""
     kind, partition, local = (np.empty(len(cells), dtype=np.int64) for _ in range(3))
-    types = tuple(origin.type_name for origin in mesh.cell_origins)
-    bounds = zip(mesh.cell_origins, mesh.cells.offsets, mesh.cells.offsets[1:], strict=False)
+    origins = [origin for origin in mesh.cell_origins if isinstance(origin, CellOrigin)]
+    types = tuple(origin.type_name for origin in origins)
+    bounds = zip(origins, mesh.cells.offsets, mesh.cells.offsets[1:], strict=False)
     for number, (origin, first, last) in enumerate(bounds):
         here = slice(*np.searchsorted(cells, [first, last]))
         rows = cells[here] - first

@@ -257,7 +257,7 @@ def the_reference_mesh_after_a_resume() -> None:
     from mesh_motion_server.session import session
     from mesh_motion_server.session.state import CommittedState
 
-    session.restore = lambda journal, _model, mesh, *_: CommittedState(journal.ledger.step, mesh.points)
+    session.restore = lambda journal, _model, mesh, *_, **_named: CommittedState(journal.ledger.step, mesh.points)
 
 
 # --- soak ---

@@ -70,7 +70,7 @@ class ExactModel(StandIn):
             correction=SimpleNamespace(
                 method="none", enrichment_points=np.zeros((0, 2)), freed_nodes=0, iterations=0
             ),
-            control_points=moving, support_radius=1.0, sub_steps=1, warnings=[],
+            control_points=moving, support_radius=1.0, sub_steps=1, warnings=[], field=None,
         )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from mesh_motion_conformance.server import (
     section_15_reports,
     section_17_errors,
     section_21_durability,
+    section_23_client_evaluation,
     vectors,
 )
 from mesh_motion_conformance.server.stage import Stage
@@ -43,6 +44,7 @@ _SUITES = (
     section_15_reports.suite,
     section_17_errors.suite,
     section_21_durability.suite,
+    section_23_client_evaluation.suite,
     vectors.suite,
 )
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HALVES", "SQUARE", "Part", "Side"]
+__all__ = ["HALVES", "OUTER", "SQUARE", "WITHOUT_VOLUME", "Part", "Side", "boundary"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Part:
         Patch → role and nodes.
     global_ids : tuple of int
         Empty with one partition.
+
+    The triangles are (m, 0) where the client keeps them (section 23).
     """
 
     points: NDArray[np.float64]
@@ -78,3 +80,16 @@ def _half(ids: list[int]) -> Part:
 SQUARE = _square()
 #: Below and above the nodes 8 … 11, which both have; the upper one uploads its nodes in falling order.
 HALVES = (_half(list(range(12))), _half(list(range(15, 7, -1))))
+#: Nodes of the square's boundary.
+OUTER = (0, 1, 2, 3, 4, 7, 8, 11, 12, 13, 14, 15)
+#: Settings that leave the volume alone (section 23).
+WITHOUT_VOLUME: dict[str, Any] = {
+    "displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0,
+    "reduction": "none", "quality_metric": "size-skew",
+}  # fmt: skip
+
+
+def boundary(rest: Side = Side("fixed", (1, 2, 3, 5, 7, 9, 10, 11))) -> Part:
+    """The boundary of the square, and the number of its cells; ``rest`` is what lies not on the moving side."""
+    kept = np.empty((len(SQUARE.triangles), 0), dtype="<i8")
+    return Part(SQUARE.points[list(OUTER)], kept, {"left": Side("moving", (0, 4, 6, 8)), "rest": rest}, OUTER)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Session", "data_endpoint"]
 
 #: What takes computing, or starts a process.
-_LONG = ("BUILD", "MOVE", "COMMIT")
+_LONG = ("BUILD", "MOVE", "JUDGE", "COMMIT")
 
 
 def data_endpoint(control: str, data: str) -> str:
@@ -80,17 +80,38 @@ class Session:
         at = self.address(partition)
         if kind in ("RESUME", "PROBE"):
             return Request(kind, {"session": self.id, "token": self.token})
-        if kind == "JOIN":
-            return Request(kind, at | {"token": self.token})
         if kind == "UPLOAD":
             fields, rows = list(self.parts[partition].uploads())[-1]
             return Request(kind, at | fields, {"rows": rows[:1]})
         if kind == "MOVE":
-            fields = at | {"step": self.step + 1, "frame": "committed"}
+            frame = "committed" if self.parts[partition].triangles.size else "reference"
+            fields = at | {"step": self.step + 1, "frame": frame}
             return Request(kind, fields, {"displacement": self.rows(partition)})
-        if kind in ("COMMIT", "ROLLBACK"):
-            return Request(kind, at | {"step": self.step + 1})
-        return Request(kind, at if kind in ("BUILD", "FETCH", "STATUS", "CLOSE") else {})
+        if kind == "JUDGE":
+            return self.judge()
+        own: dict[str, Any] = {"JOIN": {"token": self.token}}
+        own |= {name: {"step": self.step + 1} for name in ("COMMIT", "ROLLBACK")}
+        own |= {name: {} for name in ("BUILD", "FETCH", "STATUS", "CLOSE")}
+        return Request(kind, at | own[kind] if kind in own else {})
+
+    def judge(self, lowest: float = 0.5, metrics: tuple[str, ...] = ("size", "skew", "size-skew")) -> Request:
+        """A JUDGE of an only partition whose cells all have the same quality, with the bins of these metrics."""
+        cells, numbers = len(self.parts[0].triangles), range(len(metrics))
+        minima = dict.fromkeys(("size", "skew", "size-skew"), lowest)
+        sums = {name: cells * value for name, value in minima.items()}
+        fields = {
+            "step": self.step + 1,
+            "part": {"cells": cells, "inverted": 0 if lowest > 0.0 else cells, "sums": sums, "minima": minima},
+            "questions": [{"metric": name, "way": []} for name in metrics],
+        }
+        bins = [[number, int((lowest + 1.0) * 1024), cells] for number in numbers]
+        worst = [[1, cell, lowest, lowest, lowest, lowest, 0.0, 0.0] for cell in range(10)]
+        arrays = {
+            "bins": np.array(bins, dtype="<i8").reshape(-1, 3),
+            "values": np.array([[number, lowest, cells] for number in numbers], dtype="<f8").reshape(-1, 3),
+            "worst": np.array(worst, dtype="<f8"),
+        }
+        return Request("JUDGE", self.address() | fields, arrays)
 
     def rows(self, partition: int = 0, size: float = 0.01) -> NDArray[np.float64]:
         """(k, d) displacement of a partition's moving nodes: a shift that tenths and float64 do not divide evenly."""

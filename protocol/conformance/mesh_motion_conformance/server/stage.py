@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from mesh_motion_conformance.case import Unmet
 from mesh_motion_conformance.checks import answered, check_identity
 from mesh_motion_conformance.line import Ended, Line, Silence
-from mesh_motion_conformance.server.mesh import SQUARE, Part
+from mesh_motion_conformance.server.mesh import SQUARE, WITHOUT_VOLUME, Part, boundary
 from mesh_motion_conformance.server.requests import Header, Request
 from mesh_motion_conformance.server.session import Session
 from mesh_motion_conformance.show import show_frames
@@ -106,7 +106,12 @@ class Stage:
     # --- sessions ----------------------------------------------------------------------------------------------------
 
     def open(
-        self, *parts: Part, settings: dict[str, Any] | None = None, label: str = "conformance", durability: str = ""
+        self,
+        *parts: Part,
+        settings: dict[str, Any] | None = None,
+        label: str = "conformance",
+        durability: str = "",
+        evaluation: str = "",
     ) -> Session:
         """A session of its own, in state NEW and joined by all of its partitions."""
         if self._failed_openings >= _FAILED_OPENINGS:
@@ -119,6 +124,8 @@ class Stage:
             fields["settings"] = settings
         if durability:
             fields["durability"] = durability
+        if evaluation:
+            fields["evaluation"] = evaluation
         try:
             reply = answered(self.ask(Request("OPEN", fields), seconds=self.opening_seconds), "OPENED")
             session = Session(self, reply, parts)
@@ -159,6 +166,14 @@ class Stage:
                 return session
         self._sessions[key] = session = make()
         return session
+
+    def judging(self, state: str = "TRIAL") -> Session:
+        """A shared session whose client evaluates the field, READY or TRIAL."""
+
+        def opened() -> Session:
+            return self.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
+
+        return self.kept("client evaluation", opened).reach("READY").reach(state)
 
     # --- between the cases -------------------------------------------------------------------------------------------
 

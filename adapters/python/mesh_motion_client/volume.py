@@ -1,0 +1,81 @@
+"""The volume of a mesh where the client evaluates the field: the server has the boundary only.
+
+It moves nodes and judges cells with the numerics of the server's package. They are imported when the first such session
+is opened (``pip install 'mesh-motion-server[server]'``); no other part of the client needs them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.messages import Fetched, Moved, Upload
+from numpy.typing import NDArray
+
+from mesh_motion_client.errors import InvalidInput
+from mesh_motion_client.mesh import Mesh, Patch
+
+__all__ = ["Volume"]
+
+Floats = NDArray[np.float64]
+
+
+class Volume:
+    """The nodes and cells of a partition, as a rank holds them.
+
+    Parameters
+    ----------
+    mesh : Mesh
+
+    Attributes
+    ----------
+    nodes : (b,) int64 array
+        Nodes that are uploaded, ascending.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        try:
+            # an extra
+            from mesh_motion_server.distributed.field import Field  # noqa: PLC0415
+            from mesh_motion_server.distributed.rank import Rank  # noqa: PLC0415
+            from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
+        except ImportError as error:
+            raise InvalidInput(
+                f"evaluation = 'client' needs the numerics, which cannot be imported: {error}",
+                hint="pip install 'mesh-motion-server[server]'",
+            ) from error
+        self._mesh, self._field = mesh, Field
+        on_patches = [np.empty(0, dtype=np.int64), *(patch.nodes for patch in mesh.patches.values())]
+        try:
+            self._rank = Rank(mesh.points, mesh.cells, np.concatenate(on_patches))
+        except Unusable as error:
+            raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from error
+        self.nodes: NDArray[np.int64] = self._rank.nodes
+
+    def parts(self, **at: Any) -> Iterator[Upload]:
+        """The UPLOADs of the boundary, and of the number of cells of each type."""
+        mesh, nodes = self._mesh, self.nodes
+        ids = nodes if mesh.global_ids is None else mesh.global_ids[nodes]
+        patches = {name: Patch(patch.role, np.searchsorted(nodes, patch.nodes)) for name, patch in mesh.patches.items()}
+        yield from Mesh(mesh.points[nodes], {}, patches, ids).parts(**at)
+        for name, cells in mesh.cells.items():
+            yield Upload(**at, item="cells", name=name, rows=np.empty((len(cells), 0), dtype=np.int64))
+
+    def displacement(self, moved: Moved) -> Floats:
+        """(n, d) displacement of all nodes from the reference mesh."""
+        return self._rank.displacement(self._field_of(moved), moved.displacement)
+
+    def coordinates(self, fetched: Fetched) -> Floats:
+        """(n, d) coordinates of all nodes."""
+        points = self._mesh.points
+        found = points + self._rank.displacement(self._field_of(fetched), np.zeros((len(self.nodes), points.shape[1])))
+        found[self.nodes] = fetched.points
+        return found
+
+    def judge(self, displacement: Floats, metric: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
+        """Judge the cells with the nodes displaced by (n, d): gives JUDGE's fields for the questions asked."""
+        return self._rank.judge(displacement, metric)
+
+    def _field_of(self, reply: Moved | Fetched) -> Any:
+        return self._field(reply.sums, *(np.array(part) for part in (reply.centres, reply.boxes, reply.coefficients)))

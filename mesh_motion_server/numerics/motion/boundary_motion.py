@@ -1,0 +1,134 @@
+"""The motion of a boundary whose volume lies elsewhere: it gives the field, and judges nothing.
+
+The field is that of :class:`.standard_motion.StandardMotion` from the reference mesh with the whole displacement. It
+depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.numerics.correction.correction import Correction
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
+from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans
+from mesh_motion_server.numerics.mesh.patch_check import check_patches
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_server.numerics.motion.method_check import check_method
+from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
+from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
+
+__all__ = ["BoundaryMotion"]
+
+Floats = NDArray[np.float64]
+
+_ROLES = ("moving", "fixed")
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryMotion:
+    """The boundary of a mesh with its motions.
+
+    Attributes
+    ----------
+    motion : StandardMotion
+        Of the nodes of the boundary, and of those that span the box of the mesh.
+    warnings : tuple of str
+    """
+
+    motion: StandardMotion
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def build(cls, points: Floats, patches: Mapping[str, Patch], method: Method) -> Self:
+        """Check the nodes (n, d) and prepare their motions.
+
+        Raises
+        ------
+        InvalidInput
+            If a patch is unusable or has a role that needs the volume, or no node is fixed; or the method does not fit
+            the mesh.
+        """
+        check_patches(len(points), patches)
+        for name, patch in patches.items():
+            if patch.role not in _ROLES:
+                raise _needs_the_volume(f"patch {name!r} has the role {patch.role!r}, expected moving or fixed", name)
+        roles = BoundaryRoles.from_patches(patches)
+        if not len(roles.fixed):
+            raise _needs_the_volume("no node is fixed, expected at least one")
+        check_method(method, points, roles)
+        radius = method.support_radius or suggest_support_radius(points, roles)
+        method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
+        plain = StandardMotion(points, roles, method, None, None, 0.0, TwoScalePlans(()), LocalEvaluator())
+        return cls(plain.with_layer(None))
+
+    @property
+    def method(self) -> Method:
+        """The method with both radii filled in."""
+        return self.motion.method
+
+    def without_distributions(self) -> Self:
+        """The same: it judges nothing."""
+        return self
+
+    def summary(self, points: Floats) -> Judgement:
+        """Refuse to judge.
+
+        Raises
+        ------
+        SessionError
+            Always: the cells are elsewhere.
+        """
+        del points
+        raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
+
+    def move(
+        self,
+        committed: Floats,
+        targets: Floats,
+        factors: FactorSource | None = None,
+        *,
+        boundary_displacement: BoundaryDisplacement | None = None,
+    ) -> Motion:
+        """The motion of the nodes (n, d) that takes the moving ones to ``targets`` (k, d); its quality is not known."""
+        del boundary_displacement
+        check_time()
+        watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
+        trial = self.motion.trial(committed, targets, recorded, watch)
+        unknown = LowestQuality(self.method.quality_metric, Minimum(float("nan")), 0, 0, ())
+        return Motion(
+            points=trial.points,
+            standard=unknown,
+            corrected=unknown,
+            correction=Correction(trial.points, "none", float("nan"), False, np.empty((0, committed.shape[1]))),
+            reached=False,
+            seconds=watch.seconds(),
+            caches=recorded.report(),
+            control_points=trial.control_points,
+            support_radius=float(self.method.support_radius or 0.0),
+            warnings=[],
+            field=trial.field.stages[0].interpolant,
+        )
+
+    def close(self) -> None:
+        """Do nothing: it holds no resources on other machines."""
+
+
+def _needs_the_volume(what: str, patch: str = "") -> InvalidInput:
+    return InvalidInput(
+        f"evaluation = 'client': {what}",
+        code="INVALID_ARGUMENT.MESH",
+        hint="give it the role moving or fixed, or open the session with evaluation = 'server'",
+        details={"patch": patch} if patch else {},
+    )

@@ -1,0 +1,51 @@
+"""JUDGE: the ranks of a client tell what their cells are like; the session adds up, and accepts the trial or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from mesh_motion_protocol.messages import Judge, Judged
+
+from mesh_motion_server.distributed.judging import Unanswered, as_plain, heard, summary_of
+from mesh_motion_server.service.reports import quality_frame, shortened, summary_report
+from mesh_motion_server.session.journal.replies import RequestId
+from mesh_motion_server.session.session import Session
+from mesh_motion_server.session.state import Operation
+
+__all__ = ["check", "run"]
+
+
+def check(session: Session, request: Judge) -> None:
+    """Check the step and the state, and that the session's cells are with the client.
+
+    Raises
+    ------
+    SessionError
+        FAILED_PRECONDITION.STATE or .STEP; ABORTED.TRIAL_LOST.
+    InvalidInput
+        If the fields do not fit together.
+    """
+    session.require_client_evaluation()
+    session.admit(Operation.JUDGE)
+    session.require_next_step(request.step)
+    heard(vars(request), partial(session.mesh.cell_number, request.partition), partition=request.partition)
+
+
+def run(session: Session, requests: Sequence[Judge], request_ids: Sequence[RequestId]) -> list[Judged]:
+    """Add up what the partitions tell, and judge the trial; or ask for more."""
+    del request_ids
+    mesh, method = session.mesh, session.model.method
+    told = [heard(vars(one), partial(mesh.cell_number, one.partition), partition=one.partition) for one in requests]
+    reply: dict[str, Any] = {"questions": [], "quality": {}, "reached": False, "warnings": []}
+    try:
+        found = summary_of(told, method.quality_metric)
+    except Unanswered as unknown:
+        reply["questions"] = as_plain(unknown.questions)
+    else:
+        warnings = session.judge(found)
+        summary = summary_report(found, mesh)
+        reply["quality"] = quality_frame(method) | {"standard": summary, "corrected": summary}
+        reply |= {"reached": found.metric.min >= method.quality_threshold, "warnings": shortened(warnings)}
+    return [Judged(client=one.client, sequence=one.sequence, step=one.step, **reply) for one in requests]

@@ -1,0 +1,351 @@
+"""The client moves and judges the volume: bitwise what a server with the whole mesh answers, on any number of ranks."""
+
+import signal
+import threading
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
+from mesh_motion_protocol.messages import Fetch, Fetched
+
+from mesh_motion_server.cases.recorded import read_recorded
+from mesh_motion_server.distributed.split import Split
+from mesh_motion_server.errors import InvalidInput as Unusable
+from mesh_motion_server.session.inspection import inspect_session
+from mesh_motion_server.watch.observation.mesh_view import StoredMesh
+from proofs.server_process import ServerProcess
+from proofs.waiting import PATIENCE
+
+SETTINGS = {
+    "displacement": "absolute",
+    "correction": "none",
+    "sub_steps": "never",
+    "boundary_layer_thickness": 0.0,
+    "quality_report": "every-move",
+}
+#: Two with one dense matrix, two in two scales.
+MESHES = {
+    "plane": ("quad", 20),
+    "space": ("hexahedron", 10),
+    "many in plane": ("quad", 240),
+    "many": ("hexahedron", 20),
+}
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+def whole(kind, count):
+    """The mesh in one piece."""
+    box = box_mesh(kind, count)
+    cells = {block.type.name: block.nodes for block in box.cells}
+    return Mesh(box.points, cells, {"body": Patch("moving", box.body), "outer": Patch("fixed", box.outer)})
+
+
+def pieces(kind, count, ranks):
+    """The mesh in several: a node of a patch is listed by its owner only, others hold it too."""
+    box = box_mesh(kind, count)
+    split = Split.build(box.points, box.cells, ranks)
+    parts = []
+    for rank in range(ranks):
+        part = split.partition(rank)
+        own = part.nodes[part.own]
+        patches = {
+            name: Patch(role, np.searchsorted(part.nodes, np.intersect1d(own, nodes)))
+            for name, role, nodes in (("body", "moving", box.body), ("outer", "fixed", box.outer))
+        }
+        patches = {name: patch for name, patch in patches.items() if len(patch.nodes)}
+        parts.append(Mesh(part.points, {b.type.name: b.nodes for b in part.cells}, patches, part.nodes))
+    return parts
+
+
+def displacement(points, step):
+    """A bend that grows with the steps."""
+    return 0.01 * step * np.sin(3.0 * points[:, ::-1] + step)
+
+
+def drive(session, mesh, steps=2):
+    """Two moves a step; what was answered, and where the nodes are."""
+    found = []
+    for step in range(1, steps + 1):
+        for share in (0.5, 1.0):
+            moved = session.move(share * displacement(mesh.points[session.moving_nodes], step))
+        found += [moved, session.commit()]
+    return [*found, session.points()]
+
+
+def on_ranks(server, parts, work, settings=SETTINGS):
+    """``work(session, mesh)`` on each rank, in a thread of its own."""
+    opened, results, failures = threading.Event(), [None] * len(parts), []
+    shared = []
+
+    def announce(credentials):
+        shared.append(credentials)
+        opened.set()
+
+    def run(rank):
+        try:
+            with connect(server.endpoint) as client:
+                if not rank:
+                    options = {"evaluation": "client", "partitions": len(parts), "announce": announce}
+                    session = client.open(parts[0], settings, **options)
+                else:
+                    assert opened.wait(PATIENCE)
+                    session = client.join(shared[0], parts[rank], partition=rank)
+                with session:
+                    results[rank] = work(session, parts[rank])
+        except BaseException as failure:
+            failures.append(failure)
+            opened.set()
+
+    threads = [threading.Thread(target=run, args=(rank,)) for rank in range(len(parts))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(2 * PATIENCE)
+    if failures:
+        raise failures[0]
+    return results
+
+
+def assert_same_quality(found, expected):
+    for name in ("metric", "size", "skew", "size_skew"):
+        one, other = found[name], expected[name]
+        assert {k: v for k, v in one.items() if k != "mean"} == {k: v for k, v in other.items() if k != "mean"}
+        assert one["mean"] == pytest.approx(other["mean"], rel=1e-13)
+    assert (found["cells"], found["inverted"]) == (expected["cells"], expected["inverted"])
+    assert [cell["metric"] for cell in found["worst"]] == [cell["metric"] for cell in expected["worst"]]
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("mesh", MESHES)
+def test_nodes_and_quality_are_those_of_a_session_with_the_whole_mesh(server, mesh, ranks):
+    everything = whole(*MESHES[mesh])
+    with connect(server.endpoint) as client, client.open(everything, SETTINGS) as session:
+        expected = drive(session, everything)
+    parts = pieces(*MESHES[mesh], ranks) if ranks > 1 else [everything]
+    for part, found in zip(parts, on_ranks(server, parts, drive), strict=True):
+        nodes = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
+        for one, other in zip(found[:4:2], expected[:4:2], strict=True):
+            np.testing.assert_array_equal(one.displacement, other.displacement[nodes])
+            assert_same_quality(one.quality["corrected"], other.quality["corrected"])
+        for one, other in zip(found[1:4:2], expected[1:4:2], strict=True):
+            assert_same_quality(one.quality, other.quality)
+        np.testing.assert_array_equal(found[-1], expected[-1][nodes])
+
+
+def test_the_worst_cells_are_named_by_partition_and_type(server):
+    parts = pieces("quad + triangle", 20, 2)
+    found = on_ranks(server, parts, drive)
+    for cell in found[0][2].quality["corrected"]["worst"]:
+        part, displaced = parts[cell["partition"]], found[cell["partition"]][2].displacement
+        nodes = part.cells[cell["type"]][cell["cell"]]
+        np.testing.assert_allclose((part.points + displaced)[nodes].mean(axis=0), cell["centre"])
+
+
+def test_a_mesh_of_two_cell_types_and_a_basis_with_a_polynomial(server):
+    mesh = whole("quad + triangle", 20)
+    settings = SETTINGS | {"basis": "tps", "quality_metric": "size-skew"}
+    found = []
+    for evaluation in ("server", "client"):
+        with connect(server.endpoint) as client, client.open(mesh, settings, evaluation=evaluation) as session:
+            found.append(drive(session, mesh))
+    np.testing.assert_array_equal(found[0][-1], found[1][-1])
+    assert_same_quality(found[1][-2].quality, found[0][-2].quality)
+    worst = [one[-2].quality["worst"] for one in found]  # of equal cells the first ones count, in each one's own order
+    named = [{(cell["type"], cell["cell"]) for cell in one if cell["metric"] < one[-1]["metric"]} for one in worst]
+    assert named[0] == named[1]
+
+
+def test_what_is_refused_with_the_whole_mesh_is_refused_here(server):
+    settings = SETTINGS | {"refuse_below_threshold": True, "quality_threshold": 0.9}
+    mesh = whole("quad", 20)
+    refusals = []
+    with connect(server.endpoint) as client:
+        for evaluation in ("server", "client"):
+            with client.open(mesh, settings, evaluation=evaluation) as session:
+                bend = displacement(mesh.points[session.moving_nodes], 3)
+                with pytest.raises(QualityRefused) as refused:
+                    session.move(4.0 * bend)
+                refusals.append(refused.value)
+                if evaluation == "client":
+                    with pytest.raises(SessionError, match="not judged, or it was refused"):
+                        session.commit()
+                session.move(0.1 * bend)
+                assert session.commit().step == 1
+    whole_mesh, here = refusals
+    assert (here.code, here.message, here.best) == (whole_mesh.code, whole_mesh.message, whole_mesh.best)
+    assert [cell["type"] for cell in here.worst] == [cell["type"] for cell in whole_mesh.worst]
+    assert here.fraction is None
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("displacement", "relative"),
+        ("correction", "optimised"),
+        ("sub_steps", "auto"),
+        ("boundary_layer_thickness", None),
+        ("reduction", "greedy"),
+    ],
+)
+def test_a_motion_that_takes_the_volume_is_refused_at_open(server, setting, value):
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match=f"expected {setting} = ") as refused:
+        client.open(whole("quad", 10), SETTINGS | {setting: value}, evaluation="client")
+    assert refused.value.code == "INVALID_ARGUMENT.SETTINGS"
+    assert "evaluation = 'server'" in refused.value.hint
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    (lambda box: {"body": Patch("moving", box.body), "outer": Patch("slip", box.outer)}, "has the role 'slip'"),
+    (lambda box: {"body": Patch("moving", np.union1d(box.body, box.outer))}, "no node is fixed"),
+    (lambda box: {"body": Patch("moving", box.body), "outer": Patch("fixed", box.outer[1:])}, "on no patch"),
+])  # fmt: skip
+def test_a_boundary_that_takes_the_volume_is_refused_at_build(server, change, says):
+    box = box_mesh("quad", 10)
+    mesh = Mesh(box.points, {"quad": box.cells.blocks[0].nodes}, change(box))
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match=says):
+        client.open(mesh, SETTINGS, evaluation="client")
+
+
+def test_two_nodes_at_the_same_place_are_refused(server):
+    """Two squares that are joined by nothing."""
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    points = np.concatenate([square, square + np.array([1.0, 0.0])])
+    patches = {"left": Patch("moving", [0, 1, 2, 3]), "right": Patch("fixed", [4, 5, 6, 7])}
+    mesh = Mesh(points, {"quad": [[0, 1, 2, 3], [4, 5, 6, 7]]}, patches)
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="is at the place of that with 1"):
+        client.open(mesh, SETTINGS, evaluation="client")
+
+
+def test_increments_and_faces_are_refused(server):
+    mesh = whole("quad", 10)
+    with connect(server.endpoint) as client, client.open(mesh, SETTINGS, evaluation="client") as session:
+        bend = displacement(mesh.points[session.moving_nodes], 1)
+        with pytest.raises(InvalidInput, match="expected frame 'reference'"):
+            session.move(bend, frame="committed")
+        with pytest.raises(InvalidInput, match="expected report ''"):
+            session.move(bend, report="faces")
+        session.move({"body": bend})
+        session.rollback()
+        assert (session.step, session.iteration) == (0, 0)
+
+
+def raw_field(session):
+    """The committed field as it is stored."""
+    fetched = session._courier.deliver(Fetch(**session._address), Fetched, PATIENCE)
+    return fetched.coefficients.tobytes(), fetched.points.tobytes()
+
+
+@pytest.mark.parametrize("durability", ["full", "replay"])
+@pytest.mark.parametrize("mesh", ["plane", "many"])
+def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durability):
+    mesh = whole(*MESHES[mesh])
+    with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
+        session = client.open(mesh, SETTINGS, evaluation="client", durability=durability)
+        drive(session, mesh)
+        field, points = raw_field(session), session.points()
+        session.move(displacement(mesh.points[session.moving_nodes], 3))
+        server.stop(signal.SIGKILL)
+        server.start()
+        third = session.commit()  # the trial is made and judged again
+        after = raw_field(session), session.points()
+        server.stop(signal.SIGKILL)
+        server.start()
+        with connect(server.endpoint) as other, other.resume(session.credentials, mesh) as resumed:
+            assert (raw_field(resumed), resumed.points().tobytes()) == (after[0], after[1].tobytes())
+            again = resumed.move(displacement(mesh.points[resumed.moving_nodes], 2))
+            np.testing.assert_array_equal(mesh.points + again.displacement, points)
+            resumed.commit()
+            assert raw_field(resumed) == field
+            assert third.step == 3
+        session._closed = True
+        session._courier.disconnect()
+        session._control.close()
+
+
+def test_a_server_killed_between_move_and_judge_judges_the_same_trial(tmp_path, monkeypatch):
+    mesh = whole("quad", 20)
+    with (
+        ServerProcess(tmp_path) as server,
+        connect(server.endpoint) as client,
+        client.open(mesh, SETTINGS, evaluation="client") as session,
+    ):
+        expected = drive(session, mesh, 1)
+        judge = session._volume.judge
+
+        def killed_before(*given):
+            server.stop(signal.SIGKILL)
+            server.start()
+            return judge(*given)
+
+        monkeypatch.setattr(session._volume, "judge", killed_before)
+        moved = session.move(displacement(mesh.points[session.moving_nodes], 1))
+        np.testing.assert_array_equal(moved.displacement, expected[0].displacement)
+        assert session.commit().step == 2
+
+
+def test_after_kill_9_two_ranks_take_their_nodes_up_again(tmp_path):
+    parts = pieces("hexahedron", 10, 2)
+    with ServerProcess(tmp_path) as server:
+        shared = []
+
+        def begin(session, mesh):
+            shared.append(session.credentials)
+            return drive(session, mesh)[-1]
+
+        points = on_ranks(server, parts, begin)
+        server.stop(signal.SIGKILL)
+        server.start()
+        with connect(server.endpoint) as one, connect(server.endpoint) as other:
+            first = one.resume(shared[0], parts[0])
+            second = other.join(shared[0], parts[1], partition=1)
+            for session, found in zip((first, second), points, strict=True):
+                np.testing.assert_array_equal(session.points(), found)
+            step = [
+                displacement(part.points[s.moving_nodes], 2) for part, s in zip(parts, (first, second), strict=True)
+            ]
+            there = threading.Thread(target=lambda: second.move(step[1]))
+            there.start()
+            again = first.move(step[0])
+            there.join(PATIENCE)
+            np.testing.assert_array_equal(parts[0].points + again.displacement, points[0])
+            second.close()
+            first.close()
+
+
+def test_what_draws_or_repeats_a_session_says_that_its_cells_are_elsewhere(tmp_path):
+    mesh = whole("quad", 10)
+    with connect(state=tmp_path) as client, client.open(mesh, SETTINGS, evaluation="client") as session:
+        drive(session, mesh, 1)
+    folder = tmp_path / "sessions" / session.credentials.session
+    for look in (StoredMesh, read_recorded):
+        with pytest.raises(Unusable, match="its cells are with the client"):
+            look(folder)
+    assert inspect_session(folder).state == "whole"
+
+
+def test_a_resumed_session_needs_the_mesh(server):
+    mesh = whole("quad", 10)
+    with connect(server.endpoint) as client:
+        with client.open(mesh, SETTINGS, evaluation="client") as session:
+            drive(session, mesh, 1)
+        with client.resume(session.credentials) as resumed, pytest.raises(InvalidInput, match="the mesh is not known"):
+            resumed.points()
+        with pytest.raises(InvalidInput, match="the mesh is not the one"):
+            client.resume(session.credentials, whole("quad", 12))
+        with client.resume(session.credentials, mesh) as resumed:
+            resumed.move({"body": displacement(mesh.points[np.sort(mesh.patches["body"].nodes)], 2)})
+
+
+def test_an_unusable_cell_is_refused_by_its_rank(server):
+    mesh = whole("quad", 10)
+    mesh.points[
+        np.setdiff1d(np.arange(len(mesh.points)), np.concatenate([p.nodes for p in mesh.patches.values()]))[0]
+    ] += 0.5
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="inverted or degenerate"):
+        client.open(mesh, SETTINGS, evaluation="client")

@@ -1,0 +1,121 @@
+"""What ranks tell of their cells is added up exactly; what does not fit together is refused."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesh_motion_server.distributed.judging import Unanswered, as_plain, first_questions, heard, summary_of, told
+from mesh_motion_server.distributed.order_statistics import content
+from mesh_motion_server.distributed.summaries import Questions, part_of, values_of
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_server.numerics.quality.quality_summary import distribution
+
+METRIC = "size-skew"
+RANKS = (4000, 1, 700)
+
+
+def quality(count: int, seed: int) -> CellQuality:
+    """Of some cells; many of them are alike, as at rest."""
+    random = np.random.default_rng(seed)
+    size, skew = np.minimum(random.uniform(0.2, 1.3, count), 1.0), random.uniform(0.4, 1.0, count)
+    return CellQuality(size, skew, size < 0.21)
+
+
+def fields(number: int, further: Questions = ()) -> dict[str, Any]:
+    """What a rank tells."""
+    own = quality(RANKS[number], number)
+    part = part_of(
+        own, values_of(own, METRIC), np.arange(len(own)), lambda cells: np.zeros((len(cells), 3)), metric=METRIC
+    )
+    questions = (*first_questions(METRIC), *further)
+    answers = [content(own.metric(name), way) for name, way in questions]
+    return told(part, lambda cell: ("tetra", cell), questions, answers)
+
+
+def number_of(rank: int) -> Any:
+    def number(kind: str, local: int) -> int:
+        if kind != "tetra" or not 0 <= local < RANKS[rank]:
+            raise IndexError(f"no cell {local} of type {kind}")
+        return sum(RANKS[:rank]) + local
+
+    return number
+
+
+def listened(further: Questions = ()) -> list[Any]:
+    return [heard(fields(rank, further), number_of(rank), partition=rank) for rank in range(len(RANKS))]
+
+
+def test_the_quality_is_that_of_all_cells() -> None:
+    further: Questions = ()
+    found = None
+    while found is None:
+        try:
+            found = summary_of(listened(further), METRIC)
+        except Unanswered as unknown:
+            further += unknown.questions
+    assert 3 <= len(further) <= 36
+    each = [quality(count, seed) for seed, count in enumerate(RANKS)]
+    for name in ("size", "skew", METRIC):
+        expected = asdict(distribution(np.concatenate([own.metric(name) for own in each])))
+        got = asdict(found.reported["size_skew" if name == METRIC else name])
+        assert got.pop("mean") == pytest.approx(expected.pop("mean"), rel=1e-14)
+        assert got == expected
+    values = np.concatenate([own.metric(METRIC) for own in each])
+    assert [cell.number for cell in found.worst] == np.argsort(values, kind="stable")[:10].tolist()
+    assert found.inverted == sum(int(np.count_nonzero(own.inverted)) for own in each)
+
+
+def test_a_question_is_read_as_it_was_asked() -> None:
+    questions: Questions = (("size", ((-1.0, 1024.0, 7), (-0.9931640625, 2097152.0, 2047))),)
+    assert as_plain(first_questions(METRIC))[1] == {"metric": "skew", "way": []}
+    assert list(listened(questions)[0].answers) == [*first_questions(METRIC), *questions]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"part": {}},
+        {"part": {"cells": 1, "inverted": 0, "sums": {}, "minima": {}}},
+        {"part": {"cells": 4000, "inverted": 0, "sums": {"size": "much"}, "minima": {}}},
+        {"questions": [{"metric": "size"}]},
+        {"questions": [{"metric": "size", "way": [[0.0, 1.0]]}]},
+        {"bins": np.zeros((2, 2), dtype=np.int64)},
+        {"bins": np.array([[0, 2048, 4000]])},
+        {"bins": np.array([[0, -1, 4000]])},
+        {"bins": np.array([[0, 5, 4001], [0, 6, -1]])},
+        {"values": np.zeros((2, 4))},
+        {"worst": np.zeros((2, 6))},
+        {"worst": np.array([[99.0, 0, 0, 0, 0, 0, 0]])},
+        {"worst": np.array([[3.0, 4000.0, 0, 0, 0, 0, 0]])},
+        {"worst": np.array([[1e300, 0, 0, 0, 0, 0, 0]])},
+    ],
+)
+def test_what_does_not_fit_together_is_refused(change: dict[str, Any]) -> None:
+    with pytest.raises(InvalidInput, match="JUDGE of partition 0"):
+        heard(fields(0) | change, number_of(0), partition=0)
+
+
+def test_values_that_are_too_few_for_a_rank_are_refused() -> None:
+    further: Questions = ()
+    try:
+        summary_of(listened(), METRIC)
+    except Unanswered as unknown:
+        further = unknown.questions
+    told_by = [fields(rank, further) for rank in range(len(RANKS))]
+    for one in told_by:
+        last = len(one["questions"]) - 1
+        one["bins"], one["values"] = (rows[rows[:, 0] != last] for rows in (one["bins"], one["values"]))
+    with pytest.raises(InvalidInput, match="do not add up"):
+        summary_of([heard(one, number_of(rank), partition=rank) for rank, one in enumerate(told_by)], METRIC)
+
+
+def test_a_rank_without_cells_or_metrics_is_refused() -> None:
+    one = fields(1)
+    one["part"] = one["part"] | {"sums": {"size": 1.0}}
+    with pytest.raises(InvalidInput, match="sums and minima of"):
+        summary_of([heard(one, number_of(1), partition=0)], METRIC)
