@@ -68,14 +68,19 @@ def figures(t: Array, values: Array, period: float) -> Figure:
 
 
 def frequency(t: Array, values: Array, period: float) -> float:
-    """From the first to the last passage through zero upwards within the last periods; nan where there are none."""
+    """From the first to the last rise through a third of the amplitude; nan where there are none.
+
+    Two rises count only with a fall through minus a third between them: what is left of a residual is no period.
+    """
     late = t > t[-1] - PERIODS * period
     t, values = t[late], values[late]
-    up = np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0))
-    if len(up) < 2:
-        return float("nan")
-    passages = t[up] - values[up] * (t[up + 1] - t[up]) / (values[up + 1] - values[up])
-    return float((len(passages) - 1) / (passages[-1] - passages[0]))
+    level, below, rises = float(np.ptp(values)) / 6.0, False, []
+    for i in range(1, len(values)):
+        below = below or bool(values[i] < -level)
+        if below and values[i] >= level:
+            rises.append(t[i] - (values[i] - level) * (t[i] - t[i - 1]) / (values[i] - values[i - 1]))
+            below = False
+    return (len(rises) - 1) / float(rises[-1] - rises[0]) if len(rises) > 1 else float("nan")
 
 
 def read_run(folder: Path) -> dict[str, Array]:
@@ -149,8 +154,9 @@ def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
             axes.axhspan(mean - amplitude, mean + amplitude, color="0.9", zorder=0, label="published range")
             axes.grid(alpha=0.3)
         whole.set_ylabel(f"{quantity} [{UNITS[quantity]}]")
-        if quantity == "drag":
-            whole.set_ylim(mean - 3.0 * amplitude, mean + 2.0 * amplitude)
+        if quantity == "drag":  # without its way up from zero
+            for axes in (whole, late):
+                axes.set_ylim(mean - 3.0 * amplitude, mean + 2.0 * amplitude)
     end = max((run["t"][-1] for run in runs.values() if len(run["t"])), default=1.0)
     panels[3, 1].set_xlim(end - 4.0 / published["uy"][2], end)
     for axes in panels[3]:
