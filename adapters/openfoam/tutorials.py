@@ -19,6 +19,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_fsi.case import build_library, environment, mesh_motion
 from mesh_motion_fsi.errors import SetupError
 
@@ -158,7 +159,11 @@ def _write_system(system: Path, tutorial: Tutorial) -> None:
 
 def play(tutorial: Tutorial, folder: Path, ranks: int, patches: str) -> Outcome:
     """Move the mesh, with ``patches`` by the server, and check it."""
-    with mesh_motion("server" if patches else "own", None, folder.with_suffix(".server")) as server:
+
+    def start() -> EmbeddedServer:
+        return EmbeddedServer(folder.with_suffix(".server"), 120.0, ["--threads", "1"])
+
+    with mesh_motion("server" if patches else "own", None, start) as server:
         runner = prepared(tutorial, folder, environment(HERE) | server)
         if patches:
             (folder / "constant" / "dynamicMeshDict").write_text(

@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 from mesh_motion_calculix import CalculixError, Solid, flap_deck
+from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_fsi import ACCELERATIONS, Coupling, FsiError, OpenFoam, Row, Settings
 from mesh_motion_fsi.case import build_library, environment, make_case, mesh_motion
 
@@ -41,7 +42,9 @@ def run(options: argparse.Namespace) -> list[Row]:
     (out / "flap.inp").write_text(flap_deck((2, 20), young=options.young))
     settings = Settings(options.windows, options.dt, tolerance=options.tolerance)
     with (
-        mesh_motion(options.motion, options.server, out / "server") as server,
+        mesh_motion(
+            options.motion, options.server, lambda: EmbeddedServer(out / "server", 120.0, ["--threads", "1"])
+        ) as server,
         Solid(out / "flap.inp", "INTERFACE", out / "solid", dimensions=2) as solid,
         OpenFoam(out / "fluid", environment=environment(ADAPTER) | server) as fluid,
     ):

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from channel import DEPTH, FLAG, block_mesh
 from mesh_motion_calculix import CalculixError, Solid, flap_deck
+from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_fsi import Coupling, FsiError, OpenFoam, QuasiNewton, Row, Settings
 from mesh_motion_fsi.case import build_library, environment, make_case, mesh_motion
 
@@ -74,7 +75,9 @@ def run(options: argparse.Namespace) -> list[Row]:
     windows = math.ceil((options.end or case.end) / dt - 1e-9)
     settings = Settings(windows, dt, tolerance=options.tolerance, watch=(root + length, middle))
     with (
-        mesh_motion(options.motion, options.server, out / "server") as server,
+        mesh_motion(
+            options.motion, options.server, lambda: EmbeddedServer(out / "server", 120.0, ["--threads", "1"])
+        ) as server,
         Solid(out / "flag.inp", "INTERFACE", out / "solid", dimensions=2) as solid,
         OpenFoam(out / "fluid", environment=environment(ADAPTER) | server) as fluid,
     ):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-
-from mesh_motion_client.embedded import EmbeddedServer
+from typing import Protocol
 
 from mesh_motion_fsi.errors import SetupError
 
@@ -74,13 +73,22 @@ def make_case(template: Path, folder: Path, motion: str, adapter: Path, files: M
         raise SetupError(f"blockMesh failed: {done.stdout[-500:]}{done.stderr[-500:]}")
 
 
+class Server(Protocol):
+    """A running mesh-motion server; ``mesh_motion_client.embedded.EmbeddedServer`` is one."""
+
+    endpoint: str
+
+    def stop(self) -> None:
+        """End it."""
+
+
 @contextmanager
-def mesh_motion(motion: str, endpoint: str | None, state: Path) -> Iterator[dict[str, str]]:
-    """The server's address for the fluid: a given one, a private one, or none where OpenFOAM moves its mesh."""
+def mesh_motion(motion: str, endpoint: str | None, start: Callable[[], Server]) -> Iterator[dict[str, str]]:
+    """The server's address for the fluid: a given one, that of a started one, or none where OpenFOAM moves its mesh."""
     if motion != "server" or endpoint:
         yield {"MESH_MOTION_ENDPOINT": endpoint or ""}
         return
-    server = EmbeddedServer(state, 120.0, ["--threads", "1"])
+    server = start()
     try:
         yield {"MESH_MOTION_ENDPOINT": server.endpoint}
     finally:
