@@ -26,7 +26,6 @@ from mesh_motion_fsi.errors import SetupError
 HERE = Path(__file__).resolve().parent
 TUTORIALS = Path(os.environ.get("FOAM_TUTORIALS", "/usr/share/doc/openfoam-examples/examples"))
 _QUALITY = re.compile(r"Mesh non-orthogonality Max: (\S+)|Max skewness = ([^\s,]+)")
-_BAD = re.compile(r"negative|wrong oriented|severely", re.IGNORECASE)
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ class Figure:
 def figures(t: Array, values: Array, period: float) -> Figure:
     """The figures of a history (n,) over the last ``PERIODS`` periods of given length, s."""
     last = [(t > t[-1] - (k + 1) * period) & (t <= t[-1] - k * period) for k in range(PERIODS)]
-    tops, bottoms = ([extreme(values[period]) for period in last] for extreme in (np.max, np.min))
+    tops, bottoms = ([extreme(values[rows]) for rows in last] for extreme in (np.max, np.min))
     middle = float(np.mean(tops) + np.mean(bottoms)) / 2.0
     return Figure(middle, float(np.mean(tops) - np.mean(bottoms)) / 2.0, frequency(t, values - middle, period))
 
