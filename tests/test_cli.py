@@ -1,7 +1,5 @@
 """The command line as people and programs meet it: output, one-line errors, exit statuses."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """``mesh-motion convert`` as people meet it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

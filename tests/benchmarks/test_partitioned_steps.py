@@ -1,7 +1,5 @@
 """A mesh that only workers have moves as it would in one place, and nothing as large as itself travels."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

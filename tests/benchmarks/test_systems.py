@@ -1,7 +1,5 @@
 """Every system keeps the convention: boundary exact, one set of positions a step; a missing one is reported."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

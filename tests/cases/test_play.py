@@ -1,7 +1,5 @@
 """What play does with a case and with replies: through a stand-in, and once through a real server over the wire."""
 
-from __future__ import annotations
-
 import csv
 import json
 import time

@@ -1,7 +1,5 @@
 """Wrong servers: a real one with one thing broken, by name, and the cases that have to see it."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """adapters/README.md: its adapter runs as it stands, its matrix names every adapter, its links lead somewhere."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import subprocess

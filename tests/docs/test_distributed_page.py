@@ -1,7 +1,5 @@
 """docs/distributed.md: what it shows runs, what it names exists, and its tables are filled."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -3,8 +3,6 @@
 Only what no other test shows; the page names a test or a study for each of its rows.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What docs/operations.md shows is run, or checked against what it is about."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What docs/security.md shows is run."""
 
-from __future__ import annotations
-
 import re
 import socket
 import sys

@@ -1,7 +1,5 @@
 """Every study runs and shows what its page says of it; every page shows every study."""
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 from itertools import product

@@ -1,7 +1,5 @@
 """Every example is played over the wire: fewer steps where the motion is a table, the same path as a user's."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import shutil

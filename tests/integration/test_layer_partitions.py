@@ -1,7 +1,5 @@
 """A boundary layer in a mesh of two partitions, over the wire: carried as in one mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 from frame_meshes import rotation, square_frame
 from two_partitions import moved_in_two_parts

@@ -4,8 +4,6 @@ The load stub and the beam are both linear, so the coupled answer has a monolith
 mass in its own mass matrix. The partitioned run must reproduce it to the tolerance of its iterations.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import subprocess

@@ -1,7 +1,5 @@
 """A periodic mesh in two partitions over the wire: a pair's nodes may be on different ranks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from periodic_meshes import periodic_box, sector

@@ -1,7 +1,5 @@
 """A move has the same bits on any number of threads and at any vector width."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Whatever Python sends, a loop answers with a result, a TypeError or a ValueError; the process never ends."""
 
-from __future__ import annotations
-
 import importlib.util
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The tool that mutates: what it changes, and that it tells what tests notice from what they do not."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

@@ -1,7 +1,5 @@
 """Meshes made of arithmetic: a square frame of triangles or quads around a square block, and its extrusion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.mesh.cells import CellTable

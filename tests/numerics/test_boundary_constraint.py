@@ -1,7 +1,5 @@
 """Sliding nodes in the optimised correction: on their surface, within its rim, and worth it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Layers that their wall carries: exact where it moves rigidly, kept where it bends, given up where it cannot be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import box_mesh

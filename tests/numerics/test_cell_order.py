@@ -1,7 +1,5 @@
 """Cells are sorted by their node tuples, however many begin with one node, and know where they came from."""
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest

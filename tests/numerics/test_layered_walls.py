@@ -1,7 +1,5 @@
 """Layers of thin cells move with their wall where interpolation would spoil them, and only there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table of keys: its types, its ranges, and what it says of other tables."""
 
-from __future__ import annotations
-
 import pytest
 
 from mesh_motion_server.errors import InvalidInput

@@ -1,7 +1,5 @@
 """One motion end to end: what is accepted, what is refused and with what, and on what the answer depends."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any

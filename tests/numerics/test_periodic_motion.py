@@ -1,7 +1,5 @@
 """Motions of periodic meshes end to end: as a ring's sector, as a translation, in pairs, across the side as inside."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motions from few control points through the real path: exact boundaries, sliding nodes, corrections, caches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame

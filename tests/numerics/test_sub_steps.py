@@ -1,7 +1,5 @@
 """Sub-steps: legs adapt, far motions become valid, what cannot be is refused, and easy motions are not touched."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

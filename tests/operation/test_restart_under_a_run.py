@@ -1,7 +1,5 @@
 """A server that is stopped and started again under its clients: nothing is lost, and the numbers stay the same."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 A table of what is done and of what the answer must say: no traceback of something else, and no long wait.
 """
 
-from __future__ import annotations
-
 import re
 import socket
 import sys

@@ -1,7 +1,5 @@
 """The row of attacks: a few of them, and servers that fall or keep something are found."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The handlers' fuzz: it is repeatable and reaches every state and type, and handlers with bugs are found."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

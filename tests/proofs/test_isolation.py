@@ -1,7 +1,5 @@
 """The row of isolation: its judgement, servers that are not isolated, and the row itself once."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The frame of `python -m proofs`: lines, statuses, proof.json."""
 
-from __future__ import annotations
-
 import json
 import signal
 import sys

@@ -1,7 +1,5 @@
 """The state machine's row: it repeats by its seed, visits every cell, shortens what fails, and finds seeded bugs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

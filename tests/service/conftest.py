@@ -1,7 +1,5 @@
 """The builders of the session's tests, which these share."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

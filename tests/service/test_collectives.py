@@ -1,7 +1,5 @@
 """Collective requests: all partitions together, bitwise the same for any number of them, and every way to disagree."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

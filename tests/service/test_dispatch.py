@@ -1,7 +1,5 @@
 """A session's life through requests and replies: one partition, no socket."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A request executes once, however often it is sent: also over a kill and a resume."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a later coupling iteration tells of the quality: as much as the first, or what decides alone, as exact."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The real numerics behind the requests: quality, refusal, partitions and a resume, bitwise."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from types import SimpleNamespace

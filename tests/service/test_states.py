@@ -1,7 +1,5 @@
 """Every state × operation cell, through the requests themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the session's tests share: a small mesh in one piece or several, and ranks that drive a session."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """What a COMMIT says of the mesh's quality: that of the committed coordinates, judged once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

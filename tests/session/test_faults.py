@@ -1,7 +1,5 @@
 """A disk that fails at any operation: the campaign of `python -m proofs`, and seeded bugs that it must find."""
 
-from __future__ import annotations
-
 import errno
 from collections import Counter
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Inspection: what is there, what verifies, and not a byte changed."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

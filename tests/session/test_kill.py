@@ -1,7 +1,5 @@
 """kill -9 of a process that commits: the campaign of `python -m proofs` with a few kills; one process a session."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A session without requests: values are swapped as a whole, and what is given out cannot be changed."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

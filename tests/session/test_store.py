@@ -1,7 +1,5 @@
 """Folders of sessions: rights, locks, lists, and what is removed."""
 
-from __future__ import annotations
-
 import json
 import stat
 from pathlib import Path

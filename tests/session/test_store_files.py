@@ -1,7 +1,5 @@
 """The store's files: locks and handles are given back, nothing is lost without power, nothing is left without room."""
 
-from __future__ import annotations
-
 import errno
 from pathlib import Path
 from random import Random

@@ -1,7 +1,5 @@
 """Histories of sessions that never were: as long as a test needs them, and the same each time."""
 
-from __future__ import annotations
-
 import json
 import math
 import random

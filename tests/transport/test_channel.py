@@ -1,7 +1,5 @@
 """The line between the supervisor and its children: nobody waits for an end that does not read."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from typing import Any

@@ -4,8 +4,6 @@ The reference is a session of its own, moved and committed once a window with wh
 to; nothing of the repeated windows may be seen in it.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

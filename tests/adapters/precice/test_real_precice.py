@@ -1,7 +1,5 @@
 """Against preCICE itself, where it is installed: the scripts of the stub, and the tutorial."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

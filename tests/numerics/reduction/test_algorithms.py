@@ -1,7 +1,5 @@
 """What the reduction algorithms promise alike, and what tells them apart (thesis §2.2.2, §2.2.3)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reduced_motions import BOUNDARIES, field_at_nodes, problem

@@ -1,7 +1,5 @@
 """Peaks of the error, and the algorithm that takes them all (thesis Fig 2.7)."""
 
-from __future__ import annotations
-
 import numpy as np
 from reduced_motions import problem
 

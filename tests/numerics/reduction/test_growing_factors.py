@@ -1,7 +1,5 @@
 """Factors that grow with the points equal fresh ones; what is lost in rounding or too large is refused."""
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest

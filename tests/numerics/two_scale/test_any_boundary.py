@@ -1,7 +1,5 @@
 """Every set of distinct boundary nodes is interpolated with nothing set, to 1e-10 before any node is set."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

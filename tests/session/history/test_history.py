@@ -1,7 +1,5 @@
 """A session's history: all that was answered is in it, and nothing that goes wrong with it reaches the session."""
 
-from __future__ import annotations
-
 import errno
 import json
 import logging

@@ -1,7 +1,5 @@
 """The levels of durability as a session has them: what is told, what is there again, and what is refused."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The operating system's files do what the journal asks of them; the model of them does the same."""
 
-from __future__ import annotations
-
 import stat
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ A test that fails here after a change of the format asks for another format numb
 ``tests/references/journals/build_journals.py``; the stored ones stay as they are.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """The journal: exact continuation, a full manifest, truncation at every length, damage."""
 
-from __future__ import annotations
-
 import errno
 from pathlib import Path
 from typing import Any

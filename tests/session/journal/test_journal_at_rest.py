@@ -1,7 +1,5 @@
 """The journal on a model of a file system: what a failure stops, what opening repairs, syncs and gives back."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any

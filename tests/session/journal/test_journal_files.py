@@ -1,7 +1,5 @@
 """What is read of a journal's files: all of it or little of it, never written to, and given back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What records add up to: where the next state goes, what is kept, what follows and what does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The stored mesh: bitwise, and damage is found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

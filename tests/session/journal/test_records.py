@@ -1,7 +1,5 @@
 """Records: literal bytes, whole pages, and nothing damaged is read."""
 
-from __future__ import annotations
-
 import hashlib
 import struct
 

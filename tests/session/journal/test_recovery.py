@@ -1,7 +1,5 @@
 """What a crash can leave is told from what it cannot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

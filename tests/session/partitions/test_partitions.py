@@ -1,7 +1,5 @@
 """Merging: one and many partitions give identical arrays, and every disagreement is named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

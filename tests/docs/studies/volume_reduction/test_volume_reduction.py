@@ -1,7 +1,5 @@
 """What all volume reductions have in common."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from volume_problems import problem_of
