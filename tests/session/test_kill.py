@@ -4,14 +4,15 @@ import subprocess
 import sys
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import pytest
 
 from mesh_motion_server.session.store import SessionStore
 from proofs import kill_nine
 from proofs.check import BrokenPromise, Budget
+from proofs.driver import SESSION, TOKEN, make_driver, resume_driver
 from proofs.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
+from proofs.stand_in import grid_mesh
 
 
 def test_a_few_kills() -> None:
@@ -82,16 +83,16 @@ def test_lives_that_commit_nothing_end_the_campaign(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("held", [True, False])
-def test_two_processes_never_hold_one_session(kit: Any, tmp_path: Path, held: bool) -> None:
+def test_two_processes_never_hold_one_session(tmp_path: Path, held: bool) -> None:
     store = SessionStore(tmp_path)
-    driver = kit.make_driver(store, [kit.grid_mesh()])
+    driver = make_driver(store, [grid_mesh()])
     driver.open()
     if held:
         script = "import sys; from mesh_motion_server.session.store import SessionStore\n"
-        script += f"SessionStore({str(tmp_path)!r}).open({kit.SESSION!r}, {kit.TOKEN!r})"
+        script += f"SessionStore({str(tmp_path)!r}).open({SESSION!r}, {TOKEN!r})"
         result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
         assert "UNAVAILABLE" in result.stderr or "still held" in result.stderr
         driver.host.close()
     else:
         driver.host.close()
-        assert kit.resume_driver(driver, store).host.step == 0
+        assert resume_driver(driver, store).host.step == 0

@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem, write_all
+from proofs.model_files import ModelFiles, ShortFiles
 
 
 @pytest.fixture(params=["posix", "model"])
-def files(request: pytest.FixtureRequest, kit: Any) -> Any:
-    return PosixFileSystem() if request.param == "posix" else kit.files.ModelFiles()
+def files(request: pytest.FixtureRequest) -> Any:
+    return PosixFileSystem() if request.param == "posix" else ModelFiles()
 
 
 @pytest.fixture
@@ -67,8 +68,8 @@ def test_only_the_owner_may_read(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "b" / "f").stat().st_mode) == 0o600
 
 
-def test_a_write_that_takes_nothing_is_an_error(kit: Any, tmp_path: Path) -> None:
-    stuck = kit.files.ShortFiles(PosixFileSystem(), 0)
+def test_a_write_that_takes_nothing_is_an_error(tmp_path: Path) -> None:
+    stuck = ShortFiles(PosixFileSystem(), 0)
     handle = stuck.create(tmp_path / "f", 0)
     with pytest.raises(OSError, match="took no byte"):
         write_all(stuck, handle, 0, b"abc")
