@@ -91,22 +91,6 @@ def test_an_impossible_motion_is_refused_with_the_best_found(store: Any) -> None
     driver.host.close()
 
 
-@pytest.mark.parametrize("refuse", [False, True])
-def test_below_the_threshold_is_a_warning_or_a_refusal(store: Any, refuse: bool) -> None:
-    settings = {"quality_threshold": 0.95, "correction": "none", "refuse_below_threshold": refuse}
-    driver = driver_of(store, [boxed()], **settings)
-    driver.open()
-    (reply,) = driver.all(Move, bulge(driver, 0.1), step=1)
-    if refuse:
-        assert reply.code == "FAILED_PRECONDITION.QUALITY"
-        assert "below the threshold 0.95" in reply.message
-    else:
-        assert reply.type == "MOVED"
-        assert any("below the threshold" in warning for warning in reply.warnings)
-        assert not reply.correction["reached"]
-    driver.host.close()
-
-
 def test_an_inverted_cell_is_named_as_its_sender_knows_it(store: Any) -> None:
     mesh = boxed()
     inside = np.setdiff1d(np.arange(len(mesh.points)), np.concatenate([p.nodes for p in mesh.patches.values()]))

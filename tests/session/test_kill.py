@@ -1,18 +1,13 @@
 """kill -9 of a process that commits: the campaign of `python -m proofs` with a few kills; one process a session."""
 
-import subprocess
-import sys
 from pathlib import Path
 from random import Random
 
 import pytest
 
-from mesh_motion_server.session.store import SessionStore
 from proofs import kill_nine
 from proofs.check import BrokenPromise, Budget
-from proofs.driver import SESSION, TOKEN, make_driver, resume_driver
 from proofs.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
-from proofs.stand_in import grid_mesh
 
 
 def test_a_few_kills() -> None:
@@ -80,19 +75,3 @@ def test_lives_that_commit_nothing_end_the_campaign(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(kill_nine, "_LONGEST", 1e-6)
     with pytest.raises(BrokenPromise, match="after step 0, 3 lives in a row have committed nothing"):
         kill_again_and_again(tmp_path, Random(5), Budget(100))
-
-
-@pytest.mark.parametrize("held", [True, False])
-def test_two_processes_never_hold_one_session(tmp_path: Path, held: bool) -> None:
-    store = SessionStore(tmp_path)
-    driver = make_driver(store, [grid_mesh()])
-    driver.open()
-    if held:
-        script = "import sys; from mesh_motion_server.session.store import SessionStore\n"
-        script += f"SessionStore({str(tmp_path)!r}).open({SESSION!r}, {TOKEN!r})"
-        result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-        assert "UNAVAILABLE" in result.stderr or "still held" in result.stderr
-        driver.host.close()
-    else:
-        driver.host.close()
-        assert resume_driver(driver, store).host.step == 0

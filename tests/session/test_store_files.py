@@ -164,6 +164,9 @@ def test_sweeping_looks_at_every_folder_and_gives_its_locks_back(store: SessionS
     (sessions / f"{'d' * 32}.discarded").write_bytes(b"no folder, which cannot be removed as one")
     (sessions / f"{'e' * 32}.discarded").mkdir()
     held = store.create(make_spec("c" * 32))
+    with pytest.raises(SessionError) as unbuilt:
+        store.open(OTHER, TOKEN)
+    assert unbuilt.value.code == "NOT_FOUND"
     assert set(store.sweep()) == {f"{'d' * 32}.discarded", f"{'e' * 32}.discarded", "a" * 32, OTHER}
     assert in_folder(store, "c" * 32) == {"lock", "spec.json"}
     held.release()

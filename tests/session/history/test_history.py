@@ -7,7 +7,6 @@ import math
 import os
 import re
 import shutil
-import stat
 import time
 import tracemalloc
 from pathlib import Path
@@ -170,12 +169,6 @@ def test_none_is_kept_where_none_is_wanted(store: SessionStore) -> None:
     driver = new(store, limits=ServerSettings(history_bytes=0))
     driver.advance(1)
     assert not (folder_of(store) / "history").exists()
-
-
-def test_only_the_owner_may_look(store: SessionStore) -> None:
-    new(store).advance(1)
-    for path in (folder_of(store) / "history", *(folder_of(store) / "history").iterdir()):
-        assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
 
 
 # --- resumed ---------------------------------------------------------------------------------------------------------
@@ -641,7 +634,7 @@ class Failing:
         return attempt
 
 
-@pytest.mark.parametrize(("level", "stride"), [("full", 1), ("replay", 5), ("relaxed", 7)])
+@pytest.mark.parametrize(("level", "stride"), [("full", 2), ("replay", 7), ("relaxed", 11)])
 def test_whatever_fails_the_session_answers_as_ever(
     tmp_path: Path, level: str, stride: int, monkeypatch: pytest.MonkeyPatch, caplog: Any
 ) -> None:

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -299,22 +300,29 @@ def test_what_was_not_durable_is_lost_and_said_so(opened: Any, held: threading.E
     assert {step: again.advance(step)[0].digest for step in range(2, 5)} == {s: digests[s] for s in (2, 3, 4)}
 
 
-@pytest.mark.parametrize("leave", ["close", "end", "suspend", "reclaim"])
-def test_everything_is_durable_before(opened: Any, leave: str, held: threading.Event) -> None:
+LEAVE: dict[str, Callable[[Any], Any]] = {
+    "close": lambda driver: driver.ask(Close),
+    "end": lambda driver: driver.host.close(),
+    "suspend": lambda driver: driver.host.suspend(),
+    "reclaim": lambda driver: driver.host.reclaim(TOKEN),
+}
+
+
+@pytest.mark.parametrize(
+    ("leave", "failed"), [*((leave, False) for leave in LEAVE), ("close", True), ("end", True), ("suspend", True)]
+)
+def test_everything_is_durable_before(opened: Any, held: threading.Event, leave: str, failed: bool) -> None:
+    """Also of a session that failed: its thread stores step 1 while the others wait, which ending must not drop."""
     driver = opened.open("relaxed")
-    for step in range(1, 6):
-        driver.advance(step)
+    digests = [driver.advance(step)[0].digest for step in range(1, 6)]
+    if failed:
+        driver.host._session.fail()
     threading.Timer(0.3, held.set).start()
-    if leave == "close":
-        assert driver.ask(Close).step == 5
-    elif leave == "end":
-        driver.host.close()
-    elif leave == "suspend":
-        driver.host.suspend()
-    else:
-        driver.host.reclaim(TOKEN)
+    LEAVE[leave](driver)
     assert held.is_set()
-    assert inspect_session(opened.folder).step == 5
+    assert (driver.host.state == "FAILED") == (failed and leave == "suspend")
+    found = inspect_session(opened.folder)
+    assert (found.step, found.digest) == (5, digests[-1].hex())
 
 
 def test_a_disk_that_fails_in_the_background_freezes_at_once(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -350,26 +358,6 @@ def test_a_close_that_cannot_keep_is_refused_once(opened: Any, held: threading.E
     refused = driver.ask(Close)
     assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
     assert driver.ask(Close).step == 0
-
-
-@pytest.mark.parametrize("leave", ["close", "end", "suspend"])
-def test_what_was_answered_before_a_session_failed_is_kept(opened: Any, leave: str, held: Any) -> None:
-    """The thread stores step 1 while the others wait: ending must not drop them."""
-    driver = opened.open("relaxed")
-    digests = [driver.advance(step)[0].digest for step in range(1, 5)]
-    driver.host._session.fail()
-    threading.Timer(0.2, held.set).start()
-    if leave == "close":
-        assert driver.ask(Close).step == 4
-    elif leave == "end":
-        driver.host.close()
-    else:
-        driver.host.suspend()
-        assert driver.host.state == "FAILED"
-        driver.host.close()
-    again = resume_driver(driver, opened.store)
-    assert again.host._session.commits[-1].digest == digests[-1]
-    again.host.close()
 
 
 @pytest.mark.parametrize("suspended", [False, True])

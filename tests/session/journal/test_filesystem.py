@@ -1,6 +1,5 @@
 """The operating system's files do what the journal asks of them; the model of them does the same."""
 
-import stat
 from pathlib import Path
 from typing import Any
 
@@ -58,14 +57,6 @@ def test_a_lock_is_held_once(files: FileSystem, folder: Path) -> None:
         files.lock(folder / "lock")
     files.close(lock)
     files.close(files.lock(folder / "lock"))
-
-
-def test_only_the_owner_may_read(tmp_path: Path) -> None:
-    files = PosixFileSystem()
-    files.make_folder(tmp_path / "b")
-    files.close(files.create(tmp_path / "b" / "f", 1))
-    assert stat.S_IMODE((tmp_path / "b").stat().st_mode) == 0o700
-    assert stat.S_IMODE((tmp_path / "b" / "f").stat().st_mode) == 0o600
 
 
 def test_a_write_that_takes_nothing_is_an_error(tmp_path: Path) -> None:

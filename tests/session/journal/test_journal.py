@@ -123,13 +123,6 @@ def test_what_was_committed_is_read_back(tmp_path: Path, steps: int) -> None:
     journal.close()
 
 
-def test_opening_again_changes_no_byte(tmp_path: Path) -> None:
-    write(tmp_path, 3).close()
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    reopen(tmp_path).close()
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
 @pytest.mark.usefixtures("small")
 def test_a_full_manifest_is_replaced_and_stays_bounded(tmp_path: Path) -> None:
     journal = write(tmp_path, 30)
@@ -152,18 +145,6 @@ def test_sequence_numbers_and_the_chain_run_over_the_whole_life(tmp_path: Path) 
     assert [(r.sequence, r.kind) for r in found.records] == [(0, "build"), (1, "commit"), (2, "commit"), (3, "epoch")]
     assert all(b.follows(a) for a, b in zip(found.records, found.records[1:], strict=False))
     journal.close()
-
-
-def test_a_journal_of_another_format_is_not_guessed_at(tmp_path: Path) -> None:
-    write(tmp_path, 1).close()
-    with (tmp_path / "manifest").open("r+b") as file:
-        file.seek(6)
-        file.write(b"\x03")
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(JournalError, match="has format 3; this version reads the formats 1 to 2") as error:
-        reopen(tmp_path)
-    assert error.value.code == "UNIMPLEMENTED.VERSION"
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("name", ["manifest", "slot-0", "slot-1"])
@@ -209,7 +190,7 @@ def test_the_tail_torn_at_every_length(tmp_path: Path, fill: str) -> None:
     manifest = whole[tmp_path / "manifest"]
     used = len(manifest.rstrip(b"\0"))
     outcomes = {}
-    for length in range(0, used + 1, 3):
+    for length in range(0, used + 1, 7):
         padding = bytes(len(manifest) - length) if fill == "zeros" else b""
         damaged = whole | {tmp_path / "manifest": manifest[:length] + padding}
         outcomes[length] = read_back(damaged, (entry_of, state_of))
