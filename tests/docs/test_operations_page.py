@@ -38,7 +38,6 @@ def test_the_first_block_runs(tmp_path: Path) -> None:
     done = run(script, tmp_path, client.replace("127.0.0.1:7440", endpoint))
     assert done.returncode == 0, done.stderr
     commits = re.search(r"^mesh_motion_commits_total (\S+)$", done.stdout, re.MULTILINE)
-    assert commits is not None
     assert float(commits[1]) == 3
     assert "in use" not in done.stdout
     stored = sorted(path.name for path in (tmp_path / "sessions" / "sessions").iterdir())

@@ -94,14 +94,6 @@ def test_linear_motion_is_reproduced_by_conditionally_definite_bases(name, d):
     assert np.max(np.abs(interpolant.weights)) < 1e-9
 
 
-@pytest.mark.parametrize("name", USABLE)
-def test_a_common_translation_moves_its_own_points_exactly(name):
-    points = cloud(50, 2)
-    data = np.tile([0.3, -0.2], (len(points), 1))
-    got = evaluate(factorize(points, basis=name, support_radius=radius_of(name, 2)).solve(data), points)
-    assert np.max(np.abs(got - data)) < 1e-12
-
-
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_thin_plate_spline_equals_scipy(d):
     points, places = cloud(150, d), np.random.default_rng(1).random((80, d))

@@ -12,7 +12,9 @@ from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_
 from mesh_motion_server.numerics.quality.quality_summary import distribution, percentile_ranks, smallest
 
 NEAR_ONE = st.integers(0, 2000).map(lambda k: 1.0 - k * 2.0**-53)
-VALUES = st.lists(st.floats(-1, 1) | NEAR_ONE | st.sampled_from([-np.inf, 1.0, 1.0 + 2.0**-52, -1.0]), min_size=1)
+VALUES = st.lists(
+    st.floats(-1, 1) | NEAR_ONE | st.sampled_from([-np.inf, -0.0, 0.0, 0.3, 1.0, 1.0 + 2.0**-52, -1.0]), min_size=1
+)
 RANDOM = np.random.default_rng(6)
 MANY = 100_000  # enough to be sampled
 

@@ -289,6 +289,5 @@ def test_periodic_nodes_stay_pairs_in_every_leg() -> None:
     assert motion.sub_steps == 3
     assert motion.corrected.metric.min > 0.3
     periodic = model.standard_motion.periodic
-    assert periodic is not None
     step = motion.points - model.points
     np.testing.assert_allclose(step[periodic.members], step[periodic.roots], atol=1e-12)

@@ -48,7 +48,6 @@ while True:
 @contextmanager
 def process(program: str) -> Iterator[str]:
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as running:
-        assert running.stdout is not None
         yield running.stdout.readline().strip()
         running.kill()
 

@@ -130,7 +130,6 @@ def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> N
     assert asked.displacement.tobytes() == silent.displacement.tobytes()
     for name, points in (("before", mesh.points), ("after", mesh.points + asked.displacement)):
         expected, told = face_measures(points, cells), asked.faces[name]
-        assert expected is not None
         assert {key: told[key] for key in expected.numbers()} == pytest.approx(expected.numbers(), rel=1e-9)
         for face in told["worst"]:
             here, there = (set(mesh.cells["triangle"][cell["cell"]]) for cell in (face, face["neighbour"]))
@@ -150,7 +149,6 @@ def test_of_several_partitions_those_that_ask_are_told_of_all_faces(store: Any) 
         replies += driver.send(driver.request(Move, partition, step=1, displacement=rows, report=report))
     assert [bool(reply.faces) for reply in replies] == [False, True, True]
     expected = face_measures(whole.points, CellTable.from_arrays(whole.cells))
-    assert expected is not None
     told = replies[1].faces
     assert told == replies[2].faces
     assert told["before"]["faces"] == expected.faces

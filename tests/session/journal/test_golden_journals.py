@@ -4,13 +4,13 @@ A test that fails here after a change of the format asks for another format numb
 ``tests/references/journals/build_journals.py``; the stored ones stay as they are.
 """
 
-import importlib.util
 import json
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import pytest
+from loaded_scripts import loaded
 from mesh_motion_protocol.codec import encode
 
 from mesh_motion_server.errors import JournalError
@@ -30,12 +30,7 @@ STORED = sorted(str(path.relative_to(GOLDEN).with_suffix("")) for path in GOLDEN
 
 @pytest.fixture(scope="module")
 def builder() -> Any:
-    spec = importlib.util.spec_from_file_location("build_journals", GOLDEN / "build_journals.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(GOLDEN / "build_journals.py")
 
 
 @pytest.fixture(autouse=True)

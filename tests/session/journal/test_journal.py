@@ -1,6 +1,7 @@
 """The journal: exact continuation, a full manifest, truncation at every length, damage."""
 
 import errno
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,44 @@ def test_a_state_written_ahead_and_not_stored_changes_nothing(tmp_path: Path, an
     np.testing.assert_array_equal(again.read_state(), state_of(3))
 
 
+@pytest.mark.parametrize("spare", [0, 1])
+def test_a_state_is_written_once_and_a_large_one_is_synced_ahead(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spare: int
+) -> None:
+    journal, state, done = write(tmp_path, 0), state_of(1), []
+    monkeypatch.setattr(journal_module, "_LARGE_STATE", state.nbytes + spare)
+    for name, honest in [(name, getattr(PosixFileSystem, name)) for name in ("write", "sync")]:
+
+        def told(self: Any, handle: int, *rest: Any, name: str = name, honest: Any = honest) -> Any:
+            done.append((name, ("manifest", "slot-0", "slot-1")[journal._handles.index(handle)]))
+            return honest(self, handle, *rest)
+
+        monkeypatch.setattr(PosixFileSystem, name, told)
+    journal.write_ahead(state)
+    journal._ahead[1].wait()
+    assert done == [("write", "slot-1"), ("sync", "slot-1")][: 2 - spare]
+    done.clear()
+    journal.store(entry_of(1), state)
+    assert done == [("write", "slot-1"), ("sync", "slot-1"), ("write", "manifest"), ("sync", "manifest")]
+    journal.close()
+
+
+def test_closing_waits_for_what_is_written_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_module, "_LARGE_STATE", 0)
+    journal, go_on, written, honest = write(tmp_path, 0), threading.Event(), [], PosixFileSystem.write
+
+    def held(self: Any, *given: Any) -> int:
+        assert go_on.wait(30)
+        written.append(honest(self, *given))
+        return written[-1]
+
+    monkeypatch.setattr(PosixFileSystem, "write", held)
+    journal.write_ahead(state_of(1))
+    threading.Timer(0.1, go_on.set).start()
+    journal.close()
+    assert written == [FOUNDATION.state_bytes]
+
+
 class Broken(PosixFileSystem):
     """Takes records, but no state."""
 
@@ -165,8 +204,10 @@ def test_a_step_out_of_turn_is_refused(tmp_path: Path) -> None:
 
 def test_a_state_of_the_wrong_size_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     journal = write(tmp_path, 1)
-    with pytest.raises(JournalError, match="does not fit"):
-        journal.store(entry_of(2), state_of(2)[1:])
+    short = state_of(2)[1:]
+    for refuse in (lambda: journal.store(entry_of(2), short), lambda: journal.write_ahead(short)):
+        with pytest.raises(JournalError, match="the state of step 2 does not fit"):
+            refuse()
     assert not journal.frozen
     journal.store(entry_of(2), state_of(2))
     journal.close()
