@@ -62,11 +62,7 @@ def spoil(mesh, kind: str):
 
 @pytest.mark.parametrize(
     ("kind", "message"),
-    [
-        ("inverted", "inverted"),
-        ("repeated", "names a node twice"),
-        ("flat", "inverted or degenerate|flat"),
-    ],
+    [("inverted", "inverted"), ("repeated", "names a node twice"), ("flat", "inverted or degenerate|flat")],
 )
 @pytest.mark.parametrize("of_the_mesh", [False, True])
 def test_an_unusable_mesh_is_refused_by_its_first_offender(

@@ -82,9 +82,3 @@ def test_the_statuses_are_those_of_the_program() -> None:
     section = PAGE[PAGE.index("## Exit statuses") :]
     told = {int(status) for status in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)}
     assert told == {ExitStatus.DONE, ExitStatus.UNAVAILABLE, ExitStatus.DEFECT, ExitStatus.CONFIGURATION}
-
-
-def test_every_link_leads_somewhere() -> None:
-    links = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", PAGE)
-    assert links
-    assert [link for link in links if not (ROOT / "docs" / link).exists()] == []

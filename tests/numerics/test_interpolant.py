@@ -107,12 +107,7 @@ def test_thin_plate_spline_equals_scipy(d):
 
 @pytest.mark.parametrize(
     ("name", "kernel"),
-    [
-        ("mqb", "multiquadric"),
-        ("imqb", "inverse_multiquadric"),
-        ("iqb", "inverse_quadratic"),
-        ("gauss", "gaussian"),
-    ],
+    [("mqb", "multiquadric"), ("imqb", "inverse_multiquadric"), ("iqb", "inverse_quadratic"), ("gauss", "gaussian")],
 )
 def test_other_global_bases_equal_scipy(name, kernel):
     points, places, radius = cloud(150, 2), np.random.default_rng(1).random((80, 2)), 0.1
@@ -139,9 +134,7 @@ def test_a_smooth_function_is_approached_at_the_basis_order(name, order):
 
 
 @given(
-    shift=st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
-    scale=st.floats(1e-4, 1e4),
-    seed=st.integers(0, 100),
+    shift=st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)), scale=st.floats(1e-4, 1e4), seed=st.integers(0, 100)
 )
 def test_the_interpolant_goes_with_the_mesh(shift, scale, seed):
     """Moving and scaling points and radius together changes nothing."""

@@ -8,19 +8,7 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.digests import state_digest
-from mesh_motion_protocol.messages import (
-    Build,
-    Close,
-    Commit,
-    Fetch,
-    Hello,
-    Join,
-    Move,
-    Ping,
-    Rollback,
-    Status,
-    Upload,
-)
+from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Hello, Join, Move, Ping, Rollback, Status, Upload
 
 from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.service.dispatch import Envelope, SessionHost
@@ -41,10 +29,7 @@ def test_a_life(driver: Any, store: Any) -> None:
     assert built.settings["support_radius"] == 1.0
     assert built.mesh["nodes"] == 25
     assert built.mesh["cells"] == {"triangle": 32}
-    assert built.mesh["patches"] == {
-        "left": {"role": "moving", "nodes": 5},
-        "right": {"role": "fixed", "nodes": 5},
-    }
+    assert built.mesh["patches"] == {"left": {"role": "moving", "nodes": 5}, "right": {"role": "fixed", "nodes": 5}}
     assert built.mesh["box"] == [[0.0, 0.0], [1.0, 1.0]]
     assert built.quality["cells"] == 32
     np.testing.assert_array_equal(built.moving_nodes, [0, 5, 10, 15, 20])

@@ -52,8 +52,7 @@ def test_short_writes_are_continued(most: int, level: str) -> None:
 
 def test_the_whole_row(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "proofs.io_faults.fail_each_call",
-        lambda error, for_ever, level: Counter({"whole": 1, "FROZEN": 3}),
+        "proofs.io_faults.fail_each_call", lambda error, for_ever, level: Counter({"whole": 1, "FROZEN": 3})
     )
     result = CHECK.run(1, Budget(2))
     assert result.passed

@@ -45,9 +45,7 @@ def test_gradients_are_the_derivatives(kind, d):
 
 
 @given(
-    kind=st.sampled_from(KINDS),
-    radius=st.floats(1e-3, 1e3),
-    place=st.lists(st.floats(-5, 5), min_size=3, max_size=3),
+    kind=st.sampled_from(KINDS), radius=st.floats(1e-3, 1e3), place=st.lists(st.floats(-5, 5), min_size=3, max_size=3)
 )
 def test_odd_compact_and_scaled(kind, radius, place):
     x, centre = np.array([place]) * radius, np.zeros(3)

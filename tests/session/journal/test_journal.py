@@ -315,8 +315,7 @@ def test_the_record_area_in_bytes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("area", "log_bytes", "capacity"),
-    [(20_480, 0, 1 << 20), (81_920, 0, 24 * 81_920), (20_480, 1 << 20, 3 << 20)],
+    ("area", "log_bytes", "capacity"), [(20_480, 0, 1 << 20), (81_920, 0, 24 * 81_920), (20_480, 1 << 20, 3 << 20)]
 )
 def test_a_manifest_has_room_for_a_checkpoint_and_as_much_again(area: int, log_bytes: int, capacity: int) -> None:
     foundation = Foundation("0" * 32, b"s", b"m", 4, 2, area, log_bytes=log_bytes)

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.journal.files import (
-    read_journal,
-    read_ledger,
-    verified_state,
-    verify_state,
-    view_slot,
-)
+from mesh_motion_server.session.journal.files import read_journal, read_ledger, verified_state, verify_state, view_slot
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.records import PAGE, pack_record
