@@ -6,7 +6,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.mesh.cell_order import sorted_cells
+from mesh_motion_server.session.partitions.cell_order import sorted_cells
 
 
 @pytest.mark.parametrize("count", [3, 40, 5000])
