@@ -18,7 +18,7 @@
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
 # make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, six minutes (adapters/kratos/README.md)
 # make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
-# make turek  Turek and Hron's FSI3 on two meshes against the published figures, hours; goes on where it stopped (CASE=fsi2)
+# make turek  Turek and Hron's FSI3 on two meshes against the published figures, hours; goes on where it stopped (CASE=fsi2, SOLVER=kratos)
 # make docker builds the images and couples server, mock fluid and mock solid: out/docker; make docker-openfoam OpenFOAM and CalculiX
 #
 # Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the versions
@@ -159,8 +159,9 @@ flap: $(VENV)/.development
 	$(BIN)/python examples/perpendicular_flap/proof.py --out out/flap
 
 CASE = fsi3
+SOLVER = openfoam
 turek: $(VENV)/.development
-	$(BIN)/python examples/turek_hron_fsi/proof.py $(CASE) --out out/turek
+	PYTHONPATH=adapters/kratos $(BIN)/python examples/turek_hron_fsi/proof.py $(CASE) --solver $(SOLVER) --out out/turek
 
 # The plugin of today, or docker-compose 1. The result comes from the stopped container to out/docker, as the caller's own.
 COMPOSE = $$(docker compose version >/dev/null 2>&1 && echo docker compose || echo docker-compose) --profile $(1)

@@ -7,7 +7,7 @@ from correction_cases import stored
 from frame_meshes import rotation
 
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.boundary_nesting import misplaced_place
+from mesh_motion_server.numerics.motion.boundary_nesting import misplaced_place
 
 
 @pytest.mark.parametrize("kind", [kind for kind in CELL_KINDS if kind != "tetra"])  # its boxes do not fit together

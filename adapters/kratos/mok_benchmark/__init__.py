@@ -1,10 +1,12 @@
 """The Mok benchmark in Kratos, with Kratos' mesh solver and with the server: ``python -m mok_benchmark``, ``make mok``.
 
+Turek and Hron's flag (``examples/turek_hron_fsi/kratos.py``) is run by the same modules.
+
 ::
 
     benchmark   the published data
     meshes      the meshes, as Kratos' mdpa files
-    parameters  Kratos' project parameters; the mesh solver is all that differs
+    parameters  a case as Kratos' project parameters; the mesh solver is all that differs
     kratos_run  one run, in Kratos' Python
     execution   a run from outside: its folder, its processes, its progress
     verdict     the two histories compared, the quality of the meshes

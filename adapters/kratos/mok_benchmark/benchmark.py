@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mok_benchmark.parameters import Case
+
 LENGTH: Final = 1.75
 HEIGHT: Final = 0.5
 OUTLET_FLOOR: Final = 0.3
@@ -32,7 +34,15 @@ POISSON: Final = 0.45
 
 PEAK_VELOCITY: Final = 0.06067  # m/s, at the top of the inlet
 RAMP_TIME: Final = 10.0  # s
-TIME_STEP: Final = 0.1
+CASE: Final = Case(
+    no_slip=("bottom",),
+    slip=("top",),
+    inflow=(
+        (f"2*{PEAK_VELOCITY}*(1-cos(pi*t/{RAMP_TIME}))*y*(1-y)", (0.0, RAMP_TIME)),
+        (f"4*{PEAK_VELOCITY}*y*(1-y)", (RAMP_TIME, "End")),
+    ),
+    time_step=0.1,
+)
 END_TIME: Final = 25.0
 
 #: Reference points: the wall's tip and the middle of its left side.

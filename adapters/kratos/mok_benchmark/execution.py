@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +18,10 @@ from mesh_motion_client.embedded import EmbeddedServer
 from numpy.typing import NDArray
 
 from mok_benchmark import parameters
-from mok_benchmark.benchmark import FLUID_DENSITY, POINTS, TIME_STEP, VISCOSITY
-from mok_benchmark.meshes import FluidMesh, fluid_mesh, write_fluid, write_wall
+from mok_benchmark.benchmark import CASE, FLUID_DENSITY, POINTS, POISSON, SOLID_DENSITY, VISCOSITY, YOUNG
+from mok_benchmark.meshes import FluidMesh, channel_mesh, wall_lattice, write_fluid, write_solid
 
-__all__ = ["History", "RunFailed", "Size", "kratos_python", "missing_kratos", "prepare", "run"]
+__all__ = ["History", "RunFailed", "Size", "compute", "kratos_python", "missing_kratos", "prepare", "run", "watch"]
 
 _ROOT = Path(__file__).resolve().parents[3]
 _SOURCES = ("protocol", "adapters/python", "adapters/kratos")
@@ -59,8 +60,10 @@ class History:
     times : (k,) array, s
     displacements : (k, p, 2) array, m
         Of the reference points, in the order of ``benchmark.POINTS``.
+    forces : (k, 2) array, N/m
+        Of the flow, on the parts that are watched.
     points : (k, n, 2) array, m
-        The fluid's mesh after each step.
+        The fluid's mesh after each step; none where it is not watched.
     iterations : (k,) int array
         Coupling iterations of each step.
     mesh_seconds, seconds : (k,) arrays
@@ -71,6 +74,7 @@ class History:
 
     times: NDArray[np.float64]
     displacements: NDArray[np.float64]
+    forces: NDArray[np.float64]
     points: NDArray[np.float64]
     iterations: NDArray[np.int64]
     mesh_seconds: NDArray[np.float64]
@@ -106,26 +110,45 @@ def missing_kratos() -> str:
 
 
 def prepare(folder: Path, size: Size) -> FluidMesh:
-    """Write meshes and material into the folder; the fluid's mesh."""
-    folder.mkdir(parents=True, exist_ok=True)
-    mesh = fluid_mesh(2 * size.wall_elements, size.coarsest)
+    """Write meshes and material into the folder, which begins empty; the fluid's mesh."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    mesh = channel_mesh(2 * size.wall_elements, size.coarsest)
     write_fluid(folder / "fluid.mdpa", mesh, {"DENSITY": FLUID_DENSITY, "DYNAMIC_VISCOSITY": VISCOSITY})
-    wall = write_wall(folder / "wall.mdpa", size.wall_elements)
-    nodes = [1 + int(np.argmin(((wall - point) ** 2).sum(axis=1))) for point in POINTS.values()]
-    (folder / "nodes.json").write_text(json.dumps(nodes))
-    (folder / "materials.json").write_text(json.dumps(parameters.materials()))
+    wall = write_solid(folder / "solid.mdpa", wall_lattice(size.wall_elements))
+    material = parameters.materials("Stress", SOLID_DENSITY, YOUNG, POISSON)
+    (folder / "materials.json").write_text(json.dumps(material))
+    watch(folder, wall, list(POINTS.values()), ["interface"], meshes=True)
     return mesh
 
 
+def watch(
+    folder: Path, solid: NDArray[np.float64], points: Sequence[Sequence[float]], forces: list[str], *, meshes: bool
+) -> None:
+    """Say what a run writes down: the solid's nodes at ``points``, the force on parts of the fluid, its meshes."""
+    nodes = [1 + int(np.argmin(((solid - point) ** 2).sum(axis=1))) for point in points]
+    (folder / "watch.json").write_text(json.dumps({"nodes": nodes, "forces": forces, "meshes": meshes}))
+
+
 def run(folder: Path, mesh_solver: str, size: Size, progress: Callable[[int, int], None]) -> History:
-    """Compute with one of ``parameters.MESH_SOLVERS``.
+    """Compute Mok's benchmark with one of ``parameters.MESH_SOLVERS``, in a folder as :func:`prepare` left it."""
+    return compute(folder, CASE, mesh_solver, size.end_time, progress)
+
+
+def compute(
+    folder: Path, case: parameters.Case, mesh_solver: str, end_time: float, progress: Callable[[int, int], None]
+) -> History:
+    """Compute a case; a run that was stopped is gone on with.
 
     Parameters
     ----------
     folder : Path
-        As :func:`prepare` left it.
+        With the meshes, the material and :func:`watch`.
+    case : Case
     mesh_solver : str
-    size : Size
+        One of ``parameters.MESH_SOLVERS``.
+    end_time : float
+        s.
     progress : callable
         Takes the time steps done and their number.
 
@@ -134,10 +157,10 @@ def run(folder: Path, mesh_solver: str, size: Size, progress: Callable[[int, int
     RunFailed
     """
     settings = parameters.MESH_SOLVERS[mesh_solver]
-    end = size.end_time - TIME_STEP / 2.0  # so that round-off adds no step
-    (folder / "coupling.json").write_text(json.dumps(parameters.coupling(settings, end), indent=1))
+    end = end_time - case.time_step / 2.0  # so that round-off adds no step
+    (folder / "coupling.json").write_text(json.dumps(parameters.coupling(case, settings, end), indent=1))
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    with _server("remote" in settings) as endpoint:
+    with _server(folder / "server" if "remote" in settings else None) as endpoint:
         _kratos(folder, endpoint, progress)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -145,9 +168,9 @@ def run(folder: Path, mesh_solver: str, size: Size, progress: Callable[[int, int
 
 
 @contextmanager
-def _server(wanted: bool) -> Iterator[str]:
-    """A private server's endpoint, empty if none is wanted."""
-    server = EmbeddedServer(None, 300.0, ["--threads", "1"]) if wanted else None
+def _server(state: Path | None) -> Iterator[str]:
+    """A private server's endpoint, empty if none is wanted; its sessions are kept for a run that goes on."""
+    server = EmbeddedServer(state, 300.0, ["--threads", "1"]) if state else None
     try:
         yield server.endpoint if server else ""
     finally:

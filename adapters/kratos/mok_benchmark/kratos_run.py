@@ -1,8 +1,10 @@
 """Runs in Kratos' Python, in the folder of one run: the coupled computation of ``coupling.json``.
 
-Leaves ``history.npz``: times (k,) s, displacements (k, points, 2) m of the wall's nodes of ``nodes.json``, the fluid's
-mesh (k, n, 2) m, coupling iterations (k,), and seconds of the mesh solver and of the whole of each step (k,). A line of
-standard output each time step: ``step K of N``.
+``watch.json``: ``nodes`` of the solid, ``forces``: parts of the fluid's boundary, ``meshes``: whether to keep them.
+Leaves ``history.npz``: times (k,) s, displacements (k, nodes, 2) m, the flow's force (k, 2) N/m on the parts together,
+the fluid's mesh (k, n, 2) m, coupling iterations (k,), and seconds of the mesh solver and of the whole of each step
+(k,). A line of standard output each time step: ``step K of N``. Every ``EVERY`` steps it also leaves ``state.npz``: a
+run that finds one goes on from there.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,16 @@ import KratosMultiphysics as KM
 import numpy as np
 from KratosMultiphysics.CoSimulationApplication.co_simulation_analysis import CoSimulationAnalysis
 
-__all__ = ["Run"]
+__all__ = ["EVERY", "Run"]
+
+#: Steps from one ``state.npz`` to the next.
+EVERY = 25
+#: What a step hands on to the next one beside the nodes' places, by solver: its model part and variables of its nodes.
+_STATE = {
+    "fluid": ("FluidModelPart", "MESH_DISPLACEMENT", "MESH_VELOCITY", "MESH_ACCELERATION", "VELOCITY", "ACCELERATION",
+              "PRESSURE"),
+    "structure": ("Structure", "DISPLACEMENT", "VELOCITY", "ACCELERATION"),
+}  # fmt: skip
 
 #: The mesh solver's part in a step.
 _TIMED = ("InitializeSolutionStep", "SolveSolutionStep", "FinalizeSolutionStep")
@@ -28,12 +39,20 @@ class Run(CoSimulationAnalysis):
     """The coupled computation with a clock and a notebook."""
 
     def __init__(self, folder: Path) -> None:
-        self._nodes = json.loads((folder / "nodes.json").read_text())
+        self._watch = json.loads((folder / "watch.json").read_text())
         self._seconds, self._calls = 0.0, 0
         self._notes: dict[str, list[Any]] = {
-            name: [] for name in ("times", "displacements", "points", "iterations", "mesh_seconds", "seconds")
+            name: [] for name in ("times", "displacements", "forces", "points", "iterations", "mesh_seconds", "seconds")
         }
-        super().__init__(KM.Parameters((folder / "coupling.json").read_text()))
+        settings = json.loads((folder / "coupling.json").read_text())
+        self._state: dict[str, Any] = dict(np.load(folder / "state.npz")) if (folder / "state.npz").exists() else {}
+        if self._state:
+            with np.load(folder / "history.npz") as kept:
+                self._notes = {name: list(kept[name][: int(self._state["steps"])]) for name in self._notes}
+            solvers = settings["solver_settings"]["solvers"].values()
+            for block in (settings, *(solver["solver_wrapper_settings"] for solver in solvers)):
+                block["problem_data"]["start_time"] = self._notes["times"][-1]
+        super().__init__(KM.Parameters(json.dumps(settings)))
 
     def Initialize(self) -> None:
         """As CoSimulation, with a clock around the mesh solver's part in a step."""
@@ -41,10 +60,16 @@ class Run(CoSimulationAnalysis):
         solver = self._mesh_solver()
         for name in _TIMED:
             setattr(solver, name, self._timed(getattr(solver, name), counts=name == "SolveSolutionStep"))
+        fluid = self._model_part("fluid")
+        wetted = {node.Id: node for name in self._watch["forces"] for node in fluid.GetSubModelPart(name).Nodes}
+        self._wetted = list(wetted.values())
+        if self._state:
+            self._go_on()
         self._began = time.perf_counter()
 
     def Finalize(self) -> None:
         """Take the clock off: what holds itself would be freed after Kratos has shut down, and crash."""
+        self._wetted.clear()
         for name in _TIMED:
             delattr(self._mesh_solver(), name)
         super().Finalize()
@@ -53,34 +78,71 @@ class Run(CoSimulationAnalysis):
         """Write the step down."""
         super().OutputSolutionStep()
         now = time.perf_counter()
-        wall = self._part("structure", "Structure")
-        fluid = self._part("fluid", "FluidModelPart")
-        points = KM.VariableUtils().GetCurrentPositionsVector(fluid.Nodes, 2)
+        wall = self._model_part("structure")
         self._note("times", self.time)
         self._note(
             "displacements",
-            [list(wall.GetNode(node).GetSolutionStepValue(KM.DISPLACEMENT))[:2] for node in self._nodes],
+            [list(wall.GetNode(node).GetSolutionStepValue(KM.DISPLACEMENT))[:2] for node in self._watch["nodes"]],
         )
-        self._note("points", np.array(points).reshape(-1, 2))
+        reactions = [list(node.GetSolutionStepValue(KM.REACTION))[:2] for node in self._wetted]
+        self._note("forces", -np.sum(reactions, axis=0))
+        if self._watch["meshes"]:
+            points = KM.VariableUtils().GetCurrentPositionsVector(self._model_part("fluid").Nodes, 2)
+            self._note("points", np.array(points).reshape(-1, 2))
         self._note("iterations", self._calls)
         self._note("mesh_seconds", self._seconds)
         self._note("seconds", now - self._began)
         self._seconds, self._calls = 0.0, 0
         done = len(self._notes["times"])
+        if done % EVERY == 0:
+            self.save(Path("history.npz"))
+            self._save_state(Path("state.npz"))
         sys.stdout.write(f"step {done} of {max(done, round(self.end_time / self.time * done))}\n")
         sys.stdout.flush()
         self._began = time.perf_counter()
 
     def save(self, path: Path) -> None:
         """Write the notebook."""
-        arrays: dict[str, Any] = {name: np.array(values) for name, values in self._notes.items()}
-        np.savez_compressed(path, **arrays)
+        _save(path, {name: np.array(values) for name, values in self._notes.items()})
+
+    def _save_state(self, path: Path) -> None:
+        """Write what the next step needs."""
+        arrays: dict[str, Any] = {
+            f"{solver}.places": KM.VariableUtils().GetCurrentPositionsVector(self._model_part(solver).Nodes, 3)
+            for solver in _STATE
+        }
+        arrays |= {
+            name: np.array(KM.VariableUtils().GetSolutionStepValuesVector(nodes, variable, back, *size))
+            for name, nodes, variable, back, size in self._variables()
+        }
+        _save(path, {"steps": np.array(len(self._notes["times"])), **arrays})
+
+    def _go_on(self) -> None:
+        """Take up the state of an earlier run."""
+        for name, nodes, variable, back, _ in self._variables():
+            KM.VariableUtils().SetSolutionStepValuesVector(nodes, variable, KM.Vector(self._state[name]), back)
+        for solver in _STATE:
+            model_part = self._model_part(solver)
+            # not from the displacement: at the interface that is already the solid's answer to the last mesh
+            places = KM.Vector(self._state[f"{solver}.places"])
+            KM.VariableUtils().SetCurrentPositionsVector(model_part.Nodes, places)
+            model_part.ProcessInfo[KM.STEP] = int(self._state["steps"])
+            model_part.ProcessInfo[KM.IS_RESTARTED] = True  # the mesh's session is taken up again
+
+    def _variables(self) -> Iterator[tuple[str, Any, Any, int, list[int]]]:
+        """Of the state: key, nodes, variable, steps back, and the components of a vector."""
+        for solver, (_, *names) in _STATE.items():
+            model_part = self._model_part(solver)
+            for name in names:
+                for back in range(model_part.GetBufferSize()):
+                    variable = KM.KratosGlobals.GetVariable(name)
+                    yield f"{solver}.{name}.{back}", model_part.Nodes, variable, back, [] if name == "PRESSURE" else [3]
 
     def _note(self, name: str, value: Any) -> None:
         self._notes[name].append(value)
 
-    def _part(self, solver: str, name: str) -> Any:
-        return self._GetSolver(solver).model[name]
+    def _model_part(self, solver: str) -> Any:
+        return self._GetSolver(solver).model[_STATE[solver][0]]
 
     def _mesh_solver(self) -> Any:
         return self._GetSolver("fluid")._analysis_stage._GetSolver().GetMeshMotionSolver()
@@ -95,6 +157,13 @@ class Run(CoSimulationAnalysis):
                 self._calls += counts
 
         return timed
+
+
+def _save(path: Path, arrays: dict[str, Any]) -> None:
+    """Write an npz file, whole or not at all."""
+    with path.with_suffix(".new").open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    path.with_suffix(".new").rename(path)
 
 
 def main() -> None:

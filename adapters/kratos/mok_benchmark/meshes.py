@@ -1,21 +1,22 @@
-"""The meshes: triangles of the fluid by Gmsh, quadratic quadrilaterals of the wall, written as Kratos' mdpa files.
+"""The meshes: triangles of the fluid by Gmsh, quadratic quadrilaterals of the solid, written as Kratos' mdpa files.
 
-The fluid's nodes on the wall are the wall's.
+The fluid's nodes on the solid are the solid's.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mok_benchmark.benchmark import HEIGHT, LENGTH, OUTLET_FLOOR, RAMP_END, ROUNDING, WALL, WALL_HEIGHT
 
-__all__ = ["FluidMesh", "fluid_mesh", "write_fluid", "write_wall"]
+__all__ = ["FluidMesh", "channel_mesh", "fluid_mesh", "wall_lattice", "write_fluid", "write_solid"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -30,7 +31,7 @@ class FluidMesh:
     points : (n, 2) array, m
     triangles : (m, 3) int array
     edges : dict
-        inlet, outlet, top, bottom, interface → (k, 2) int array.
+        Part of the boundary → (k, 2) int array.
     """
 
     points: Floats
@@ -38,8 +39,8 @@ class FluidMesh:
     edges: dict[str, Integers]
 
 
-def fluid_mesh(wall_nodes: int, coarsest: float) -> FluidMesh:
-    """Mesh the channel.
+def channel_mesh(wall_nodes: int, coarsest: float) -> FluidMesh:
+    """Mesh the channel of Mok's benchmark.
 
     Parameters
     ----------
@@ -48,12 +49,17 @@ def fluid_mesh(wall_nodes: int, coarsest: float) -> FluidMesh:
     coarsest : float
         Edge length far from the wall, m.
     """
+    return fluid_mesh(lambda gmsh: _geometry(gmsh, wall_nodes, coarsest))
+
+
+def fluid_mesh(geometry: Callable[[Any], dict[str, list[int]]]) -> FluidMesh:
+    """Mesh what ``geometry`` makes in Gmsh's model; it returns the lines of each part of the boundary."""
     import gmsh  # noqa: PLC0415  (its library is large)
 
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Verbosity", 0)
     try:
-        edges = _geometry(gmsh, wall_nodes, coarsest)
+        edges = geometry(gmsh)
         gmsh.model.mesh.generate(2)
         tags, flat, _ = gmsh.model.mesh.getNodes()
         row = np.full(int(tags.max()) + 1, -1)
@@ -71,9 +77,9 @@ def fluid_mesh(wall_nodes: int, coarsest: float) -> FluidMesh:
         gmsh.finalize()
 
 
-def _geometry(gmsh: object, wall_nodes: int, coarsest: float) -> dict[str, list[int]]:
+def _geometry(gmsh: Any, wall_nodes: int, coarsest: float) -> dict[str, list[int]]:
     """The channel in Gmsh's model; its lines by part."""
-    occ = gmsh.model.geo  # type: ignore[attr-defined]
+    occ = gmsh.model.geo
     left, right = WALL
     finest = WALL_HEIGHT / wall_nodes
     slope = math.atan2(OUTLET_FLOOR, RAMP_END - right)
@@ -120,36 +126,52 @@ def write_fluid(path: Path, mesh: FluidMesh, properties: dict[str, float]) -> No
     path.write_text("".join([_block("Properties 0", []), *blocks]))
 
 
-def write_wall(path: Path, rows: int) -> Floats:
-    """The wall's mdpa: ``rows`` quadratic quadrilaterals on top of each other; the (k, 2) points.
-
-    Its sides have twice as many edges between nodes as there are elements.
-    """
+def wall_lattice(rows: int) -> Floats:
+    """Mok's wall for :func:`write_solid`, ``rows`` elements on top of each other."""
     (left, right), heights = WALL, np.linspace(0.0, WALL_HEIGHT, 2 * rows + 1)
-    points: list[tuple[float, float]] = []
+    return np.stack(np.broadcast_arrays([left, (left + right) / 2.0, right], heights[:, None]), axis=-1)
+
+
+def write_solid(path: Path, lattice: Floats) -> Floats:
+    """The solid's mdpa: quadrilaterals of eight nodes; the (k, 2) points.
+
+    Parameters
+    ----------
+    lattice : (2 rows + 1, 2 columns + 1, 2) array, m
+        Corners, middles of edges and of elements, from the clamped foot on; the foot's first point is at the left.
+    """
+    levels, columns = (count - 1 for count in lattice.shape[:2])
     number: dict[tuple[int, int], int] = {}
-    for level, y in enumerate(heights):
-        for column, x in enumerate((left, (left + right) / 2.0, right)):
-            if level % 2 == 0 or column != 1:  # eight nodes: none in the middle
-                number[level, column] = len(points) + 1
-                points.append((x, y))
+    for level in range(levels + 1):
+        for column in range(columns + 1):
+            if level % 2 == 0 or column % 2 == 0:  # eight nodes: none in the middle
+                number[level, column] = len(number) + 1
+    points = np.array([lattice[place] for place in number])
     order = ((0, 0), (0, 2), (2, 2), (2, 0), (0, 1), (1, 2), (2, 1), (1, 0))
-    elements = np.array([[number[2 * row + up, side] for up, side in order] for row in range(rows)])
-    wetted = [node for (level, column), node in number.items() if column != 1 or level == 2 * rows]
+    elements = np.array(
+        [
+            [number[level + up, column + side] for up, side in order]
+            for level in range(0, levels, 2)
+            for column in range(0, columns, 2)
+        ]
+    )
+    wetted = [node for (level, column), node in number.items() if column in (0, columns) or level == levels]
     clamped = [node for (level, _), node in number.items() if level == 0]
     loads = np.array(wetted)[:, None]
     blocks = [
         _block("Properties 1", []),
-        _nodes(np.array(points)),
+        _nodes(points),
         _numbered("Elements TotalLagrangianElement2D8N", elements, 1),
         _numbered("Conditions PointLoadCondition2D1N", loads, 0),
-        _sub_part("Parts_Structure", elements=range(1, rows + 1), nodes=range(1, len(points) + 1), properties=[1]),
+        _sub_part(
+            "Parts_Structure", elements=range(1, len(elements) + 1), nodes=range(1, len(points) + 1), properties=[1]
+        ),
         _sub_part("interface", nodes=wetted),
         _sub_part("loads", nodes=wetted, conditions=range(1, len(wetted) + 1)),
-        _sub_part("bottom", nodes=clamped),
+        _sub_part("foot", nodes=clamped),
     ]
     path.write_text("".join([_block("Properties 0", []), *blocks]))
-    return np.array(points)
+    return points
 
 
 def _block(head: str, lines: Iterable[str]) -> str:

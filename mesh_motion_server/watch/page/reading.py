@@ -28,6 +28,7 @@ class Reading:
     """
 
     def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._tail, self._whole = EventTail(folder), Followed()
         self._length = self._tail.behind()
         self._end, self._latest = self._tail, self._whole
@@ -51,10 +52,10 @@ class Reading:
         self._end, self._latest = self._tail, self._whole
 
     def detail(self) -> dict[str, Any]:
-        """All data except the series; ``read`` is the share of the history that is known, 1 if complete."""
+        """All data except the series, and ``folder``; ``read`` is the known share of the history, 1 if complete."""
         whole = self._latest is self._whole
         share = 1.0 if whole else min(0.99, round(1.0 - self._tail.behind() / self._length, 2))
-        return self._latest.detail() | {"built": self._whole.built, "read": share}
+        return self._latest.detail() | {"built": self._whole.built, "read": share, "folder": str(self._folder)}
 
     def series(self, first: int | None, last: int | None, points: int) -> dict[str, Any]:
         """The steps first … last as columns; until everything is read, only the latest steps."""

@@ -1,6 +1,7 @@
 """Turek and Hron's flag: the solid alone against CSM3, the first windows of FSI3, the figures of known histories."""
 
 import importlib
+import json
 import os
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from mesh_motion_calculix import Options, Solid, flap_deck
 from mesh_motion_fsi.case import environment, make_case
+from mok_benchmark.execution import missing_kratos
 
 ROOT = Path(__file__).resolve().parents[3]
 ADAPTER, EXAMPLE = ROOT / "adapters" / "openfoam", ROOT / "examples" / "turek_hron_fsi"
@@ -24,7 +26,7 @@ needs_openfoam = pytest.mark.skipif(
 def scripts(monkeypatch):
     """The example's modules."""
     monkeypatch.syspath_prepend(str(EXAMPLE))
-    names = ("channel", "turek", "proof")
+    names = ("channel", "turek", "proof", "kratos")
     yield {name: importlib.import_module(name) for name in names}
     for name in names:
         sys.modules.pop(name, None)
@@ -81,6 +83,44 @@ def test_mesh_is_one_that_openfoam_calls_good(scripts, tmp_path, refinement):
     assert all(f"{name}\n" in patches for name in ("inlet", "outlet", "walls", "cylinder", "flag", "frontAndBack"))
 
 
+def test_in_kratos_the_flag_has_the_mesh_around_it(scripts, tmp_path):
+    """The fluid's nodes on the flag are the flag's, and its area is the channel's without cylinder and flag."""
+    mesh = scripts["kratos"].prepare(tmp_path, (8, 2), 0.1)
+    x, y = mesh.points[mesh.triangles].transpose(2, 1, 0)
+    areas = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]))
+    assert areas.min() > 0.0
+    assert areas.sum() == pytest.approx(2.5 * 0.41 - np.pi * 0.05**2 - 0.35 * 0.02, rel=1e-3)
+    lines = (tmp_path / "solid.mdpa").read_text().split("Begin Nodes\n")[1].split("End Nodes")[0].splitlines()
+    solid = np.array([line.split()[1:3] for line in lines if line.strip()], dtype=float)
+    wetted = mesh.points[np.unique(mesh.edges["interface"])]
+    assert len(wetted) == 2 * 17 + 3
+    assert np.linalg.norm(wetted[:, None] - solid, axis=2).min(axis=1).max() < 1e-9
+    (a,) = json.loads((tmp_path / "watch.json").read_text())["nodes"]
+    np.testing.assert_allclose(solid[a - 1], (0.6, 0.2), atol=1e-12)
+
+
+@pytest.mark.nightly
+def test_in_kratos_a_run_goes_on_where_it_stopped(scripts, tmp_path):
+    """26 steps on a coarse mesh, in one run and in two: the same, but for the tolerance of the coupling."""
+    kratos = scripts["kratos"]
+    if missing_kratos():
+        pytest.skip("Kratos is not installed (adapters/kratos/README.md; KRATOS_PYTHON names its interpreter)")
+
+    def run(name, end):
+        size = ["--elements", "8", "--coarsest", "0.1", "--dt", "0.04", "--end", end]
+        return kratos.run(kratos.arguments(["--out", str(tmp_path / name), *size]))
+
+    assert len(run("stopped", "1.0").times) == 25
+    session = (tmp_path / "stopped" / "session.json").read_text()
+    stopped, whole = run("stopped", "1.12"), run("whole", "1.12")
+    assert (tmp_path / "stopped" / "session.json").read_text() == session
+    np.testing.assert_allclose(stopped.times, 0.04 * np.arange(1, 29), rtol=1e-12)
+    largest = np.abs(whole.displacements).max()
+    assert largest > 1e-4
+    assert np.abs(stopped.displacements - whole.displacements)[25:].max() < 1e-3 * largest
+    assert whole.forces[-1, 0] > 10.0  # drag, while the inflow is raised
+
+
 def known(scripts, *, amplitude=34.38, hertz=5.3):
     """A run of FSI3 with the published figures, or others of uy."""
     t = 0.002 * np.arange(1, 3001)
@@ -118,7 +158,7 @@ def test_the_verdict_is_that_of_the_fine_mesh(scripts, tmp_path, change, good):
 
 def test_the_kept_histories_are_those_that_the_pages_tell(scripts):
     proof, tables = scripts["proof"], []
-    for case, names in (("fsi2", ["middle"]), ("fsi3", ["coarse", "middle"])):
+    for case, names in (("fsi2", ["middle"]), ("fsi3", ["coarse", "middle", "fine"])):
         runs = {name: dict(np.load(EXAMPLE / "results" / f"{case}-{name}.npz")) for name in names}
         tables += [line.replace("-", "−") for line in proof.judge(case, runs)[0] if line.startswith("| ")]
     for page in (EXAMPLE / "README.md", ROOT / "docs" / "fsi.md"):

@@ -137,6 +137,9 @@ def test_one_goes_to_the_worst_step_and_back(tab: Browser, server: ServerProcess
     tab.wait(lambda: tab.text("#figures dd").split()[0] == worst, "the worst step is shown")
     assert tab.text("#worst-of") == f"committed, step {worst}"
     assert tab.run("return document.getElementById('scrub').getAttribute('aria-valuetext')") == f"step {worst}"
+    told = tab.text("#mesh-note")  # the drawn mesh is of another moment: it says so, and how one gets the other
+    assert f"for the mesh of step {worst}: mesh-motion play --from-journal '/" in told
+    assert told.endswith(f"/{THIRD}' --until {worst}")
     tab.run("const s = document.getElementById('scrub'); s.value = 6; s.dispatchEvent(new Event('input'))")
     tab.wait(lambda: tab.text("#figures dd").split()[0] == "7", "the step of the slider is shown")
     tab.click("#quality .plot", 0, 0)

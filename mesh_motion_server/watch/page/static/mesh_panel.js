@@ -81,8 +81,8 @@ export class MeshPanel {
     this.draw();
   }
 
-  /** Show another session, or news of this one from its detail. */
-  follow(session, detail) {
+  /** Show another session, or news of this one from its detail; past: the step that the rest of the page shows, null: the latest. */
+  follow(session, detail, past) {
     if (session.session !== this.session?.session) {
       this.mesh = null;
       this.fresh = true;
@@ -91,6 +91,8 @@ export class MeshPanel {
       if (this.waiting) this.goOn();
     }
     this.session = session;
+    this.how = past === null ? null : { past, command: `mesh-motion play --from-journal '${detail.folder}' --until ${past}` };
+    if (this.mesh) this.note(this.whatIsShown(this.mesh));
     this.enrichment = detail.enrichment_points ?? [];
     this.worst = detail.standing; // a trial's prediction belongs to other coordinates than the drawn ones
     this.stale = true;
@@ -169,8 +171,9 @@ export class MeshPanel {
   whatIsShown(mesh) {
     if (mesh.dimension === 1) return "A mesh on a line: see the worst cells.";
     const late = mesh.committed > mesh.step ? `Stored last: step ${mesh.step}; committed: ${mesh.committed}. ` : "";
-    if (mesh.whole) return late;
-    return `${late}${whole(mesh.shown)} of ${whole(mesh.cells)} cells: ${mesh.dimension === 3 ? "boundary and worst cells" : "around the worst"}.`;
+    const part = mesh.whole ? "" : `${whole(mesh.shown)} of ${whole(mesh.cells)} cells: ${mesh.dimension === 3 ? "boundary and worst cells" : "around the worst"}. `;
+    const { past, command } = this.how ?? {};
+    return late + part + (command && past !== mesh.step ? `This is step ${mesh.step}; for the mesh of step ${past}: ${command}` : "");
   }
 
   describe(mesh) {

@@ -152,7 +152,7 @@ class Page {
     });
     showFaces(shown.faces, shown.moved.step);
     this.events.show(session.session, detail.notable, detail.told);
-    this.mesh.follow(session, detail);
+    this.mesh.follow(session, detail, this.step);
     const { read } = detail;
     byId("reading").hidden = read === 1;
     byId("reading").textContent = read === 1 ? "" : `Reading a long history: ${Math.round(100 * read)} %. Until then its latest steps are shown.`;
