@@ -1,7 +1,5 @@
 """What is installed can be imported from anywhere: the commands need it outside the checkout."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Each layer may import only what stands to its left: the rule of the house, checked on the source."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -50,22 +50,24 @@ class Field:
     @classmethod
     def of(cls, interpolant: AnyInterpolant) -> Self:
         """The arrays of an interpolant."""
-        parts: tuple[NestedSpline | Interpolant, ...] = (
-            (interpolant,) if isinstance(interpolant, Interpolant) else (interpolant.coarse, *interpolant.levels)
-        )
-        sums = [part for part in parts if isinstance(part, Interpolant)]
+        sums, spline = _parts(interpolant)
         rows, boxes = [_rows(each) for each in sums], np.empty((0, 8))
-        if isinstance(parts[0], NestedSpline):
-            spline = parts[0]
+        if spline is not None:
             boxes = np.column_stack([spline.origin, spline.inverse_spacing, spline.cells, spline.start])
             rows.append(spline.coefficients)
         centres = np.concatenate([each.control_points for each in sums])
         return cls([_described(each) for each in sums], centres, boxes, np.concatenate(rows))
 
-    def interpolant(self) -> AnyInterpolant:
-        """The interpolant again."""
+    def differs_in_coefficients_only(self, other: Field) -> bool:
+        """Whether another field has the same centres and boxes: both are of one boundary."""
+        same = self.sums == other.sums and np.array_equal(self.boxes, other.boxes)
+        return same and np.array_equal(self.centres, other.centres)
+
+    def interpolant(self, like: AnyInterpolant | None = None) -> AnyInterpolant:
+        """The interpolant again; faster if it is ``like`` one of a field that differs in coefficients only."""
         centres, rows = _Taken(self.centres), _Taken(self.coefficients)
-        sums = [_sum(described, centres, rows) for described in self.sums]
+        layouts = [None] * len(self.sums) if like is None else [each.layout for each in _parts(like)[0]]
+        sums = [_sum(described, centres, rows, at) for described, at in zip(self.sums, layouts, strict=True)]
         if len(self.boxes):
             origin, inverse, cells, start = np.split(self.boxes, [3, 4, 7], axis=1)
             whole = (np.ascontiguousarray(cells, dtype=np.int64), start[:, 0].astype(np.int64))
@@ -74,6 +76,16 @@ class Field:
             )
             return TwoScaleInterpolant(spline, tuple(sums), basis_named(DEFAULT_BASIS), 0)
         return sums[0] if len(sums) == 1 else TwoScaleInterpolant(sums[0], tuple(sums[1:]), sums[0].basis, 0)
+
+
+def _parts(interpolant: AnyInterpolant) -> tuple[list[Interpolant], NestedSpline | None]:
+    """Its sums, and its spline."""
+    if isinstance(interpolant, Interpolant):
+        return [interpolant], None
+    coarse = interpolant.coarse
+    if isinstance(coarse, NestedSpline):
+        return list(interpolant.levels), coarse
+    return [coarse, *interpolant.levels], None
 
 
 def _rows(each: Interpolant) -> Floats:
@@ -106,10 +118,11 @@ class _Taken:
         return self.next(len(self._rows))
 
 
-def _sum(described: Mapping[str, Any], centres: _Taken, rows: _Taken) -> Interpolant:
+def _sum(described: Mapping[str, Any], centres: _Taken, rows: _Taken, layout: CentreLayout | None) -> Interpolant:
     basis, radius, count = basis_named(described["basis"]), float(described["radius"]), int(described["centres"])
     points, weights, polynomial = centres.next(count), rows.next(count), None
     if "scale" in described:
         linear = LinearBasis(np.array(described["centre"]), float(described["scale"]))
         polynomial = Polynomial(linear, rows.next(points.shape[1] + 1))
-    return Interpolant(points, weights, basis, radius, CentreLayout.build(points, basis, radius), polynomial)
+    layout = CentreLayout.build(points, basis, radius) if layout is None else layout
+    return Interpolant(points, weights, basis, radius, layout, polynomial)

@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.distributed.order_statistics import BinContent, content
+from mesh_motion_server.distributed.counted_cells import CountedCells
+from mesh_motion_server.distributed.order_statistics import BinContent
 from mesh_motion_server.distributed.packing import unpack
 from mesh_motion_server.distributed.split import MeshPartition
-from mesh_motion_server.distributed.summaries import PartialSummary, Questions, part_of, values_of
+from mesh_motion_server.distributed.summaries import PartialSummary, Questions
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.quality.metrics import CellQuality, CellsAtRest, cell_quality, cells_at_rest
+from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 
 __all__ = [
     "Answer",
@@ -70,17 +71,17 @@ class HeldPartition:
     mesh : MeshPartition
     versions : dict of int to (p, d) array
         Positions; only the versions that the last question asked to keep.
-    quality : CellQuality or None
-        Of the version that was judged last, for questions about it.
+    judged : CountedCells or None
+        The cells as they were judged last, for questions about them.
     """
 
     mesh: MeshPartition
     versions: dict[int, Floats] = field(default_factory=dict)
-    quality: CellQuality | None = None
+    judged: CountedCells | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Send only the mesh; versions stay on the worker."""
-        return {"mesh": self.mesh, "versions": {}, "quality": None}
+        return {"mesh": self.mesh, "versions": {}, "judged": None}
 
     def __sizeof__(self) -> int:
         """Return the bytes with three versions; Dask uses them to place and spill data."""
@@ -178,7 +179,9 @@ def judge(
     """Judge its cells at positions and keep these as a version; return the quality and their (2, d) box."""
     points = held.at(where)
     held.store(version, points, keep)
-    return _judged(held, points, metric), bounding_box(points)
+    if held.judged is None or held.judged.metric != metric:
+        held.judged = CountedCells(held.mesh.cells, held.at_rest, metric)
+    return held.judged.judge(points, held.mesh.cell_numbers), bounding_box(points)
 
 
 def questioned(
@@ -198,13 +201,6 @@ def questioned(
     """
     if where is not None:
         judge(held, where, version, metric, keep)
-    if held.quality is None:
+    if held.judged is None:
         raise VersionLost("no quality")
-    return tuple(content(held.quality.metric(name), way) for name, way in questions)
-
-
-def _judged(held: HeldPartition, points: Floats, metric: str) -> PartialSummary:
-    held.quality = cell_quality(points, held.mesh.cells, held.at_rest)
-    centres: Callable[[Ints], Floats] = lambda numbers: held.mesh.cells.centres(points, numbers)  # noqa: E731
-    values = values_of(held.quality, metric)
-    return part_of(held.quality, values, held.mesh.cell_numbers, centres, metric=metric)
+    return held.judged.contents(questions)

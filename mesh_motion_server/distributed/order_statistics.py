@@ -16,22 +16,21 @@ from numpy.typing import NDArray
 
 __all__ = [
     "BINS",
+    "FEW",
     "WHOLE",
     "BinContent",
     "Way",
     "content",
-    "content_within",
     "merged_counts",
     "narrowed",
-    "within_division",
 ]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BINS = 2048
-#: Largest number of different values in a bin that are sent one by one.
-_FEW = 512
+#: Largest number of values in a bin that are sent one by one.
+FEW = 512
 #: After this many divisions a bin of [-1, 1] is narrower than the distance of two numbers: it has one value, or zeros.
 _DEEPEST = 6
 
@@ -65,26 +64,13 @@ class BinContent:
 
 def content(values: Floats, way: Way) -> BinContent:
     """Return what the values (m,) of a metric have in the bin at the end of a way."""
-    values = np.ascontiguousarray(values)
-    for division in way:
-        values = within_division(values, division)
-    return content_within(values, way)
-
-
-def within_division(values: Floats, division: Division) -> Floats:
-    """The values (m,) in the bin of one division."""
-    low, scale, wanted = division
-    found: Floats = kernels.values_in_bin(values, low, scale, BINS, wanted)
-    return found
-
-
-def content_within(values: Floats, way: Way) -> BinContent:
-    """Return what the bin at the end of a way has, given its values (m,)."""
+    for low, scale, wanted in way:
+        values = kernels.values_in_bin(values, low, scale, BINS, wanted)
     low, scale = _division(way)
     counts = np.zeros(BINS, dtype=np.int64)
     kernels.count_in_bins(values, low, scale, counts)
     filled = np.flatnonzero(counts)
-    few = len(values) <= _FEW or len(way) >= _DEEPEST or (len(filled) == 1 and values.min() == values.max())
+    few = len(values) <= FEW or len(way) >= _DEEPEST or (len(filled) == 1 and values.min() == values.max())
     different, repeated = np.unique(values, return_counts=True) if few else (None, None)
     return BinContent(filled.astype(np.uint16), counts[filled].astype(np.uint32), different, repeated)
 

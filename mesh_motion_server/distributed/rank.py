@@ -6,49 +6,26 @@ It needs the numerics of the server's package, scipy among it, but no server.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.distributed.counted_cells import CountedCells
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.judging import first_questions, read_questions, told
-from mesh_motion_server.distributed.order_statistics import WHOLE, Way, content_within, within_division
-from mesh_motion_server.distributed.summaries import part_of, values_of
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolation.factor_source import Kept, prepared_for
+from mesh_motion_server.distributed.order_statistics import WHOLE
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator, Prepared
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.motion.motion_field import Stage
 from mesh_motion_server.numerics.quality.mesh_check import checked_cells
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.quality.metrics import cells_at_rest
 
 __all__ = ["Rank"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-K = TypeVar("K", bound=Kept)
-
-
-class _Last:
-    """A factor source that keeps the last object."""
-
-    def __init__(self) -> None:
-        self._kept: tuple[bytes, Kept] | None = None
-
-    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
-        """The object of this ``key``, and whether it was reused."""
-        del kind
-        if self._kept is not None and self._kept[0] == key:
-            return cast(K, self._kept[1]), True
-        self._kept = None  # first: two of them need not fit into memory
-        made = make()
-        self._kept = key, made
-        return made, False
-
-    def held(self) -> dict[str, int]:
-        """Nobody asks."""
-        return {}
 
 
 class Rank:
@@ -81,38 +58,45 @@ class Rank:
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
         self.nodes: Ints = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
-        self._evaluator, self._operators = LocalEvaluator(), _Last()
+        self._evaluator = LocalEvaluator()
+        self._last: tuple[Field, AnyInterpolant, Prepared | None] | None = None
+        self._judged: CountedCells | None = None
+        self._moved = np.empty_like(points)  # kept: new memory takes as long as half of the judging
 
     def displacement(self, field: Field, known: Floats) -> Floats:
         """(n, d) displacement from the reference mesh: by a field, and ``known`` (b, d) of :attr:`nodes`."""
-        interpolant, points = field.interpolant(), self._points
-        prepared = prepared_for(self._evaluator, interpolant, points, self._operators, unasked=self.nodes)
-        found = Stage(None, interpolant).positions(points, self._evaluator, prepared)
-        np.subtract(found, points, out=found)
+        points = self._points
+        interpolant, prepared = self._prepared(field)
+        found = self._evaluator.displacement(interpolant, points, prepared)
+        found += points
+        found -= points
         found[self.nodes] = known
         return found
 
+    def _prepared(self, field: Field) -> tuple[AnyInterpolant, Prepared | None]:
+        """The interpolant of a field, and what does not change while only coefficients do."""
+        last = self._last
+        if last is not None and field.differs_in_coefficients_only(last[0]):
+            return field.interpolant(last[1]), last[2]
+        self._last = last = None  # first: two of them need not fit into memory
+        interpolant, prepared = field.interpolant(), None
+        if isinstance(interpolant, TwoScaleInterpolant):
+            prepared = self._evaluator.prepare(interpolant, self._points, unasked=self.nodes)
+        self._last = field, interpolant, prepared
+        return interpolant, prepared
+
     def judge(self, displacement: Floats, metric: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
         """Judge the cells with the nodes displaced by (n, d); returns what gives JUDGE's fields for questions."""
-        points = self._points + displacement
-        quality = cell_quality(points, self._cells, self._at_rest)
-        numbers = np.arange(len(self._cells))
-        everywhere = values_of(quality, metric)
-        part = part_of(quality, everywhere, numbers, lambda cells: self._cells.centres(points, cells), metric=metric)
+        if self._judged is None or self._judged.metric != metric:
+            self._judged = CountedCells(self._cells, self._at_rest, metric)
+        judged = self._judged
+        part = judged.judge(np.add(self._points, displacement, out=self._moved))
         answers = {(name, WHOLE): found for name, found in part.contents.items()}
-        values = {(name, WHOLE): found for name, found in everywhere.items()}
-
-        def within(name: str, way: Way) -> Floats:
-            """The values in a bin, each found once."""
-            if (name, way) not in values:
-                values[name, way] = within_division(within(name, way[:-1]), way[-1])
-            return values[name, way]
 
         def fields(further: list[dict[str, Any]]) -> dict[str, Any]:
             questions = (*first_questions(metric), *read_questions(further))
-            for name, way in questions:
-                if (name, way) not in answers:
-                    answers[name, way] = content_within(within(name, way), way)
+            unanswered = tuple(one for one in questions if one not in answers)
+            answers.update(zip(unanswered, judged.contents(unanswered), strict=True))
             return told(part, self._place, questions, [answers[one] for one in questions])
 
         return fields

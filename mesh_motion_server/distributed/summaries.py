@@ -6,32 +6,25 @@ a sum in another order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mesh_motion_server.distributed.order_statistics import WHOLE, BinContent, Way, content, narrowed
-from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_server.distributed.order_statistics import WHOLE, BinContent, Way, narrowed
 from mesh_motion_server.numerics.quality.quality_summary import (
     Distribution,
     QualitySummary,
     WorstCell,
     percentile_ranks,
     reported_metrics,
-    smallest,
-    worst_cells,
 )
 
-__all__ = ["PartialSummary", "Questions", "by_question", "joined", "part_of", "values_of"]
-
-Floats = NDArray[np.float64]
+__all__ = ["WORST", "PartialSummary", "Questions", "by_question", "joined"]
 
 Questions = tuple[tuple[str, Way], ...]
 """Metrics, and the bin of each that is asked for."""
 
-_WORST = 10
+#: Worst cells that a partition names.
+WORST = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,45 +48,6 @@ class PartialSummary:
     minima: dict[str, float]
     contents: dict[str, BinContent]
     worst: tuple[WorstCell, ...]
-
-
-def values_of(quality: CellQuality, metric: str) -> dict[str, Floats]:
-    """Return the values (m,) of each metric of a report."""
-    return {name: quality.metric(name) for name in reported_metrics(metric)}
-
-
-def part_of(
-    quality: CellQuality,
-    values: Mapping[str, Floats],
-    numbers: NDArray[np.int64],
-    centres: Callable[[NDArray[np.int64]], Floats],
-    *,
-    metric: str,
-) -> PartialSummary:
-    """Return the part of a partition in a summary.
-
-    Parameters
-    ----------
-    quality : CellQuality
-        Of its m cells.
-    values : mapping of str to (m,) array
-        :func:`values_of` them.
-    numbers : (m,) int64 array
-        Their numbers in the mesh.
-    centres : callable
-        Centres (s, d) of its cells (s,), mesh length unit.
-    metric : str
-        Ranks the worst cells.
-    """
-    worst = smallest(values[metric], _WORST)
-    return PartialSummary(
-        cells=len(quality),
-        inverted=int(np.count_nonzero(quality.inverted)),
-        sums={name: float(own.sum()) for name, own in values.items()},
-        minima={name: float(own.min()) for name, own in values.items()},
-        contents={name: content(own, WHOLE) for name, own in values.items()},
-        worst=worst_cells(numbers[worst], quality.subset(worst), centres(worst), metric),
-    )
 
 
 def by_question(answers: Sequence[Sequence[BinContent]]) -> list[list[BinContent]]:
@@ -130,7 +84,7 @@ def joined(
         metric,
         inverted=sum(part.inverted for part in parts),
         cells=cells,
-        worst=tuple(worst[:_WORST]),
+        worst=tuple(worst[:WORST]),
     )
 
 

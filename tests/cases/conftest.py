@@ -1,7 +1,5 @@
 """A small case that tests vary: a square of triangles with a square hole, which moves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A stored session replayed: the same bits with the same settings, whatever happened; and what differs is told."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -10,10 +10,10 @@ import pytest
 
 from mesh_motion_server.distributed.judging import Unanswered, as_plain, first_questions, heard, summary_of, told
 from mesh_motion_server.distributed.order_statistics import content
-from mesh_motion_server.distributed.summaries import Questions, part_of, values_of
+from mesh_motion_server.distributed.summaries import PartialSummary, Questions
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.quality.metrics import CellQuality
-from mesh_motion_server.numerics.quality.quality_summary import distribution
+from mesh_motion_server.numerics.quality.quality_summary import distribution, smallest, worst_cells
 
 METRIC = "size-skew"
 RANKS = (4000, 1, 700)
@@ -29,8 +29,15 @@ def quality(count: int, seed: int) -> CellQuality:
 def fields(number: int, further: Questions = ()) -> dict[str, Any]:
     """What a rank tells."""
     own = quality(RANKS[number], number)
-    part = part_of(
-        own, values_of(own, METRIC), np.arange(len(own)), lambda cells: np.zeros((len(cells), 3)), metric=METRIC
+    values = {name: own.metric(name) for name in ("size", "skew", METRIC)}
+    worst = smallest(values[METRIC], 10)
+    part = PartialSummary(
+        cells=len(own),
+        inverted=int(own.inverted.sum()),
+        sums={name: float(one.sum()) for name, one in values.items()},
+        minima={name: float(one.min()) for name, one in values.items()},
+        contents={},
+        worst=worst_cells(worst, own.subset(worst), np.zeros((len(worst), 3)), METRIC),
     )
     questions = (*first_questions(METRIC), *further)
     answers = [content(own.metric(name), way) for name, way in questions]

@@ -1,7 +1,5 @@
 """The notebooks of docs/tutorials: each runs from its first cell to its last, and the site shows what they put out."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

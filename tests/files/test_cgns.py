@@ -1,7 +1,5 @@
 """CGNS: what Gmsh writes and VTK reads; every kind of section, in old and new form; damaged files in one clear line."""
 
-from __future__ import annotations
-
 import multiprocessing
 import subprocess
 import sys

@@ -4,36 +4,23 @@ The load stub and the beam are both linear, so the coupled answer has a monolith
 mass in its own mass matrix. The partitioned run must reproduce it to the tolerance of its iterations.
 """
 
-from __future__ import annotations
-
 import csv
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+from loaded_scripts import loaded
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STEPS, DT = 12, 0.05
 ADDED_MASS, AMPLITUDE, FREQUENCY = 20.0, 30.0, 1.0
 
 
-def load_script(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / "mock_fsi" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
 def monolithic_tip(points: np.ndarray) -> np.ndarray:
     """(STEPS,) tip deflection of the beam that carries the added mass itself."""
-    solid = load_script("solid")
+    solid = loaded(EXAMPLES / "mock_fsi" / "solid.py")
     beam = solid.Beam()
     shape = beam.modes(points)[:, 1, :]
     share = 0.35 / len(points)
@@ -57,7 +44,6 @@ def solid_endpoint():
     """A solid participant in its own process."""
     command = [sys.executable, str(EXAMPLES / "mock_fsi" / "solid.py"), "--bind", "tcp://127.0.0.1:*", "--dt", str(DT)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         yield process.stdout.readline().rsplit(maxsplit=1)[-1]
         process.terminate()
 

@@ -1,7 +1,6 @@
 """A move has the same bits on any number of threads and at any vector width."""
 
-from __future__ import annotations
-
+import functools
 import os
 import subprocess
 import sys
@@ -16,6 +15,7 @@ _BUILT = sorted(found.parent.name for found in Path(kernels.__file__).parent.glo
 LEVELS = [level for level in _BUILT if level <= kernels._widest()]
 
 
+@functools.cache
 def _digests(level: str) -> dict[tuple[str, str], str]:
     """By case and threads, of a process of its own. BLAS gets one thread, as in a worker."""
     done = subprocess.run(

@@ -1,23 +1,15 @@
 """Whatever Python sends, a loop answers with a result, a TypeError or a ValueError; the process never ends."""
 
-from __future__ import annotations
-
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+from loaded_scripts import loaded
 
 _SCRIPT = Path(__file__).with_name("fuzz.py")
-_SPEC = importlib.util.spec_from_file_location("fuzz", _SCRIPT)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-fuzz = importlib.util.module_from_spec(_SPEC)
-sys.modules["fuzz"] = fuzz
-_SPEC.loader.exec_module(fuzz)
-
-LOOPS = fuzz.loops()
+LOOPS = loaded(_SCRIPT).loops()
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +20,7 @@ def findings() -> dict[str, str]:
         rest = LOOPS[len(found) :]
         try:
             done = subprocess.run(
-                [sys.executable, "-X", "faulthandler", str(_SCRIPT), *rest],
+                [sys.executable, "-X", "faulthandler", str(_SCRIPT), str(5 * settings.default.max_examples), *rest],
                 capture_output=True,
                 text=True,
                 timeout=240,

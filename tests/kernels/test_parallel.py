@@ -1,7 +1,5 @@
 """Loops on several threads: beside each other, after a fork, with an error in a block, limited for one thread only."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Parts of a boundary on the wrong side of each other: bodies beyond a wall, bodies in each other, and others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh

@@ -1,7 +1,5 @@
 """Faces as a finite-volume code sees them: known angles, no change by rigid motions, and what checkMesh prints."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,7 @@
 #include "quality/summaries.h"
 
+#include <algorithm>
+#include <bit>
 #include <limits>
 #include <memory>
 #include <numeric>
@@ -55,6 +57,63 @@ Metric checked(Index metric, const Cells& cells) {
     return known;
 }
 
+/// Those of a report: size, skew, size-skew and, where it is none of these, the metric that ranks.
+std::vector<Metric> reported(Metric ranked) {
+    std::vector<Metric> metrics{Metric::size, Metric::skew, Metric::size_skew};
+    if (ranked > Metric::size_skew) metrics.push_back(ranked);
+    return metrics;
+}
+
+/// f(k, values) for the reported metrics of the cells first … first + n − 1, at most a chunk; how many are inverted.
+template <class F>
+Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index first, Index n, F&& f) {
+    alignas(64) double size[chunk], skew[chunk], other[chunk];
+    bool inverted[chunk];
+    cells.judge(first, first + n, size, skew, inverted);
+    for (Index k = 0; k < static_cast<Index>(metrics.size()); ++k) {
+        const double* rest = metrics[k] == Metric::relative_size_skew ? cells.rest() + first : nullptr;
+        if (k > 1) metric_of(metrics[k], n, size, skew, rest, other);
+        f(k, k == 0 ? size : k == 1 ? skew : other);
+    }
+    return std::count(inverted, inverted + n, true);
+}
+
+/// Bins of [−1, 1], and equal parts of each: the bins of count_in_bins, for vectors of any width.
+struct Bins {
+    /// Values are counted in one of these in turn: equal ones, which are many, do not wait for each other.
+    static constexpr Index sets = 4;
+    Index bins;
+    std::vector<std::uint32_t> counts = std::vector<std::uint32_t>(sets * bins);
+    std::array<double, chunk> most;
+
+    explicit Bins(Index bins) : bins(bins) { most.fill(-infinity); }
+
+    /// The next n values, at most a chunk; their places.
+    void add(const double* __restrict values, Index n, std::uint32_t* __restrict places) {
+        const double count = static_cast<double>(bins), last = count - 1.0;
+        const double scale = 0.5 * count, width = 1.0 / scale, finer = scale * count;
+        const auto inside = [last](double place) {
+            place = place > 0.0 ? place : 0.0;
+            return static_cast<std::int32_t>(place < last ? place : last);
+        };
+        std::int32_t bin[chunk];
+        for (Index s = 0; s < n; ++s) {
+            const double value = values[s];
+            bin[s] = inside((value + 1.0) * scale);
+            const double low = static_cast<double>(bin[s]) * width - 1.0;
+            places[s] = static_cast<std::uint32_t>(bin[s] * static_cast<std::int32_t>(count) +
+                                                   inside((value - low) * finer));
+        }
+        for (Index s = 0; s < n; ++s) most[s] = values[s] > most[s] ? values[s] : most[s];
+        for (Index s = 0; s < n; ++s) ++counts[bin[s] * sets + s % sets];
+    }
+};
+
+/// Refuses a number of bins whose parts do not have exact limits, or are too many to be numbered.
+void check_bins(Index bins) {
+    require(0 < bins && bins < 1 << 15 && (bins & (bins - 1)) == 0, "bins: expected a power of 2 below 32768");
+}
+
 }  // namespace
 
 std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
@@ -106,8 +165,7 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     const Metric ranked = checked(metric, cells);
     const Index m = cells.size();
     require(m > 0, "blocks: expected at least one cell");
-    std::vector<Metric> metrics{Metric::size, Metric::skew, Metric::size_skew};
-    if (metric > 2) metrics.push_back(ranked);
+    const auto metrics = reported(ranked);
     const Index kinds = static_cast<Index>(metrics.size()), place = std::min<Index>(metric, 3);
 
     // what a sample says of all
@@ -135,22 +193,14 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
         for_ranges(m, task_size, [&](Index begin, Index end) {
             const Index task = begin / task_size;
             for (Index first = begin; first < end; first += chunk) {
-                alignas(64) double size[chunk], skew[chunk], other[chunk];
-                bool inverted[chunk];
                 const Index n = std::min(chunk, end - first);
-                cells.judge(first, first + n, size, skew, inverted);
-                for (Index k = 0; k < kinds; ++k) {
-                    const double* own = k == 0 ? size : k == 1 ? skew : other;
-                    if (k > 1)
-                        metric_of(metrics[k], n, size, skew,
-                                  metrics[k] == Metric::relative_size_skew ? cells.rest() + first : nullptr, other);
+                const Index turned = for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
                     if (kept) std::copy_n(own, n, (*kept)[k].data() + first);
-                    if (!tally) continue;
+                    if (!tally) return;
                     tallies[k][task].add(own, n, brackets.empty() ? nullptr : &brackets[k]);
                     if (k == place) lowest[task].add(own, first, n, limit);
-                }
-                if (tally)
-                    for (Index s = 0; s < n; ++s) inversions[task] += inverted[s];
+                });
+                if (tally) inversions[task] += turned;
             }
             lowest[task].trim();
         });
@@ -182,6 +232,107 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     for (const Lowest& part : lowest) all.add(part);
     return {Owned<double, 2>{std::move(found), {kinds, 2 + percentiles}}, owned(all.in_order().second),
             std::accumulate(inversions.begin(), inversions.end(), Index{0})};
+}
+
+std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_cells(
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, Vector<const double> rest,
+    Index metric, Index count, Index bins, Matrix<std::uint32_t> places) {
+    const Cells cells(points, blocks, reference, rest);
+    const Metric ranked = checked(metric, cells);
+    const auto metrics = reported(ranked);
+    const Index m = cells.size(), kinds = static_cast<Index>(metrics.size()), place = std::min<Index>(metric, 3);
+    check_bins(bins);
+    require(places.shape(0) == kinds && places.shape(1) == m, "places: expected one for each metric and cell");
+    const auto numbers = sample_of(m, std::min(m, looked_at_first));
+    Judged sample = judged(cells, numbers);
+    fill(ranked, cells, numbers, sample);
+    const double limit = limit_of(sample.values, count, m);
+
+    constexpr Index task_size = 8 * judged_at_once;
+    const Index tasks = (m + task_size - 1) / task_size;
+    std::vector<std::vector<Tally>> tallies(kinds, std::vector<Tally>(tasks));
+    std::vector<Lowest> lowest(tasks, Lowest(count));
+    std::vector<Index> inversions(tasks);
+    Owned<Index, 2> counts{std::vector<Index>(kinds * bins), {kinds, bins}};
+    std::vector<std::vector<double>> most(kinds, std::vector<double>(tasks));
+    for_ranges(m, task_size, [&](Index begin, Index end) {
+        const Index task = begin / task_size;
+        std::vector<Bins> here(kinds, Bins(bins));
+        for (Index first = begin; first < end; first += chunk) {
+            const Index n = std::min(chunk, end - first);
+            inversions[task] += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
+                tallies[k][task].add(own, n, nullptr);
+                here[k].add(own, n, places[k].data() + first);
+                if (k == place) lowest[task].add(own, first, n, limit);
+            });
+        }
+        lowest[task].trim();
+        for (Index k = 0; k < kinds; ++k) {
+            most[k][task] = *std::max_element(here[k].most.begin(), here[k].most.end());
+            for (std::size_t c = 0; c < here[k].counts.size(); ++c)
+                if (here[k].counts[c])
+                    __atomic_fetch_add(&counts.values[k * bins + static_cast<Index>(c) / Bins::sets], here[k].counts[c],
+                                       __ATOMIC_RELAXED);
+        }
+    });
+
+    std::vector<double> found;
+    for (Index k = 0; k < kinds; ++k) {
+        double total = 0.0, least = infinity;
+        for (const Tally& tally : tallies[k]) {
+            total += tally.sum();
+            least = std::min(least, *std::min_element(tally.least.begin(), tally.least.end()));
+        }
+        found.insert(found.end(), {total, least, std::accumulate(most[k].begin(), most[k].end(), -infinity,
+                                                                 [](double a, double b) { return std::max(a, b); })});
+    }
+    Lowest all(count);
+    for (const Lowest& part : lowest) all.add(part);
+    return {Owned<double, 2>{std::move(found), {kinds, 3}}, std::move(counts), owned(all.in_order().second),
+            std::accumulate(inversions.begin(), inversions.end(), Index{0})};
+}
+
+Owned<Index, 2> counts_in_parts(Vector<const std::uint32_t> places, Vector<const std::uint32_t> wanted, Index bins) {
+    check_bins(bins);
+    require_below(wanted, bins, "wanted: expected numbers of bins");
+    require_below(places, bins * bins, "places: expected parts of bins");
+    const Index rows = wanted.size(), shift = std::countr_zero(static_cast<std::uint64_t>(bins));
+    std::vector<std::int32_t> row(bins, -1);
+    for (Index w = 0; w < rows; ++w) row[wanted[w]] = static_cast<std::int32_t>(w);
+    Owned<Index, 2> counts{std::vector<Index>(rows * bins), {rows, bins}};
+    for (Index first = 0; first < places.size(); first += chunk) {
+        const std::uint32_t* at = places.data() + first;
+        const Index n = std::min(chunk, places.size() - first);
+        std::uint32_t found[chunk];
+        Index number = 0;
+        for (Index s = 0; s < n; ++s) {
+            found[number] = at[s];
+            number += row[at[s] >> shift] >= 0;
+        }
+        for (Index s = 0; s < number; ++s)
+            ++counts.values[row[found[s] >> shift] * bins + (found[s] & static_cast<std::uint32_t>(bins - 1))];
+    }
+    return counts;
+}
+
+Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
+                           Vector<const double> rest, Index metric, Vector<const std::uint32_t> places,
+                           Vector<const std::uint32_t> wanted) {
+    const Cells cells(points, blocks, reference, rest);
+    const Metric asked = checked(metric, cells);
+    require(places.size() == cells.size(), "places: expected one for each cell");
+    std::vector<Index> numbers;
+    for (Index first = 0; first < places.size(); first += chunk) {
+        const Index n = std::min(chunk, places.size() - first);
+        std::uint32_t any = 0;
+        for (std::uint32_t place : wanted)
+            for (Index s = 0; s < n; ++s) any |= places.data()[first + s] == place;
+        for (Index s = 0; any && s < n; ++s)
+            if (std::find(wanted.begin(), wanted.end(), places[first + s]) != wanted.end()) numbers.push_back(first + s);
+    }
+    Judged all = judged(cells, numbers);
+    fill(asked, cells, numbers, all);
+    return owned(std::move(all.values));
 }
 
 }  // namespace mesh_motion

@@ -25,4 +25,20 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
                                                                   Vector<const double> reference,
                                                                   Vector<const double> rest, Index metric, Index count);
 
+/// What cells tell that are a part of a mesh: sum, minimum and maximum (metrics, 3) of the same metrics, how many values
+/// are in each of equal bins (metrics, bins) of [−1, 1], the `count` lowest cells, and how many are inverted. places
+/// (metrics, m) receives where each value is: its bin times the bins, plus its part of that bin, which has as many parts.
+std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_cells(
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, Vector<const double> rest,
+    Index metric, Index count, Index bins, Matrix<std::uint32_t> places);
+
+/// How many of such places (m,) are in each part (w, bins) of the `wanted` (w,) of the bins.
+Owned<Index, 2> counts_in_parts(Vector<const std::uint32_t> places, Vector<const std::uint32_t> wanted, Index bins);
+
+/// The values of a metric, in the order of the cells, that are at the `wanted` (w,) places: `places` (m,) are of cells
+/// that were counted at these points.
+Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
+                           Vector<const double> rest, Index metric, Vector<const std::uint32_t> places,
+                           Vector<const std::uint32_t> wanted);
+
 }  // namespace mesh_motion

@@ -1,7 +1,5 @@
 """Against preCICE itself, where it is installed: the scripts of the stub, and the tutorial."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os
@@ -13,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loaded_scripts import loaded
 from mesh_motion_precice import read_configuration
 from precice_stub import Script
 
@@ -81,7 +80,7 @@ def test_a_script_gives_what_the_client_gives(iterations, more, coupling, couple
     finished(tmp_path, partner, ours)
     logs = "".join(path.read_text() for path in tmp_path.glob("log.*"))
     assert "connectivity" not in logs  # preCICE warns where a mapping does not find the cells it needs
-    with np.load(tmp_path / "read.npz") as read, server.open(square, {"support_radius": 0.8}) as session:
+    with np.loaded(tmp_path / "read.npz") as read, server.open(square, {"support_radius": 0.8}) as session:
         for window, found in enumerate(read["arr_0"]):
             rows = Script(values).displacement(square.points[wet], window, iterations[window], 1.0)
             expected = session.move(rows, frame="reference").displacement
@@ -114,19 +113,11 @@ def test_the_tutorial_gives_the_monolithic_motion(server, tmp_path):
     options = ["--server", server.endpoint, "--config", config]
     ours = started(tmp_path, "-m", "mesh_motion_precice", TUTORIAL / "precice-adapter-config.json", *options)
     finished(tmp_path, *solvers, ours)
-    monolithic = load(ROOT / "tests" / "integration" / "test_mock_fsi.py")
-    with np.load(ROOT / "examples" / "turek_hron_flag" / "mesh.npz") as mesh:
+    monolithic = loaded(ROOT / "tests" / "integration" / "test_mock_fsi.py")
+    with np.loaded(ROOT / "examples" / "turek_hron_flag" / "mesh.npz") as mesh:
         expected = monolithic.monolithic_tip(mesh["points"][np.unique(mesh["patch_flag"])])
     tips = np.loadtxt(tmp_path / "tip.csv")[:, 1]
     np.testing.assert_allclose(tips, expected, atol=1e-6 * np.abs(expected).max() * 10)
-
-
-def load(path):
-    spec = importlib.util.spec_from_file_location(f"loaded_{path.stem}", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_the_tutorial_s_files_fit():
