@@ -1,5 +1,5 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
-# make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about seven minutes
+# make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about six minutes
 # make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour
 # make manual writes docs/man anew after a change of a command
 # make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
