@@ -1,7 +1,5 @@
 """The command line as people and programs meet it: output, one-line errors, exit statuses."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -274,7 +272,6 @@ def test_serve_says_ready_lists_its_sessions_and_drains(run: Run, tmp_path: Path
         text=True,
     )
     try:
-        assert process.stdout is not None
         assert process.stdout.readline() == f"ready {endpoint}\n"
         status, out, _ = run("inspect", "--endpoint", endpoint)
         assert status == 0
@@ -284,7 +281,6 @@ def test_serve_says_ready_lists_its_sessions_and_drains(run: Run, tmp_path: Path
     finally:
         process.send_signal(signal.SIGTERM)
         assert process.wait(30) == 0
-        assert process.stdout is not None
         process.stdout.close()
 
 

@@ -1,7 +1,5 @@
 """``mesh-motion convert`` as people meet it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -45,10 +43,7 @@ def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            (EXAMPLE, "mesh.su2"),
-            "mesh.su2: .npz and .vtu are written (write .vtu, then meshio convert ",
-        ),
+        ((EXAMPLE, "mesh.su2"), "mesh.su2: .npz and .vtu are written (write .vtu, then meshio convert "),
         (("none.msh", "mesh.npz"), "none.msh: no such mesh file"),
         ((EXAMPLE, "mesh.npz", "--points", "none.npy"), "none.npy: cannot be read"),
         (("none.msh", "missing/mesh.npz"), "missing/mesh.npz: there is no folder"),

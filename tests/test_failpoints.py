@@ -1,7 +1,5 @@
 """Failpoints: the table is what the code calls, a plan says what happens, and without the variable nothing does."""
 
-from __future__ import annotations
-
 import ast
 import errno
 import os

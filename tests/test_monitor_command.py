@@ -1,7 +1,5 @@
 """``mesh-motion monitor`` as a program: pipes, dumb terminals, a real terminal, a real server."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,7 +1,5 @@
 """``mesh-motion plot`` as people meet it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 

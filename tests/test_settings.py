@@ -1,7 +1,5 @@
 """Settings: defaults, strictness, and one clear line for each mistake."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

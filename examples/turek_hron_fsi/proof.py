@@ -150,7 +150,7 @@ def cell(figure: Figure) -> str:
 
 
 def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
-    """Histories of the four quantities: whole runs at the left, the last periods at the right."""
+    """Histories of the four quantities: whole runs at the left, the last periods of each at the right."""
     import matplotlib  # noqa: PLC0415  a proof without a picture needs none
 
     matplotlib.use("Agg")
@@ -162,17 +162,17 @@ def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
         mean, amplitude, _ = published[quantity]
         for axes in (whole, late):
             for name, run in runs.items():
-                axes.plot(run["t"], run[quantity], "--" if "control" in name else "-", lw=0.9, label=LABELS[name])
+                times = run["t"] - run["t"][-1:] if axes is late else run["t"]  # no two runs end at the same time
+                axes.plot(times, run[quantity], "--" if "control" in name else "-", lw=0.9, label=LABELS[name])
             axes.axhspan(mean - amplitude, mean + amplitude, color="0.9", zorder=0, label="published range")
             axes.grid(alpha=0.3)
         whole.set_ylabel(f"{quantity} [{UNITS[quantity]}]")
         if quantity == "drag":  # without its way up from zero
             for axes in (whole, late):
                 axes.set_ylim(mean - 3.0 * amplitude, mean + 2.0 * amplitude)
-    end = max((run["t"][-1] for run in runs.values() if len(run["t"])), default=1.0)
-    panels[3, 1].set_xlim(end - 4.0 / published["uy"][2], end)
-    for axes in panels[3]:
-        axes.set_xlabel("time [s]")
+    panels[3, 1].set_xlim(-4.0 / published["uy"][2], 0.0)
+    for axes, label in zip(panels[3], ("time [s]", "time before a run's end [s]"), strict=True):
+        axes.set_xlabel(label)
     panels[0, 0].legend(loc="upper left", fontsize="small")
     panels[0, 0].set_title(f"{case.upper()}: displacement of A, drag and lift")
     figure.savefig(path, dpi=110)

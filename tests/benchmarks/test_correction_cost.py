@@ -1,7 +1,5 @@
 """The benchmark of the correction's cost: one small case end to end, and the page it fills."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The benchmark of partitions: the model finds the constants it is given, a small case is measured end to end."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The benchmark of the history measures what it says, with few steps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.history import measure

@@ -1,7 +1,5 @@
 """The judge on motions whose quality is known, and its protection against systems that cheat."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

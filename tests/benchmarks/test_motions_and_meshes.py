@@ -1,7 +1,5 @@
 """The meshes and motions are what the tables say they are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

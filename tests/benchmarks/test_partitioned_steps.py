@@ -1,7 +1,5 @@
 """A mesh that only workers have moves as it would in one place, and nothing as large as itself travels."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any
@@ -19,10 +17,7 @@ from benchmarks.distributed.sources import FileSource, write_partitions  # noqa:
 from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime  # noqa: E402
 from mesh_motion_server.numerics.method import Method  # noqa: E402
 
-METHODS = {
-    "relative": Method(correction="none"),
-    "two scales": Method(correction="none", quality_metric="skew"),
-}
+METHODS = {"relative": Method(correction="none"), "two scales": Method(correction="none", quality_metric="skew")}
 
 
 def together(mesh: Any, motion: PartitionedMotion, source: FileSource) -> np.ndarray:

@@ -1,7 +1,5 @@
 """The polyMesh writer: ordering rules, geometry, and checkMesh's own opinion where OpenFOAM is installed."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A refined mesh fills the same space with eight times the cells, and keeps its quality."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

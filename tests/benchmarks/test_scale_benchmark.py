@@ -1,7 +1,5 @@
 """The benchmark of growth: one small case end to end, the tables and the plot, and that the README shows every case."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The run of all benchmarks: the aims against made-up figures, the page, and one short run end to end."""
 
-from __future__ import annotations
-
 import subprocess
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every system keeps the convention: boundary exact, one set of positions a step; a missing one is reported."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -125,7 +123,6 @@ def test_a_worker_that_dies_says_its_last_line(tmp_path: Path) -> None:
 def test_memory_is_read_from_the_kernel() -> None:
     code = "import sys; block = bytearray(b'1' * 100_000_000); print(flush=True); sys.stdin.read()"
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
-        assert child.stdout is not None
         child.stdout.readline()
         assert 100e6 < peak_memory(child.pid) < 500e6
         assert peak_memory(os.getpid()) > peak_memory(child.pid)  # a parent answers for its children

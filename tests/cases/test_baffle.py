@@ -1,7 +1,5 @@
 """A plate without thickness in a square: two rows of nodes at the same place, moved end to end."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -64,11 +62,7 @@ def spoil(mesh, kind: str):
 
 @pytest.mark.parametrize(
     ("kind", "message"),
-    [
-        ("inverted", "inverted"),
-        ("repeated", "names a node twice"),
-        ("flat", "inverted or degenerate|flat"),
-    ],
+    [("inverted", "inverted"), ("repeated", "names a node twice"), ("flat", "inverted or degenerate|flat")],
 )
 @pytest.mark.parametrize("of_the_mesh", [False, True])
 def test_an_unusable_mesh_is_refused_by_its_first_offender(

@@ -1,7 +1,5 @@
 """The demonstration that is installed with the package, as docs/start.md shows it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

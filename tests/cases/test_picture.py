@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,7 +51,6 @@ def test_the_same_case_gives_the_same_picture(tmp_path: Path) -> None:
 def test_a_3d_motion_is_cut_across_the_axis_of_least_motion() -> None:
     before, after = snapshots("tetra")
     plane = choose_plane(before, after)
-    assert plane is not None
     assert plane.axis in (1, 2)
     assert choose_plane(*snapshots("quad")) is None
 

@@ -1,9 +1,8 @@
 """What play does with a case and with replies: through a stand-in, and once through a real server over the wire."""
 
-from __future__ import annotations
-
 import csv
 import json
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -344,7 +343,6 @@ def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path)
         assert step.seconds > 0
     for name, points in (("before", played.mesh.points), ("after", played.points)):
         measured = face_measures(points, played.mesh.cell_table)
-        assert measured is not None
         told = {key: value for key, value in played.steps[-1].faces[name].items() if key != "worst"}
         assert told == pytest.approx(measured.numbers(), rel=1e-9)
     assert nothing_is_left(server)
@@ -407,12 +405,19 @@ def stopped_at(step: int) -> Any:
     return advance
 
 
-@pytest.fixture
-def stopped(make_case, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def stopped_run(make_module_case, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a run that was interrupted behind its second of four steps; of a private server."""
+    out = tmp_path_factory.mktemp("stopped") / "out"
     with pytest.raises(KeyboardInterrupt):
-        play(make_case(*RUN), tmp_path / "out", progress=stopped_at(2))
-    return tmp_path / "out"
+        play(make_module_case(*RUN), out, progress=stopped_at(2))
+    return out
+
+
+@pytest.fixture
+def stopped(stopped_run: Path, tmp_path: Path) -> Path:
+    """A copy of them."""
+    return shutil.copytree(stopped_run, tmp_path / "out")
 
 
 def test_a_resumed_run_has_the_bits_of_one_that_was_never_stopped(make_case, stopped: Path, tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The story of a step: what an engineer asks is in it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

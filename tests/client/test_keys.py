@@ -8,7 +8,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 import zmq
-from mesh_motion_client import Keys, SessionError, Unavailable, connect
+from mesh_motion_client import SessionError, Unavailable, connect
 from mesh_motion_client.connection import Connection, ConnectionLost
 from mesh_motion_client.control import Control
 from mesh_motion_protocol.messages import Close, Closed, Hello, List, Listed, Probe, Probed, Status, StatusReport
@@ -51,12 +51,6 @@ def test_a_session_from_open_to_resume_with_keys(keyed_server, alice, mesh):
         session.commit()
     with alice.resume(session.credentials) as again:
         assert again.step == 2
-
-
-def test_the_environment_gives_the_keys(keyed_server, monkeypatch):
-    monkeypatch.setattr(Keys, "from_environment", classmethod(lambda cls: keyed_server.alice))
-    with connect(keyed_server.endpoint, timeout=SECONDS) as server:
-        assert {entry["worker"] for entry in server.sessions()} <= {"alive", "none"}
 
 
 def test_who_is_not_admitted_is_told_at_once(keyed_server):

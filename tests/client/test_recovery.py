@@ -91,15 +91,6 @@ def test_kill_9_of_the_whole_server_and_restart(server, session, background, cap
     assert (session.step, session.points()[0, 1]) == (2, 0.5)
 
 
-def test_a_planned_restart_between_steps(server, session):
-    session.move(UP)
-    session.commit()
-    server.stop()
-    server.start()
-    session.move(UP)
-    assert session.commit().step == 2
-
-
 def test_a_cut_connection_executes_once(server, client, mesh, proxy, background):
     session = client.open(mesh)
     with server.hold():
@@ -151,22 +142,6 @@ def test_who_was_fenced_is_told(client, session, tmp_path):
         assert caught.value.code == "ABORTED.FENCED"
         other.move(UP)
         assert other.commit().step == 2
-
-
-def test_resume_from_another_process_after_a_close(client, mesh):
-    with client.open(mesh) as session:
-        session.move(UP)
-        session.commit()
-    with client.resume(session.credentials) as again:
-        assert again.points()[0, 1] == 0.25
-        again.move(UP)
-        assert again.commit().step == 2
-
-
-def test_a_wrong_token_is_not_found(client, session):
-    with pytest.raises(SessionError) as caught:
-        client.resume(Credentials(session.credentials.session, b"x" * 32))
-    assert caught.value.code == "NOT_FOUND"
 
 
 def test_nobody_there_is_told_in_time():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
+from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, connect
 from mesh_motion_protocol.digests import state_digest
 
 from proofs.waiting import wait_until
@@ -28,23 +28,6 @@ def test_move_and_commit(session, mesh):
     assert (session.points() == mesh.points + moved.displacement).all()
     assert (session.points("reference") == mesh.points).all()
     assert committed.digest == state_digest(1, session.points())
-
-
-def test_iterations_start_from_the_committed_state(session):
-    session.move(2 * UP)
-    assert session.move(UP).displacement[0, 1] == 0.25
-    assert session.iteration == 2
-    session.commit()
-    assert session.move(UP, frame="reference").displacement.tolist() == [[0.0, 0.25]] * 16
-
-
-def test_rollback_drops_the_trial(session, mesh):
-    session.move(UP)
-    session.rollback()
-    assert session.iteration == 0
-    with pytest.raises(SessionError, match="no trial"):
-        session.commit()
-    assert (session.points() == mesh.points).all()
 
 
 def test_displacements_by_patch(session):
@@ -87,24 +70,6 @@ def test_the_caller_may_reuse_its_array(session):
     displacements[:] = 7.0
     assert session.commit().step == 1
     assert moved.displacement[0, 1] == 0.25
-
-
-def test_status(session):
-    session.move(UP)
-    status = session.status()
-    assert (status.state, status.step, status.iteration) == ("TRIAL", 0, 1)
-
-
-def test_two_sessions_do_not_disturb_each_other(client, mesh):
-    with client.open(mesh) as one, client.open(mesh) as two:
-        one.move(UP)
-        one.commit()
-        assert (two.points() == mesh.points).all()
-        two.move(2 * UP)
-        two.commit()
-        assert one.points()[0, 1] == 0.25
-        assert two.points()[0, 1] == 0.5
-        assert {one.credentials.session, two.credentials.session} <= {s["session"] for s in client.sessions()}
 
 
 def test_a_closed_session_is_kept_or_discarded(server, client, mesh):

@@ -1,7 +1,5 @@
 """Wrong servers: a real one with one thing broken, by name, and the cases that have to see it."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from dataclasses import dataclass, replace
@@ -125,9 +123,7 @@ def keeps_fewer_replies_than_it_says(patch):
 def lets_fenced_holders_go_on(patch):
     check = Holders.check_address
     patch.setattr(
-        Holders,
-        "check_address",
-        lambda self, request: check(self, replace(request, epoch=self._session.epoch)),
+        Holders, "check_address", lambda self, request: check(self, replace(request, epoch=self._session.epoch))
     )
 
 

@@ -3,8 +3,6 @@
 The fragments of adapters/c/README.md and adapters/precice/README.md.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

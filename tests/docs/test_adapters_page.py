@@ -1,12 +1,10 @@
 """adapters/README.md: its adapter runs as it stands, its matrix names every adapter, its links lead somewhere."""
 
-from __future__ import annotations
-
-import importlib.util
 import re
-import subprocess
-import sys
 from pathlib import Path
+
+from loaded_scripts import loaded
+from python_runs import said_by_python
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "adapters" / "README.md"
@@ -16,16 +14,8 @@ TEXT = PAGE.read_text(encoding="utf-8")
 def test_the_adapter_in_five_steps_runs(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
     assert len(blocks) == 6
-    run = subprocess.run(
-        [sys.executable, "-c", "\n".join(blocks)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    lowest = [float(value) for value in re.findall(r"step \d: min size-skew (\S+)", run.stdout)]
+    told = said_by_python("-c", "\n".join(blocks), cwd=tmp_path, timeout=120)
+    lowest = [float(value) for value in re.findall(r"step \d: min size-skew (\S+)", told)]
     assert len(lowest) == 3
     assert lowest == sorted(lowest, reverse=True)
     assert lowest[-1] > 0.2
@@ -38,18 +28,8 @@ def test_the_matrix_names_every_adapter() -> None:
     assert folders - named == set()
 
 
-def test_every_link_leads_somewhere() -> None:
-    links = re.findall(r"\]\((?!https?:)([^)#]+)", TEXT)
-    assert len(links) > 10
-    assert [link for link in links if not (PAGE.parent / link).exists()] == []
-
-
 def test_what_make_adapters_runs_exists() -> None:
     """Each entry's tests, so that a folder that moved is not passed over."""
-    spec = importlib.util.spec_from_file_location("adapters_check", ROOT / "adapters" / "check.py")
-    assert spec is not None
-    assert spec.loader is not None
-    check = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(check)
+    check = loaded(ROOT / "adapters" / "check.py")
     for name, (_, tests, _) in check.ADAPTERS.items():
         assert all((ROOT / path).exists() for path in tests), name

@@ -2,8 +2,6 @@
 that the board for Grafana beside them asks for metrics that there are, in expressions that Prometheus can read.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Every code block of the documentation is run: here, by a test of its own, or the page says why not."""
 
-from __future__ import annotations
-
 import re
 import sys
 import time

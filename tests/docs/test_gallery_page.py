@@ -1,7 +1,5 @@
 """docs/gallery.md: its films are those that the script draws, small enough to be loaded with the page."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

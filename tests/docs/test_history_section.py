@@ -1,7 +1,5 @@
 """What docs/operations.md shows of histories and replays is run on a session with such a folder."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

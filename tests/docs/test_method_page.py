@@ -1,7 +1,5 @@
 """The page that explains the method's keys knows every key."""
 
-from __future__ import annotations
-
 import re
 
 from docs.studies.page import DOCS

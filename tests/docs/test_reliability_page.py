@@ -1,7 +1,5 @@
 """docs/reliability.md names every row of the table of proofs, and only rows, tests and files that exist."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

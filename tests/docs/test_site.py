@@ -1,7 +1,5 @@
 """What the documentation's site adds to the pages: navigation, parts written from the code, a check of every link."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Each check returns what is wrong with a text, so that it can be held against a text with a seeded error too.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from importlib import import_module

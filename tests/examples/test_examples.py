@@ -1,18 +1,15 @@
 """Every example is played over the wire: fewer steps where the motion is a table, the same path as a user's."""
 
-from __future__ import annotations
-
-import importlib.util
 import json
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+from loaded_scripts import loaded
 from mesh_motion_client import Server, connect
 
 from mesh_motion_server.cases.case import read_case
@@ -57,16 +54,6 @@ def playing(server: Server, tmp_path: Path):
         return play(folder / "case.toml", tmp_path / "out", endpoint=server.endpoint, every=steps)
 
     return play_example
-
-
-def load(path: Path) -> ModuleType:
-    """A script of an example as a module."""
-    spec = importlib.util.spec_from_file_location(f"{path.parent.name}_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_every_case_is_played_here() -> None:
@@ -120,7 +107,7 @@ def test_the_sides_of_the_cascade_stay_a_pitch_apart(playing) -> None:
 
 def test_the_flag_keeps_its_length_and_comes_back() -> None:
     """The table's beam: no stretch along the centre line, the tip at ± 80 mm, at rest after each half period."""
-    script = load(EXAMPLES / "turek_hron_flag" / "build_motion.py")
+    script = loaded(EXAMPLES / "turek_hron_flag" / "build_motion.py")
     arc = np.linspace(0.0, script.LENGTH, 400)
     line = np.stack([script.ROOT + arc, np.full_like(arc, script.CENTRE_LINE)], axis=1)
     bent = line + script.bend(line, script.find_amplitude())
@@ -160,7 +147,7 @@ def test_the_script_builds_the_mesh(name: str, tmp_path: Path) -> None:
     if uses_gmsh := "import gmsh" in source.read_text(encoding="utf-8"):
         pytest.importorskip("gmsh", exc_type=OSError)
     shutil.copyfile(source, tmp_path / "build_mesh.py")
-    load(tmp_path / "build_mesh.py").main()
+    loaded(tmp_path / "build_mesh.py").main()
     built, shipped = read_mesh(tmp_path / "mesh.npz"), read_mesh(EXAMPLES / name / "mesh.npz")
     assert set(built.patches) == set(shipped.patches)
     assert set(built.cells) == set(shipped.cells)
@@ -172,6 +159,7 @@ def test_the_script_builds_the_mesh(name: str, tmp_path: Path) -> None:
             np.testing.assert_array_equal(built.cells[cell_type], nodes)
 
 
+@pytest.mark.nightly
 def test_two_processes_move_and_judge_their_own_nodes() -> None:
     script = EXAMPLES / "own_ranks" / "ranks.py"
     told = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=120)

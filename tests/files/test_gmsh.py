@@ -1,7 +1,5 @@
 """Gmsh writes, we read: every version and form gives the same mesh, in the file's node order."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What OpenFOAM's programs make, we read: the cells that checkMesh counts, the volumes it measures, the patches."""
 
-from __future__ import annotations
-
 import gzip
 import shutil
 from collections.abc import Callable

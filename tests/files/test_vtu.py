@@ -1,7 +1,5 @@
 """What we write, VTK itself reads back; and what VTK and meshio write, we read."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A boundary layer in a mesh of two partitions, over the wire: carried as in one mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 from frame_meshes import rotation, square_frame
 from two_partitions import moved_in_two_parts
@@ -20,5 +18,4 @@ def test_a_layer_across_partitions_moves_as_in_one_mesh() -> None:
     found = moved_in_two_parts((points, cells, patches), SETTINGS, lambda nodes: goal[nodes] - points[nodes])
     np.testing.assert_allclose(found, expected.points, atol=1e-12)
     layer = model.standard_motion.layer
-    assert layer is not None
     np.testing.assert_allclose(found[layer.nodes], goal[layer.nodes], atol=1e-12)

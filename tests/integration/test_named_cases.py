@@ -3,8 +3,6 @@
 *Best known* is the largest minimum size-skew found by any method with every node free, on meshes of this spacing.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

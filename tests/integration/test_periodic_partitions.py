@@ -1,7 +1,5 @@
 """A periodic mesh in two partitions over the wire: a pair's nodes may be on different ranks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from periodic_meshes import periodic_box, sector
@@ -23,5 +21,4 @@ def test_pairs_across_partitions_move_as_in_one_mesh(make, threshold: float) -> 
     # the mesh is merged in another order of its cells, and a descent ends where little is gained
     np.testing.assert_allclose(found, expected, atol=1e-12 if threshold == 0.2 else 1e-3)
     periodic = model.standard_motion.periodic
-    assert periodic is not None
     assert np.abs(periodic.tied(found, model.roles.moving) - found).max() <= 1e-15

@@ -1,7 +1,5 @@
 """One mesh moved by two ranks over the wire, as it comes back together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

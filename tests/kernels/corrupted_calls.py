@@ -3,8 +3,6 @@
 A loop gives a result, a TypeError or a ValueError. Each is called in a process of its own, which may end.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Calls loops with whatever may come from Python; ``python fuzz.py NAME …`` prints a line for each that gets through.
+"""Calls loops with whatever may come from Python: ``python fuzz.py TRIALS NAME …`` prints a line for each loop.
 
 A loop gives a result, a TypeError or a ValueError. Arrays lie in the middle of larger ones: what is written beside them
 is found there, and an index that is read there leads far away, which ends the process.
@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 
-TRIALS = 1000
 _BESIDE = 64  # numbers before and after an array
 _NEVER = 0.1  # share of whole numbers that are no index, in half of the arrays
 _ARRAY = re.compile(r"ndarray\[dtype=(\w+), shape=\(([^)]*)\)")
@@ -173,11 +172,11 @@ def refused(name: str, arguments: list[Any]) -> bool:
     return False
 
 
-def fuzz(name: str) -> str:
-    """What is wrong with a loop, if anything is."""
+def fuzz(name: str, trials: int) -> str:
+    """What is wrong with a loop, if anything is, after so many calls with arrays of the right kinds."""
     rng, forms = np.random.default_rng(0), overloads(getattr(kernels, name))
     for expected in forms:
-        for _ in range(TRIALS):
+        for _ in range(trials):
             arguments, guarded = drawn(expected, rng)
             try:
                 getattr(kernels, name)(*arguments)
@@ -203,6 +202,6 @@ def fuzz(name: str) -> str:
 
 
 if __name__ == "__main__":
-    for each in sys.argv[1:]:
-        sys.stdout.write(f"{each}\t{fuzz(each)}\n")
+    for each in sys.argv[2:]:
+        sys.stdout.write(f"{each}\t{fuzz(each, int(sys.argv[1]))}\n")
         sys.stdout.flush()

@@ -1,7 +1,5 @@
 """Moves of meshes on one, two and three threads; prints ``case threads digest`` for each."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 ``python recorded_calls.py FILE`` prints for each loop how many are of moves and tests, and how many in all.
 """
 
-from __future__ import annotations
-
 import struct
 import sys
 from collections import Counter

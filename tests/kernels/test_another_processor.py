@@ -1,7 +1,5 @@
 """Loops have the same bits on aarch64, whose calls are repeated in an emulator."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

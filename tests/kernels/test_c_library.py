@@ -1,7 +1,5 @@
 """The C library has the bits of the Python module; its examples run; a wrong argument gives a number and a message."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

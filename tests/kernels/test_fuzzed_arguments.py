@@ -1,23 +1,16 @@
 """Whatever Python sends, a loop answers with a result, a TypeError or a ValueError; the process never ends."""
 
-from __future__ import annotations
-
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+from loaded_scripts import loaded
+from python_runs import said_by_python
 
 _SCRIPT = Path(__file__).with_name("fuzz.py")
-_SPEC = importlib.util.spec_from_file_location("fuzz", _SCRIPT)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-fuzz = importlib.util.module_from_spec(_SPEC)
-sys.modules["fuzz"] = fuzz
-_SPEC.loader.exec_module(fuzz)
-
-LOOPS = fuzz.loops()
+LOOPS = loaded(_SCRIPT).loops()
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +21,7 @@ def findings() -> dict[str, str]:
         rest = LOOPS[len(found) :]
         try:
             done = subprocess.run(
-                [sys.executable, "-X", "faulthandler", str(_SCRIPT), *rest],
+                [sys.executable, "-X", "faulthandler", str(_SCRIPT), str(5 * settings.default.max_examples), *rest],
                 capture_output=True,
                 text=True,
                 timeout=240,
@@ -56,9 +49,7 @@ def test_no_argument_ends_the_process(name: str, findings: dict[str, str]) -> No
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_no_index_ends_the_process() -> None:
-    command = [sys.executable, str(_SCRIPT.with_name("corrupted_calls.py"))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    found = dict(line.split("\t") for line in done.stdout.splitlines())
+    told = said_by_python(_SCRIPT.with_name("corrupted_calls.py"))
+    found = dict(line.split("\t") for line in told.splitlines())
     assert set(found) == set(LOOPS) - {"available_threads", "get_threads", "set_threads"}
     assert {name: finding for name, finding in found.items() if finding} == {}

@@ -6,8 +6,6 @@ noticed after all. Well-known tools do not fit: cosmic-ray starts a process for 
 of imports here, and mutmut leaves out what is decorated (properties, context managers) and functions inside functions.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

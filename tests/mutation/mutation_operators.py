@@ -4,8 +4,6 @@ What is only said (docstrings, the words of errors, annotations, failpoints) is 
 tables and defaults: tests compare them with what is written elsewhere.
 """
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from collections.abc import Callable, Iterator

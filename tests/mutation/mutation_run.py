@@ -6,8 +6,6 @@ call it until one fails: first those that noticed the function's other mutants, 
 end in time counts as noticed. Properties (hypothesis) are tried on the same examples each time.
 """
 
-from __future__ import annotations
-
 import builtins
 import contextlib
 import gc

@@ -4,8 +4,6 @@ Left out are ``durability`` and ``relaxed`` (the levels, and the thread behind o
 computed), ``uploads``, and ``standing``, which holds values only: other proofs look at what these do as a whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """The tool that mutates: what it changes, and that it tells what tests notice from what they do not."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os
@@ -12,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from loaded_scripts import loaded
 
 HERE = Path(__file__).parent
+OPERATORS = loaded(HERE / "mutation_operators.py")
 
 TOY = '''
 class Counter:
@@ -62,18 +62,8 @@ json.dump([trial.problem, outcome and vars(outcome)], open("told.json", "w"))
 """
 
 
-def operators() -> Any:
-    spec = importlib.util.spec_from_file_location("mutation_operators", HERE / "mutation_operators.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def keys(source: str) -> list[str]:
-    return [mutant.key for mutant in operators().mutants(source)]
+    return [mutant.key for mutant in OPERATORS.mutants(source)]
 
 
 def tried(folder: Path, toy: str, tests: str, patience: float = 20.0, **options: Any) -> Any:
@@ -113,7 +103,7 @@ def test_a_key_stays_when_other_code_moves_and_equal_changes_are_numbered() -> N
 
 
 def test_only_the_mutated_function_differs() -> None:
-    made = operators()
+    made = OPERATORS
     first = next(made.mutants(TOY))
     assert made.code_of(first, "toy.py").co_qualname == "Counter.__init__"
     assert [line for line, _ in made.telling(TOY, "toy.py", "told")] == [5, 8, 12, 20]
@@ -169,7 +159,6 @@ def test_every_survivor_has_a_reason_and_a_module() -> None:
     known = tomllib.loads((HERE / "survivors.toml").read_text(encoding="utf-8"))
     for module, survivors in known.items():
         spec = importlib.util.find_spec(module)
-        assert spec is not None
         assert spec.origin is not None
         made = set(keys(Path(spec.origin).read_text(encoding="utf-8")))
         assert set(survivors) <= made, f"{module}: these are no mutants any more"

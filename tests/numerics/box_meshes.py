@@ -1,7 +1,5 @@
 """Meshes of every cell type made of arithmetic: the unit square or cube less [0.4, 0.6]^d, the body that moves."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

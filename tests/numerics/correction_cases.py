@@ -1,7 +1,5 @@
 """The named cases of the correction: meshes, motions, and the best minimum size-skew known for each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Meshes made of arithmetic: a square frame of triangles or quads around a square block, and its extrusion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -26,10 +24,7 @@ def square_frame(
     on_outer = np.any((points == 0.0) | (points == 1.0), axis=1)
     centred = np.abs(points - 0.5).max(axis=1)
     on_block = np.isclose(centred, 0.5 - low / n)
-    patches = {
-        "block": Patch("moving", np.flatnonzero(on_block)),
-        "outer": Patch(outer, np.flatnonzero(on_outer)),
-    }
+    patches = {"block": Patch("moving", np.flatnonzero(on_block)), "outer": Patch(outer, np.flatnonzero(on_outer))}
     return points, CellTable.from_arrays({kind: numbers.reshape(nodes.shape)}), patches
 
 

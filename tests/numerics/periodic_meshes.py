@@ -1,7 +1,5 @@
 """Periodic meshes made of arithmetic: a block in a cell of a row of cells, straight or around an axis."""
 
-from __future__ import annotations
-
 import numpy as np
 from box_meshes import box_mesh
 

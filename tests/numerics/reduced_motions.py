@@ -1,7 +1,5 @@
 """Boundary motions for the tests of point reductions: a slab in a square, and a wing that bends and twists in a box."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes with slip walls, made of arithmetic: a straight and a bent duct with a block in it, in 2D and in 3D."""
 
-from __future__ import annotations
-
 import numpy as np
 from box_meshes import box_mesh
 

@@ -1,7 +1,5 @@
 """The ways of the moving boundary: every body turns on its own, seams stay together, the ends are exact."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import box_mesh

@@ -1,7 +1,5 @@
 """Sliding nodes in the optimised correction: on their surface, within its rim, and worth it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -38,11 +36,9 @@ def test_sliding_along_in_the_correction_is_better_than_staying(kind: str, bend:
     slid, stayed = moved(model, *shift), moved(replace(model, constraint=None), *shift)
     assert slid.corrected.metric.min > 1.05 * stayed.corrected.metric.min
     surfaces = model.standard_motion.sliding
-    assert surfaces is not None
     places = slid.points[surfaces.nodes]
     away = np.abs(surfaces.project(places) - places).max()
     assert away <= (0.0 if bend == 0.0 else 1e-15)
-    assert model.constraint is not None
     assert model.constraint.facets.outward(slid.points).all()
     others = model.held & ~model.constraint.released
     np.testing.assert_array_equal(slid.points[others], stayed.points[others])
@@ -58,7 +54,6 @@ def test_edges_of_a_box_stay_edges_and_corners_corners() -> None:
     np.testing.assert_array_equal(found[on_side], points[on_side])
     assert ((found >= 0.0) & (found <= 1.0)).all()
     assert np.abs(found - points)[on_side.sum(axis=1) == 2].max() > 1e-3
-    assert model.constraint is not None
     assert not model.constraint.released[on_side.all(axis=1)].any()
 
 
@@ -78,7 +73,6 @@ def test_nodes_next_to_a_boundary_without_a_patch_stay() -> None:
     points, cells, patches = duct("quad", 10)
     del patches["x1"]
     model = model_of((points, cells, patches))
-    assert model.constraint is not None
     rim = np.flatnonzero((points[:, 0] == 1.0) & ((points[:, 1] == 0.0) | (points[:, 1] == 1.0)))
     assert not model.constraint.released[rim].any()
 
@@ -88,7 +82,6 @@ def test_a_mesh_whose_sliding_nodes_are_all_corners_has_no_constraint() -> None:
     corners = np.flatnonzero(((points == 0.0) | (points == 1.0)).all(axis=1))
     patches = {"body": patches["body"], "x0": patches["x0"], "x1": patches["x1"]}
     surfaces = model_of(duct("quad", 10)).standard_motion.sliding
-    assert surfaces is not None
     held = surfaces.of(np.isin(surfaces.nodes, corners))
     assert BoundaryConstraint.build(points, cells, patches, held, None) is None
 

@@ -1,7 +1,5 @@
 """Does a boundary cross itself: exact cases in 2D and 3D, what touches, what shares a node, and every cell type."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import box_mesh

@@ -142,12 +142,7 @@ def mixed_layers(rng: np.random.Generator) -> dict[str, np.ndarray]:
     pyramids = [np.hstack([around[:, side[::-1]], top]) for side in sides]
     split = pyramids.pop()
     tetra = np.concatenate([split[:, [0, 1, 2, 4]], split[:, [0, 2, 3, 4]]])
-    return {
-        "hexahedron": boxes[2 * third :],
-        "wedge": wedges,
-        "pyramid": np.concatenate(pyramids),
-        "tetra": tetra,
-    }
+    return {"hexahedron": boxes[2 * third :], "wedge": wedges, "pyramid": np.concatenate(pyramids), "tetra": tetra}
 
 
 def counted_one_by_one(cells: CellTable) -> dict[str, list[list[int]]]:

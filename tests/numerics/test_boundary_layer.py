@@ -1,7 +1,5 @@
 """Layers that their wall carries: exact where it moves rigidly, kept where it bends, given up where it cannot be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import box_mesh
@@ -182,8 +180,7 @@ def moved_or_refused(model: MotionModel, targets: np.ndarray) -> Motion | None:
         return None
 
 
-@pytest.mark.parametrize("displacement", DISPLACEMENTS)
-@pytest.mark.parametrize("thickness", [0.12, 1.0])
+@pytest.mark.parametrize(("thickness", "displacement"), [(0.12, "relative"), (0.12, "reanchored"), (1.0, "absolute")])
 def test_a_motion_that_is_valid_without_a_layer_is_valid_with_one(thickness: float, displacement: str) -> None:
     points = square_frame()[0]
     for degrees, shift in ((60.0, (-0.2, -0.2)), (0.0, (0.3, 0.0)), (0.0, (0.33, 0.33)), (150.0, (0.0, 0.0))):

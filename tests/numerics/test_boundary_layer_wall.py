@@ -1,7 +1,5 @@
 """How a wall turns at its nodes, and the columns that stand on it."""
 
-from __future__ import annotations
-
 import numpy as np
 from box_meshes import box_mesh
 from frame_meshes import rotation, square_frame

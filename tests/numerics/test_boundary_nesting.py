@@ -1,7 +1,5 @@
 """Parts of a boundary on the wrong side of each other: bodies beyond a wall, bodies in each other, and others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
@@ -9,7 +7,7 @@ from correction_cases import stored
 from frame_meshes import rotation
 
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.boundary_nesting import misplaced_place
+from mesh_motion_server.numerics.motion.boundary_nesting import misplaced_place
 
 
 @pytest.mark.parametrize("kind", [kind for kind in CELL_KINDS if kind != "tetra"])  # its boxes do not fit together

@@ -1,7 +1,5 @@
 """Parts of a boundary that are turned inside out, in 2D and 3D; turned, moved or open ones are not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

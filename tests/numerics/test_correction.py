@@ -69,15 +69,6 @@ def test_enrichment_alone_reaches_two_thirds_of_the_ceiling(name: str) -> None:
     assert found.freed_nodes == 0
 
 
-@pytest.mark.parametrize("correction", ["enrichment", "optimised"])
-def test_thirty_random_block_motions_are_all_valid(correction: str) -> None:
-    mesh, rng = stored("thesis_block"), np.random.default_rng(20)
-    for _ in range(30):
-        shift, degrees = rng.uniform(-0.33, 0.33, size=2), rng.uniform(-90.0, 90.0)
-        problem = moved(mesh, rigid(mesh, tuple(shift), degrees))
-        check(problem, correct(problem, settings(correction, quality_threshold=0.9)))
-
-
 def test_explicit_iterations_improve_what_they_can() -> None:
     problem = case("dx -0.3")
     found = correct(problem, settings("explicit"))

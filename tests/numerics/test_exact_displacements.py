@@ -1,7 +1,5 @@
 """A Move's answer, made without temporaries, is what whole arrays would give."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

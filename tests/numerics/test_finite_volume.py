@@ -1,7 +1,5 @@
 """Faces as a finite-volume code sees them: known angles, no change by rigid motions, and what checkMesh prints."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -17,8 +15,7 @@ from benchmarks.peers.openfoam.polymesh import PolyMesh
 from mesh_motion_server.numerics.mesh import finite_volume
 from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.mesh.extrusion import extruded_cells, extruded_points
-from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
+from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, extruded_cells, extruded_points, face_measures
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 FLOOR = 1e-5  # degrees: cosines near 1 tell an angle to the root of the rounding

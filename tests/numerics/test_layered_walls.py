@@ -1,7 +1,5 @@
 """Layers of thin cells move with their wall where interpolation would spoil them, and only there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +39,6 @@ def pitched(points: np.ndarray, degrees: float, plunge: float) -> np.ndarray:
 def stretch(model: MotionModel, moved: np.ndarray) -> float:
     """Largest relative change of the first edges' lengths."""
     layered = model.layered
-    assert layered is not None
     feet = layered.wall.nodes[layered.rows]
     before, now = (points[layered.above] - points[feet] for points in (model.points, moved))
     return float(np.abs(np.linalg.norm(now, axis=1) / np.linalg.norm(before, axis=1) - 1.0).max())

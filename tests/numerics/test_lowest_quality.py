@@ -1,10 +1,10 @@
 """The worst cells without the distributions are those of the full summary, whatever moved how."""
 
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_mesh, tiny_meshes
 
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
@@ -96,12 +96,9 @@ def test_positions_that_are_no_numbers_and_few_cells():
 def test_threads_do_not_matter():
     points, cells = TETRA
     moved = points + np.random.default_rng(3).uniform(-0.02, 0.02, points.shape)
-    sizes, before, found = reference_sizes(points, cells), kernels.get_threads(), []
-    for threads in (1, kernels.available_threads()):
-        kernels.set_threads(threads)
-        found.append(lowest_quality(moved, cells, sizes))
-    kernels.set_threads(before)
-    assert found[0] == found[1]
+    sizes = reference_sizes(points, cells)
+    one, all_of_them = on_one_and_on_all_threads(lambda: lowest_quality(moved, cells, sizes))
+    assert one == all_of_them
 
 
 def test_every_cell_type_is_here():

@@ -1,19 +1,14 @@
 """One pass over a mesh says what the summary of its stored qualities says, bitwise, on any number of threads."""
 
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_meshes
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary, summarize
-from mesh_motion_server.numerics.quality.metrics import (
-    QUALITY_METRICS,
-    cell_quality,
-    cells_at_rest,
-    reference_sizes,
-)
+from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
 
 MESHES = dict(tiny_meshes(6))
 
@@ -61,12 +56,8 @@ def test_threads_do_not_matter():
     points, cells = MESHES["triangle"]
     many = CellTable.from_arrays({"triangle": np.tile(cells.blocks[0].nodes, (400, 1))})
     sizes, moved = reference_sizes(points, many), shaken(points, 0.03)
-    before, found = kernels.get_threads(), []
-    for threads in (1, kernels.available_threads()):
-        kernels.set_threads(threads)
-        found.append(mesh_summary(moved, many, sizes))
-    kernels.set_threads(before)
-    assert found[0] == found[1]
+    one, all_of_them = on_one_and_on_all_threads(lambda: mesh_summary(moved, many, sizes))
+    assert one == all_of_them
 
 
 def test_an_unknown_metric_is_refused():

@@ -1,7 +1,5 @@
 """The table of keys: its types, its ranges, and what it says of other tables."""
 
-from __future__ import annotations
-
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
@@ -33,10 +31,7 @@ def test_bases_are_those_that_can_be_used_and_reductions_take_the_definite_ones(
         ({"max_control_points": 1.0}, "max_control_points: expected an integer from 0 to 1000000, got 1.0"),
         ({"allow_invalid": 1}, "allow_invalid: expected true or false, got 1"),
         ({"correction": "best"}, "correction: expected one of none, imposed-gradient, .*, got 'best'"),
-        (
-            {"correction_in_time": "smooth"},
-            "smooth': expected displacement 'absolute' or 'reanchored', got",
-        ),
+        ({"correction_in_time": "smooth"}, "smooth': expected displacement 'absolute' or 'reanchored', got"),
         (
             {"correction_in_time": "smooth", "displacement": "absolute", "correction": "none"},
             "correction_in_time = 'smooth': expected correction 'optimised', got 'none'",

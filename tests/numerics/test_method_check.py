@@ -1,7 +1,5 @@
 """A method that cannot move a mesh is refused when the session is built, with the reason."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame

@@ -1,10 +1,10 @@
 """Known cells have known qualities, whatever their place, angle and scale; what is no number is the worst."""
 
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from thread_counts import on_one_and_on_all_threads
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
@@ -193,16 +193,10 @@ def test_threads_do_not_change_a_bit():
     points, cells = grid(300)
     sizes = reference_sizes(points, cells)
     moved = points + 0.3 * np.sin(3 * points[:, ::-1])
-    before = kernels.get_threads()
-    try:
-        results = []
-        for threads in (1, before):
-            kernels.set_threads(threads)
-            quality = cell_quality(moved, cells, sizes)
-            results.append((quality.size.tobytes(), quality.skew.tobytes(), quality.metric("size-skew").tobytes()))
-    finally:
-        kernels.set_threads(before)
-    assert results[0] == results[1]
+    one, all_of_them = on_one_and_on_all_threads(lambda: cell_quality(moved, cells, sizes))
+    for name in ("size", "skew"):
+        assert getattr(one, name).tobytes() == getattr(all_of_them, name).tobytes()
+    assert one.metric("size-skew").tobytes() == all_of_them.metric("size-skew").tobytes()
 
 
 def test_unknown_names_and_wrong_shapes_are_refused_in_words():

@@ -1,7 +1,5 @@
 """Small meshes judged at rest are raised beyond the threshold, but not near walls, nor where that spoils areas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import box_mesh

@@ -1,10 +1,10 @@
 """Percentiles and the smallest values are those of the sorted values, whatever a sample of them says."""
 
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from thread_counts import on_one_and_on_all_threads
 
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary, summarize
@@ -12,7 +12,9 @@ from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_
 from mesh_motion_server.numerics.quality.quality_summary import distribution, percentile_ranks, smallest
 
 NEAR_ONE = st.integers(0, 2000).map(lambda k: 1.0 - k * 2.0**-53)
-VALUES = st.lists(st.floats(-1, 1) | NEAR_ONE | st.sampled_from([-np.inf, 1.0, 1.0 + 2.0**-52, -1.0]), min_size=1)
+VALUES = st.lists(
+    st.floats(-1, 1) | NEAR_ONE | st.sampled_from([-np.inf, -0.0, 0.0, 0.3, 1.0, 1.0 + 2.0**-52, -1.0]), min_size=1
+)
 RANDOM = np.random.default_rng(6)
 MANY = 100_000  # enough to be sampled
 
@@ -92,9 +94,5 @@ def test_a_sample_of_cells_that_misleads_costs_time_only():
 
 
 def test_threads_do_not_matter():
-    before, found = kernels.get_threads(), []
-    for threads in (1, kernels.available_threads()):
-        kernels.set_threads(threads)
-        found.append([distribution(values) for values in SETS.values()])
-    kernels.set_threads(before)
-    assert found[0] == found[1]
+    one, all_of_them = on_one_and_on_all_threads(lambda: [distribution(values) for values in SETS.values()])
+    assert one == all_of_them

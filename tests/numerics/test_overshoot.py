@@ -1,7 +1,5 @@
 """A wave tank whose wall of paddles is plane at rest, and nearly plane after the first step."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.mesh.cells import CellTable

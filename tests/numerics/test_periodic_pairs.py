@@ -1,7 +1,5 @@
 """Which periodic patch is the image of which: translations, sectors, orbits, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import box_mesh

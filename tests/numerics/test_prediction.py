@@ -119,26 +119,11 @@ MESHES: dict[str, tuple[Callable[[int], Mesh], int, int]] = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "cell", "order"),
-    [
-        ("centre-gradient", "line", 2.0),
-        ("centre-gradient", "triangle", 1.0),
-        ("centre-gradient", "quad", 2.0),
-        ("centre-gradient", "tetra", 1.0),
-        ("centre-gradient", "hexahedron", 2.0),
-        ("centre-gradient", "wedge", 1.0),
-        ("centre-gradient", "pyramid", 1.0),
-        ("edge-midpoint-gradient", "line", 2.0),
-        ("edge-midpoint-gradient", "triangle", 2.0),
-        ("edge-midpoint-gradient", "quad", 2.0),
-        ("edge-midpoint-gradient", "tetra", 2.0),
-        ("edge-midpoint-gradient", "hexahedron", 2.0),
-        ("edge-midpoint-gradient", "wedge", 2.0),
-        ("edge-midpoint-gradient", "pyramid", 2.0),
-    ],
-)
-def test_order_of_convergence(name, cell, order):
+@pytest.mark.parametrize("cell", MESHES)
+@pytest.mark.parametrize("name", ["centre-gradient", "edge-midpoint-gradient"])
+def test_order_of_convergence(name, cell):
+    """Where a cell's centre is that of its opposite edges' midpoints too, the gradient there is of second order."""
+    order = 1.0 if name == "centre-gradient" and cell in ("triangle", "tetra", "wedge", "pyramid") else 2.0
     build, d, n = MESHES[cell]
     coarse, fine = errors(name, build(n), bump(d)), errors(name, build(2 * n), bump(d))
     largest, mean = (np.log2(c / f) for c, f in zip(coarse, fine, strict=True))

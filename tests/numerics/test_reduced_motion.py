@@ -1,12 +1,9 @@
 """Motions from few control points through the real path: exact boundaries, sliding nodes, corrections, caches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.factor_source import DeferredFactorization, MakeEachTime
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
@@ -139,16 +136,3 @@ def test_all_nodes_leave_nothing_to_correct() -> None:
     method = Method(support_radius=2.0, reduction="greedy", reduction_tolerance=0.0)
     found = interpolate_reduced(points, points**2, method, MakeEachTime(), spacing=0.1)
     assert (len(found.levels), found.error, found.reused) == (1, 0.0, False)
-
-
-def test_a_basis_with_a_polynomial_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"reduction = 'greedy': expected basis 'wendland-c0' or .*, got 'tps'"):
-        model_of(reduction="greedy", basis="tps")
-
-
-@pytest.mark.parametrize(
-    "choices", [{"reduction": "peaks"}, {"reduction_tolerance": float("nan")}, {"max_control_points": -1}]
-)
-def test_bad_choices_are_refused(choices: dict[str, object]) -> None:
-    with pytest.raises(InvalidInput):
-        Method(**choices)

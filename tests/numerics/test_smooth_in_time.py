@@ -1,7 +1,5 @@
 """The correction that is smooth in time: small increments, exact return, no memory, every cell type."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise

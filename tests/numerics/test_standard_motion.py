@@ -1,7 +1,5 @@
 """The standard motion: exact where it must be, and a function of what it says it is a function of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The containers as they are written: hardened, checked for health, ending with a status; `make docker` runs them."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """A real file system without room: what is refused, what goes on, and how it goes on afterwards."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator

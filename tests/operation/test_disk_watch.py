@@ -1,7 +1,5 @@
 """A disk that does not answer: who waits for it, and for how long."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The whole life of sessions at level debug, with refusals and crashes, tells events and nothing of what was sent."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

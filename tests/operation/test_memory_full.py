@@ -1,7 +1,5 @@
 """A session that wants more memory than its worker may have: others go on."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The pages of a real server, against what a client did with it."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """A server that is stopped and started again under its clients: nothing is lost, and the numbers stay the same."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys
@@ -33,7 +31,6 @@ def couple(server: Served, out: Path, restarts: tuple[int, ...]) -> str:
     """Run fluid and solid; restart the server while the fluid is in the step after each of these; fsi.csv."""
     solid_command = [sys.executable, str(FSI / "solid.py"), "--bind", "tcp://127.0.0.1:*", "--dt", "0.05"]
     with subprocess.Popen(solid_command, stdout=subprocess.PIPE, text=True) as solid:
-        assert solid.stdout is not None
         with start_fluid(server, solid.stdout.readline().rsplit(maxsplit=1)[-1], out) as fluid:
             lines = []
             for line in fluid.stdout:

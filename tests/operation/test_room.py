@@ -1,7 +1,5 @@
 """Room on disk and in memory, with the limits of a container."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """systemd's protocol: what a server under a service manager says, and when."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import socket

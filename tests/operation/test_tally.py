@@ -1,7 +1,5 @@
 """Counts travel as differences, and totals never go down."""
 
-from __future__ import annotations
-
 import re
 import sys
 import threading

@@ -1,7 +1,5 @@
 """The distributions, built once."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Tab in a real bash, and what zsh and fish are told."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What the wheel and the source distribution contain."""
 
-from __future__ import annotations
-
 import subprocess
 import tarfile
 import tomllib

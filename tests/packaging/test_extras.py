@@ -1,7 +1,5 @@
 """Each extra alone: the client works with none, and a command that needs more says which extra to install."""
 
-from __future__ import annotations
-
 import subprocess
 import tomllib
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 A table of what is done and of what the answer must say: no traceback of something else, and no long wait.
 """
 
-from __future__ import annotations
-
 import re
 import socket
 import sys
@@ -119,10 +117,7 @@ OPENS: dict[str, tuple[Callable[[Server], Any], str]] = {
         r"'moving' \(patches: 'b'\).*give it",
     ),
     "an empty patch": (lambda s: s.open(mesh(patches={"b": Patch("moving", BLOCK[:0])})), r"patch 'b' has no nodes"),
-    "nodes in another order": (
-        lambda s: s.open(mesh(points=POINTS[::-1])),
-        r"cell \d+ .*inverted or degenerate",
-    ),
+    "nodes in another order": (lambda s: s.open(mesh(points=POINTS[::-1])), r"cell \d+ .*inverted or degenerate"),
     "a misspelt setting": (lambda s: s.open(mesh(), {"suport_radius": 1}), r"'suport_radius'.*mean 'support_radius'"),
     "a number as text": (
         lambda s: s.open(mesh(), {"support_radius": "1"}),

@@ -1,7 +1,5 @@
 """The exact environments fit the requirements, name a hash for each file, and no place to fetch it from."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

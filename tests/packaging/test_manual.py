@@ -141,7 +141,6 @@ class Shell:
             stderr=subprocess.DEVNULL,
             text=True,
         )
-        assert process.stdout is not None
         assert process.stdout.readline().startswith("ready "), line
         return process
 
@@ -149,7 +148,6 @@ class Shell:
         """Drain."""
         process.terminate()
         assert process.wait(60) == 0
-        assert process.stdout is not None
         process.stdout.close()
 
 

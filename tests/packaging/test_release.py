@@ -1,7 +1,5 @@
 """Each check of a release refuses what it is there for; two builds are bitwise equal, and nothing else is changed."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil

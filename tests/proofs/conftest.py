@@ -1,7 +1,5 @@
 """Servers with faults in their processes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The row of attacks: a few of them, and servers that fall or keep something are found."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -67,7 +65,6 @@ def test_memory_that_is_kept_is_told() -> None:
     command = [sys.executable, "-c", "print('ready', flush=True);" + _KEEPER]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as keeper:
         assert keeper.stdin is not None
-        assert keeper.stdout is not None
         assert keeper.stdout.readline() == "ready\n"
         target = bare_target(keeper.pid, usage_of(keeper.pid))
         keeper.stdin.write("\n")

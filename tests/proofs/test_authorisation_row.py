@@ -1,7 +1,5 @@
 """The row of authorisation: all questions once, and servers that answer wrongly or tell strangers something."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bad inputs are refused as their rows say, extreme ones are taken, and a server that checks less is found out."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The row of conformance: which cases, for whom, and what it says of servers and clients that are wrong."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from pathlib import Path

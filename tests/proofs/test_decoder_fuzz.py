@@ -1,7 +1,5 @@
 """The decoder's fuzz: it is repeatable and reaches far, and a decoder with a bug is found."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from random import Random

@@ -1,7 +1,5 @@
 """The row of isolation: its judgement, servers that are not isolated, and the row itself once."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -50,7 +48,6 @@ while True:
 @contextmanager
 def process(program: str) -> Iterator[str]:
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as running:
-        assert running.stdout is not None
         yield running.stdout.readline().strip()
         running.kill()
 

@@ -1,7 +1,5 @@
 """Damage to the journal: what the check sees, and that it sees a journal that believes."""
 
-from __future__ import annotations
-
 import pytest
 from believing_journal import believe_every_slot
 

@@ -1,7 +1,5 @@
 """The row of many sessions: a few of them, and servers that mix them up or keep something of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

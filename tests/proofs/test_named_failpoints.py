@@ -1,7 +1,5 @@
 """The row of named failpoints: what it found stays mended, and servers with a bug are found."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The row of network faults: a few seeds, each kind by itself, and clients and servers with seeded bugs are found."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Iterator

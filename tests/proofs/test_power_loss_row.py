@@ -1,7 +1,5 @@
 """The power-loss row: a seed repeats it, and its failure says where to look."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

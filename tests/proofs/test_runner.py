@@ -1,7 +1,5 @@
 """The frame of `python -m proofs`: lines, statuses, proof.json."""
 
-from __future__ import annotations
-
 import json
 import signal
 import sys
@@ -107,7 +105,11 @@ def command_of(process: psutil.Process) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("how", "status"), [(signal.SIGTERM, ExitStatus.INTERRUPTED), (signal.SIGKILL, -signal.SIGKILL)]
+    ("how", "status"),
+    [
+        (signal.SIGTERM, ExitStatus.INTERRUPTED),
+        pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.nightly),
+    ],
 )
 def test_a_proof_that_is_told_to_end_leaves_no_process_behind(tmp_path: Path, how: int, status: int) -> None:
     proof = psutil.Popen([sys.executable, "-m", "proofs", "--only", "soak", "-o", str(tmp_path)])

@@ -1,7 +1,5 @@
 """What the kernel tells of a process' turns."""
 
-from __future__ import annotations
-
 import os
 
 from proofs.scheduling import Turns, turns_of

@@ -1,7 +1,5 @@
 """The row of soaking: some steps, and servers that keep memory, descriptors or replies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from random import Random

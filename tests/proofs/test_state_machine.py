@@ -1,7 +1,5 @@
 """The state machine's row: it repeats by its seed, visits every cell, shortens what fails, and finds seeded bugs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -307,8 +305,11 @@ SEEDED: tuple[Callable[[Patch], None], ...] = (
 )  # fmt: skip
 
 
-#: Where the first lives of seed 1 do not get to it: others, or lives that are drawn to a state.
-SEEDS = {a_close_that_fails_has_closed: 8, a_collective_runs_too_early: 2, those_who_wait_are_forgotten: 2}
+#: Where the first lives of seed 1 do not get to it soon: others, or lives that are drawn to a state.
+SEEDS = {
+    a_second_join_leaves_the_first: 18, a_close_that_fails_has_closed: 8, a_collective_runs_too_early: 3,
+    a_build_forgets_the_epoch: 3, resume_keeps_the_trial: 2, those_who_wait_are_forgotten: 2,
+}  # fmt: skip
 DRAWN_TO = {frozen_admits_commit: "FROZEN"}
 
 

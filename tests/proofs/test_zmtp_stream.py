@@ -1,7 +1,5 @@
 """Units of a connection: the same however its bytes come."""
 
-from __future__ import annotations
-
 import pytest
 
 from proofs.zmtp_stream import Stream

@@ -1,7 +1,5 @@
 """Frame 0 to the byte: what is just admitted, what is just refused."""
 
-from __future__ import annotations
-
 import sys
 
 import msgpack

@@ -1,7 +1,5 @@
 """Header fields against their declarations, one by one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

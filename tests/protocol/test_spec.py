@@ -1,12 +1,12 @@
 """SPEC.md says what the code does: its tables, its codes, its example bytes."""
 
 import dataclasses
-import importlib.util
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from loaded_scripts import loaded
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.digests import STATE_PREFIX
 from mesh_motion_protocol.errors import ERROR_CODES
@@ -21,10 +21,7 @@ SPEC = ROOT / "protocol" / "SPEC.md"
 
 @pytest.fixture(scope="module")
 def render():
-    spec = importlib.util.spec_from_file_location("render_spec", ROOT / "protocol" / "render_spec.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(ROOT / "protocol" / "render_spec.py")
 
 
 @pytest.fixture(scope="module")

@@ -1,27 +1,13 @@
-"""The builders of the session's tests, which these share."""
+"""A session without a socket: new, and ready to move."""
 
-from __future__ import annotations
-
-import importlib.util
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from mesh_motion_server.session.store import SessionStore
-
-_SPEC = importlib.util.spec_from_file_location(
-    "mesh_motion_tests_session", Path(__file__).parents[1] / "session" / "conftest.py"
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-_MODULE = importlib.util.module_from_spec(_SPEC)
-sys.modules["mesh_motion_tests_session"] = _MODULE
-_SPEC.loader.exec_module(_MODULE)
-
-kit = _MODULE.kit
+from proofs.driver import make_driver
+from proofs.stand_in import grid_mesh
 
 
 @pytest.fixture
@@ -31,9 +17,9 @@ def store(tmp_path: Path) -> SessionStore:
 
 
 @pytest.fixture
-def driver(kit: SimpleNamespace, store: SessionStore) -> Any:
+def driver(store: SessionStore) -> Any:
     """One partition, NEW."""
-    return kit.make_driver(store, [kit.grid_mesh()])
+    return make_driver(store, [grid_mesh()])
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Collective requests: all partitions together, bitwise the same for any number of them, and every way to disagree."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,8 @@ from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Rol
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.state import State
 from mesh_motion_server.settings import ServerSettings
+from proofs.driver import SESSION, TOKEN, make_driver, resume_driver
+from proofs.stand_in import grid_mesh, split_mesh
 
 
 class Clock:
@@ -23,11 +23,11 @@ class Clock:
 
 
 @pytest.fixture
-def pair(kit: Any, store: Any) -> Any:
+def pair(store: Any) -> Any:
     """Two partitions, READY, with a clock and 10 s of patience."""
     clock = Clock()
     limits = ServerSettings(collective_timeout_seconds=10.0)
-    driver = kit.make_driver(store, kit.split_mesh(kit.grid_mesh(), 2, 3), limits=limits, clock=clock)
+    driver = make_driver(store, split_mesh(grid_mesh(), 2, 3), limits=limits, clock=clock)
     driver.open()
     driver.clock = clock
     return driver
@@ -38,10 +38,10 @@ def move(driver: Any, partition: int, **fields: Any) -> Any:
 
 
 @pytest.mark.parametrize("parts", [2, 3, 5])
-def test_any_number_of_partitions_gives_the_same_bits(kit: Any, store: Any, parts: int) -> None:
-    whole = kit.grid_mesh(7)
-    one = kit.make_driver(store, [whole], session="1" * 32)
-    many = kit.make_driver(store, kit.split_mesh(whole, parts, parts), session="2" * 32)
+def test_any_number_of_partitions_gives_the_same_bits(store: Any, parts: int) -> None:
+    whole = grid_mesh(7)
+    one = make_driver(store, [whole], session="1" * 32)
+    many = make_driver(store, split_mesh(whole, parts, parts), session="2" * 32)
     for driver in (one, many):
         driver.open()
     for step in (1, 2, 3):
@@ -58,7 +58,7 @@ def test_any_number_of_partitions_gives_the_same_bits(kit: Any, store: Any, part
         assert many.ask(Fetch, p).points.tobytes() == one.ask(Fetch).points[mesh.global_ids].tobytes()
 
 
-def test_worst_cells_are_named_as_their_partition_knows_them(kit: Any, pair: Any) -> None:
+def test_worst_cells_are_named_as_their_partition_knows_them(pair: Any) -> None:
     moved = pair.move(1)
     places = moved[0].quality["corrected"]["worst"]
     points = [m.points + r.displacement for m, r in zip(pair.meshes, moved, strict=True)]
@@ -144,8 +144,8 @@ def test_a_partition_that_does_not_come_is_named(pair: Any) -> None:
     assert len(pair.send(move(pair, 1))) == 2
 
 
-def test_building_waits_for_everybody_and_nobody_uploads_meanwhile(kit: Any, store: Any) -> None:
-    driver = kit.make_driver(store, kit.split_mesh(kit.grid_mesh(), 2))
+def test_building_waits_for_everybody_and_nobody_uploads_meanwhile(store: Any) -> None:
+    driver = make_driver(store, split_mesh(grid_mesh(), 2))
     driver.join()
     driver.upload()
     assert driver.send(driver.request(Build, 0)) == []
@@ -157,10 +157,10 @@ def test_building_waits_for_everybody_and_nobody_uploads_meanwhile(kit: Any, sto
         np.testing.assert_array_equal(reply.moving_nodes, driver.moving[p])
 
 
-def test_an_inverted_cell_is_named_by_partition(kit: Any, store: Any) -> None:
-    meshes = kit.split_mesh(kit.grid_mesh(), 2)
+def test_an_inverted_cell_is_named_by_partition(store: Any) -> None:
+    meshes = split_mesh(grid_mesh(), 2)
     meshes[1].cells["triangle"][4] = meshes[1].cells["triangle"][4][::-1]
-    driver = kit.make_driver(store, meshes)
+    driver = make_driver(store, meshes)
     driver.join()
     driver.upload()
     replies = driver.all(Build)
@@ -186,9 +186,9 @@ def test_discarding_is_done_when_all_have_left(pair: Any, store: Any) -> None:
     assert store.sessions() == []
 
 
-def test_a_wish_to_discard_ends_with_its_epoch(kit: Any, pair: Any, store: Any) -> None:
+def test_a_wish_to_discard_ends_with_its_epoch(pair: Any, store: Any) -> None:
     pair.ask(Close, 0, outcome="discard")
-    assert pair.host.reclaim(kit.TOKEN) == 2
+    assert pair.host.reclaim(TOKEN) == 2
     pair.join()
     for partition in (0, 1):
         assert pair.ask(Close, partition).type == "CLOSED"
@@ -202,25 +202,25 @@ def test_who_waits_when_the_lease_ends_is_told(pair: Any) -> None:
     assert pair.host.state is State.SUSPENDED
 
 
-def test_who_waits_when_the_session_is_reclaimed_is_fenced(kit: Any, pair: Any) -> None:
+def test_who_waits_when_the_session_is_reclaimed_is_fenced(pair: Any) -> None:
     first = move(pair, 0)
     pair.send(first)
-    pair.host.reclaim(kit.TOKEN)
+    pair.host.reclaim(TOKEN)
     assert pair.host.next_deadline is None
     assert pair.send(first)[0].code == "ABORTED.FENCED"
 
 
-def test_a_partition_without_moving_nodes_takes_part(kit: Any, store: Any) -> None:
-    meshes = kit.split_mesh(kit.grid_mesh(), 2, 1)
+def test_a_partition_without_moving_nodes_takes_part(store: Any) -> None:
+    meshes = split_mesh(grid_mesh(), 2, 1)
     meshes[1].patches.pop("left", None)
-    driver = kit.make_driver(store, meshes)
+    driver = make_driver(store, meshes)
     driver.open()
     moved = driver.move(1)
     assert [reply.type for reply in moved] == ["MOVED", "MOVED"]
     assert moved[1].displacement.shape == meshes[1].points.shape
 
 
-def test_the_end_of_the_run_is_told_until_another_one_is(kit: Any, pair: Any, store: Any) -> None:
+def test_the_end_of_the_run_is_told_until_another_one_is(pair: Any, store: Any) -> None:
     """With several partitions the largest counts: each may estimate it by itself."""
     pair.move(1)
     replies = pair.send(pair.request(Commit, 0, step=1, final_step=40))
@@ -228,9 +228,9 @@ def test_the_end_of_the_run_is_told_until_another_one_is(kit: Any, pair: Any, st
     assert {reply.type for reply in replies} == {"COMMITTED"}
     assert pair.ask(Status).report["final_step"] == 50
     pair.host.close()
-    again = kit.resume_driver(pair, store)
+    again = resume_driver(pair, store)
     assert again.ask(Status).report["final_step"] == 50
     again.advance(2)  # tells none
     assert "final_step" not in again.ask(Status).report
-    committed = [e for e in read_events(store.root / "sessions" / kit.SESSION) if e["event"] == "committed"]
+    committed = [e for e in read_events(store.root / "sessions" / SESSION) if e["event"] == "committed"]
     assert [event.get("final_step") for event in committed] == [50, None]

@@ -1,16 +1,17 @@
 """A request executes once, however often it is sent: also over a kill and a resume."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from mesh_motion_protocol.codec import encode
-from mesh_motion_protocol.messages import Build, Commit, Move, Rollback, Upload
+from mesh_motion_protocol.messages import Build, Commit, Join, Move, Rollback, Upload
 
+from mesh_motion_server.service.dispatch import Envelope
 from mesh_motion_server.settings import ServerSettings
+from proofs.driver import TOKEN, make_driver, resume_driver
+from proofs.stand_in import grid_mesh, split_mesh
 
 
 def same(a: Any, b: Any) -> bool:
@@ -80,14 +81,14 @@ def test_an_old_request_is_stale(ready: Any) -> None:
     assert ready.send(first)[0].code == "ABORTED.STALE"
 
 
-def test_a_commit_survives_a_kill(kit: Any, ready: Any, store: Any) -> None:
+def test_a_commit_survives_a_kill(ready: Any, store: Any) -> None:
     """The reply was lost with the process: the repeat, under the new epoch, gets it from the journal."""
     ready.advance(1)
     ready.move(2)
     commit = ready.request(Commit, step=2)
     first = ready.send(commit)[0]
     ready.host._session._folder.release()  # as the kernel does for a killed process; nothing is closed
-    again = kit.resume_driver(ready, store)
+    again = resume_driver(ready, store)
     repeated = again.send(replace(commit, epoch=again.host.epoch))[0]
     assert same(repeated, first)
     assert again.host.step == 2
@@ -100,8 +101,8 @@ def test_a_reply_cannot_be_changed_by_its_receiver(ready: Any) -> None:
     assert not moved.displacement.flags.writeable
 
 
-def test_collectives_are_executed_once_per_partition(kit: Any, store: Any) -> None:
-    driver = kit.make_driver(store, kit.split_mesh(kit.grid_mesh(), 2))
+def test_collectives_are_executed_once_per_partition(store: Any) -> None:
+    driver = make_driver(store, split_mesh(grid_mesh(), 2))
     driver.open()
     moves = [driver.request(Move, p, step=1, displacement=driver.displacement(1)[p]) for p in (0, 1)]
     assert driver.send(moves[0]) == []
@@ -115,20 +116,20 @@ def test_collectives_are_executed_once_per_partition(kit: Any, store: Any) -> No
     driver.send(commits[1])
     committed = driver.send(commits[0])
     driver.host._session._folder.release()
-    again = kit.resume_driver(driver, store)
+    again = resume_driver(driver, store)
     for commit, reply in zip(commits, committed, strict=True):
         assert same(again.send(replace(commit, epoch=2))[0], reply)
 
 
-def test_the_repeat_is_answered_where_it_came_from_last(kit: Any, store: Any) -> None:
-    driver = kit.make_driver(store, kit.split_mesh(kit.grid_mesh(), 2))
+def test_the_repeat_is_answered_where_it_came_from_last(store: Any) -> None:
+    driver = make_driver(store, split_mesh(grid_mesh(), 2))
     driver.join()
     driver.upload()
     builds = [driver.request(Build, p) for p in (0, 1)]
     assert driver.send(builds[0]) == []
-    driver.send(driver.request(kit.Join, 0, token=kit.TOKEN), peer=b"reconnected")
+    driver.send(driver.request(Join, 0, token=TOKEN), peer=b"reconnected")
     assert driver.send(builds[0], peer=b"reconnected") == []
-    envelopes = driver.host.handle(kit.Envelope(b"peer 1", builds[1]))
+    envelopes = driver.host.handle(Envelope(b"peer 1", builds[1]))
     assert [e.peer for e in envelopes] == [b"reconnected", b"peer 1"]
 
 

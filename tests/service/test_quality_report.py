@@ -1,22 +1,19 @@
 """What a later coupling iteration tells of the quality: as much as the first, or what decides alone, as exact."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.messages import Commit, Move, Rollback
+from real_sessions import new_session
 
-from mesh_motion_server.service.dispatch import SessionHost
-from mesh_motion_server.session.model import build_motion_model
-from mesh_motion_server.settings import MethodSettings
+from proofs.driver import SESSION
+from proofs.stand_in import grid_mesh
 
 SUMMARY = {"size", "skew", "size_skew", "metric", "inverted", "cells", "worst"}
 
 
-def opened(kit: Any, store: Any, session: str = "", **settings: Any) -> Any:
-    spec = kit.make_spec(session or kit.SESSION, partitions=1, settings=MethodSettings.from_mapping(settings))
-    driver = kit.Driver(SessionHost.create(spec, store, build_model=build_motion_model), [kit.grid_mesh()])
+def opened(store: Any, session: str = SESSION, **settings: Any) -> Any:
+    driver = new_session(store, [grid_mesh()], session, **settings)
     driver.open()
     return driver
 
@@ -25,8 +22,8 @@ def pushed(driver: Any, by: float) -> list[Any]:
     return [np.full((len(own), 2), (by, 0.3 * by)) for own in driver.moving]
 
 
-def test_later_iterations_leave_the_distributions_to_the_commit(kit: Any, store: Any, tmp_path: Any) -> None:
-    told = opened(kit, store)
+def test_later_iterations_leave_the_distributions_to_the_commit(store: Any, tmp_path: Any) -> None:
+    told = opened(store)
     for step in (1, 2):
         (first,) = told.all(Move, pushed(told, 0.01), step=step)
         assert set(first.quality["corrected"]) == SUMMARY
@@ -42,8 +39,8 @@ def test_later_iterations_leave_the_distributions_to_the_commit(kit: Any, store:
     told.host.close()
 
 
-def test_after_a_rollback_the_first_is_told_in_full(kit: Any, store: Any) -> None:
-    told = opened(kit, store)
+def test_after_a_rollback_the_first_is_told_in_full(store: Any) -> None:
+    told = opened(store)
     told.all(Move, pushed(told, 0.01), step=1)
     told.all(Move, pushed(told, 0.01), step=1)
     told.all(Rollback, step=1)
@@ -52,18 +49,18 @@ def test_after_a_rollback_the_first_is_told_in_full(kit: Any, store: Any) -> Non
     told.host.close()
 
 
-def test_every_move_tells_all_where_that_is_asked_for(kit: Any, store: Any) -> None:
-    told = opened(kit, store, quality_report="every-move")
+def test_every_move_tells_all_where_that_is_asked_for(store: Any) -> None:
+    told = opened(store, quality_report="every-move")
     for _ in range(2):
         (moved,) = told.all(Move, pushed(told, 0.01), step=1)
         assert set(moved.quality["standard"]) == SUMMARY
     told.host.close()
 
 
-def test_displacement_and_refusal_do_not_depend_on_it(kit: Any, store: Any) -> None:
+def test_displacement_and_refusal_do_not_depend_on_it(store: Any) -> None:
     moves = []
     for session, report in ("3" * 32, "every-move"), ("4" * 32, "first-and-commit"):
-        told = opened(kit, store, session, quality_report=report, quality_threshold=0.5, correction="optimised")
+        told = opened(store, session, quality_report=report, quality_threshold=0.5, correction="optimised")
         told.all(Move, pushed(told, 0.01), step=1)
         (moved,) = told.all(Move, pushed(told, 0.25), step=1)
         (refused,) = told.all(Move, pushed(told, 3.0), step=1)

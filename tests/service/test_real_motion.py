@@ -1,62 +1,38 @@
 """The real numerics behind the requests: quality, refusal, partitions and a resume, bitwise."""
 
-from __future__ import annotations
-
 import time
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Build, Commit, Move, Status
+from real_sessions import boxed, bulge, new_session
 
 from mesh_motion_server.numerics import stopwatch
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.events import read_events
-from mesh_motion_server.session.model import build_motion_model
-from mesh_motion_server.settings import MethodSettings
+from proofs.driver import SESSION, TOKEN
+from proofs.stand_in import grid_mesh, split_mesh
 
 
-def boxed(kit: Any, count: int = 12) -> Any:
-    """The grid with all four sides in patches."""
-    mesh = kit.grid_mesh(count)
-    sides = np.flatnonzero(((mesh.points == 0) | (mesh.points == 1)).any(axis=1))
-    left = mesh.patches["left"].nodes
-    return replace(mesh, patches={"left": Patch("moving", left), "walls": Patch("fixed", np.setdiff1d(sides, left))})
-
-
-def driver_of(kit: Any, store: Any, meshes: list[Any], session: str = "", **settings: Any) -> Any:
-    spec = kit.make_spec(
-        session or kit.SESSION,
-        partitions=len(meshes),
-        settings=MethodSettings.from_mapping({"support_radius": 0.8} | settings),
-    )
-    return kit.Driver(SessionHost.create(spec, store, build_model=build_motion_model), meshes)
-
-
-def bulge(driver: Any, size: float) -> list[Any]:
-    """The left side bulges; its ends, shared with the walls, stay."""
-    return [
-        np.stack([size * np.sin(np.pi * m.points[i, 1]), 0 * i], axis=1)
-        for m, i in zip(driver.meshes, driver.moving, strict=True)
-    ]
+def driver_of(store: Any, meshes: list[Any], session: str = SESSION, **settings: Any) -> Any:
+    return new_session(store, meshes, session, **{"support_radius": 0.8} | settings)
 
 
 @pytest.mark.parametrize(("correction", "mirrored"), [("none", 0), ("optimised", 0), ("optimised", 7)])
 def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
-    kit: Any, store: Any, correction: str, mirrored: int
+    store: Any, correction: str, mirrored: int
 ) -> None:
     """Also where every so many cells are listed clockwise."""
-    whole = boxed(kit)
+    whole = boxed(12)
     if mirrored:
         whole.cells["triangle"][::mirrored] = whole.cells["triangle"][::mirrored, ::-1]
     settings = {"correction": correction, "quality_threshold": 0.3 if correction == "none" else 0.45}
-    one = driver_of(kit, store, [whole], **settings)
-    many = driver_of(kit, store, kit.split_mesh(whole, 3), "3" * 32, **settings)
+    one = driver_of(store, [whole], **settings)
+    many = driver_of(store, split_mesh(whole, 3), "3" * 32, **settings)
     for driver in (one, many):
         warnings = driver.open()[0].mesh["warnings"]
         assert any("listed clockwise" in line for line in warnings) == bool(mirrored)
@@ -69,7 +45,7 @@ def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
         (committed,) = one.all(Commit, step=step)
         assert {reply.digest for reply in many.all(Commit, step=step)} == {committed.digest}
         one.host.close()
-        host = SessionHost.resume(kit.SESSION, kit.TOKEN, store)
+        host = SessionHost.resume(SESSION, TOKEN, store)
         one.host = host
         one.join()
     assert moved[0].quality["metric"] == "relative-size-skew"
@@ -77,8 +53,8 @@ def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
     one.host.close()
 
 
-def test_an_impossible_motion_is_refused_with_the_best_found(kit: Any, store: Any) -> None:
-    driver = driver_of(kit, store, [boxed(kit)])
+def test_an_impossible_motion_is_refused_with_the_best_found(store: Any) -> None:
+    driver = driver_of(store, [boxed(12)])
     driver.open()
     (refused,) = driver.all(Move, bulge(driver, 1.5), step=1)
     assert refused.code == "FAILED_PRECONDITION.QUALITY"
@@ -91,29 +67,13 @@ def test_an_impossible_motion_is_refused_with_the_best_found(kit: Any, store: An
     driver.host.close()
 
 
-@pytest.mark.parametrize("refuse", [False, True])
-def test_below_the_threshold_is_a_warning_or_a_refusal(kit: Any, store: Any, refuse: bool) -> None:
-    settings = {"quality_threshold": 0.95, "correction": "none", "refuse_below_threshold": refuse}
-    driver = driver_of(kit, store, [boxed(kit)], **settings)
-    driver.open()
-    (reply,) = driver.all(Move, bulge(driver, 0.1), step=1)
-    if refuse:
-        assert reply.code == "FAILED_PRECONDITION.QUALITY"
-        assert "below the threshold 0.95" in reply.message
-    else:
-        assert reply.type == "MOVED"
-        assert any("below the threshold" in warning for warning in reply.warnings)
-        assert not reply.correction["reached"]
-    driver.host.close()
-
-
-def test_an_inverted_cell_is_named_as_its_sender_knows_it(kit: Any, store: Any) -> None:
-    mesh = boxed(kit)
+def test_an_inverted_cell_is_named_as_its_sender_knows_it(store: Any) -> None:
+    mesh = boxed(12)
     inside = np.setdiff1d(np.arange(len(mesh.points)), np.concatenate([p.nodes for p in mesh.patches.values()]))
     mesh.points[inside[30]] += [0.13, 0.17]  # its cells fold
     corners = mesh.points[mesh.cells["triangle"]]
     sizes = np.linalg.det(corners[:, 1:] - corners[:, :1])
-    driver = driver_of(kit, store, [mesh])
+    driver = driver_of(store, [mesh])
     driver.join()
     driver.upload()
     (reply,) = driver.all(Build)
@@ -122,9 +82,9 @@ def test_an_inverted_cell_is_named_as_its_sender_knows_it(kit: Any, store: Any) 
     driver.host.close()
 
 
-def test_warnings_use_the_senders_numbers(kit: Any, store: Any) -> None:
-    mesh = kit.grid_mesh(12)
-    driver = driver_of(kit, store, [mesh])
+def test_warnings_use_the_senders_numbers(store: Any) -> None:
+    mesh = grid_mesh(12)
+    driver = driver_of(store, [mesh])
     (built,) = driver.open()
     floating = np.setdiff1d(
         np.flatnonzero(((mesh.points == 0) | (mesh.points == 1)).any(axis=1)),
@@ -135,10 +95,10 @@ def test_warnings_use_the_senders_numbers(kit: Any, store: Any) -> None:
     driver.host.close()
 
 
-def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(kit: Any, store: Any) -> None:
-    mesh = boxed(kit)
+def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> None:
+    mesh = boxed(12)
     cells = CellTable.from_arrays(mesh.cells)
-    driver = driver_of(kit, store, [mesh])
+    driver = driver_of(store, [mesh])
     driver.open()
     (silent,) = driver.all(Move, bulge(driver, 0.15), step=1)
     assert silent.faces == {}
@@ -146,27 +106,25 @@ def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(kit: Any, store:
     assert asked.displacement.tobytes() == silent.displacement.tobytes()
     for name, points in (("before", mesh.points), ("after", mesh.points + asked.displacement)):
         expected, told = face_measures(points, cells), asked.faces[name]
-        assert expected is not None
         assert {key: told[key] for key in expected.numbers()} == pytest.approx(expected.numbers(), rel=1e-9)
         for face in told["worst"]:
             here, there = (set(mesh.cells["triangle"][cell["cell"]]) for cell in (face, face["neighbour"]))
             assert face["centre"] == pytest.approx(points[sorted(here & there)].mean(axis=0).tolist())
     assert asked.faces["after"]["max_non_orthogonality"] > asked.faces["before"]["max_non_orthogonality"]
-    (told,) = [event for event in read_events(store.root / "sessions" / kit.SESSION) if event.get("faces")]
+    (told,) = [event for event in read_events(store.root / "sessions" / SESSION) if event.get("faces")]
     assert told["faces"]["after"] == {key: value for key, value in asked.faces["after"].items() if key != "worst"}
     driver.host.close()
 
 
-def test_of_several_partitions_those_that_ask_are_told_of_all_faces(kit: Any, store: Any) -> None:
-    whole = boxed(kit)
-    driver = driver_of(kit, store, kit.split_mesh(whole, 3))
+def test_of_several_partitions_those_that_ask_are_told_of_all_faces(store: Any) -> None:
+    whole = boxed(12)
+    driver = driver_of(store, split_mesh(whole, 3))
     driver.open()
     reports, replies = ["", "faces", "faces"], []
     for partition, (rows, report) in enumerate(zip(bulge(driver, 0.15), reports, strict=True)):
         replies += driver.send(driver.request(Move, partition, step=1, displacement=rows, report=report))
     assert [bool(reply.faces) for reply in replies] == [False, True, True]
     expected = face_measures(whole.points, CellTable.from_arrays(whole.cells))
-    assert expected is not None
     told = replies[1].faces
     assert told == replies[2].faces
     assert told["before"]["faces"] == expected.faces
@@ -191,9 +149,9 @@ def ticking(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 DEMANDING = {"quality_threshold": 0.9, "refuse_below_threshold": True}
 
 
-def test_a_limit_of_computing_ends_any_move_and_changes_nothing(kit: Any, store: Any, ticking: list[int]) -> None:
+def test_a_limit_of_computing_ends_any_move_and_changes_nothing(store: Any, ticking: list[int]) -> None:
     """However far the computation came: it is refused for the time, without a fraction, or with the same one."""
-    driver = driver_of(kit, store, [boxed(kit)], **DEMANDING)
+    driver = driver_of(store, [boxed(12)], **DEMANDING)
     driver.open()
     trial = driver.all(Move, bulge(driver, 0.01), step=1)[0]
     before = ticking[0]
@@ -213,8 +171,8 @@ def test_a_limit_of_computing_ends_any_move_and_changes_nothing(kit: Any, store:
     assert driver.ask(Status).iteration == trial.iteration == 1
 
 
-def test_the_shortest_limit_of_the_partitions_counts(kit: Any, store: Any, ticking: list[int]) -> None:
-    driver = driver_of(kit, store, kit.split_mesh(boxed(kit), 2), **DEMANDING)
+def test_the_shortest_limit_of_the_partitions_counts(store: Any, ticking: list[int]) -> None:
+    driver = driver_of(store, split_mesh(boxed(12), 2), **DEMANDING)
     driver.open()
     rows, replies = bulge(driver, 0.4), []
     for partition, limit in enumerate((0, 1000)):

@@ -1,7 +1,5 @@
 """Every state × operation cell, through the requests themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +10,18 @@ from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Join, Jud
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.session.state import TABLE, Operation, State
 from mesh_motion_server.session.store import SessionStore
+from proofs.driver import TOKEN, make_driver
+from proofs.model_files import FailingFiles, ModelFiles
+from proofs.stand_in import grid_mesh
 
 JUDGED = {"part": {}, "questions": [], "bins": np.empty((0, 3), dtype=np.int64), "values": np.empty((0, 3)),
           "worst": np.empty((0, 8))}  # fmt: skip
 
 
-def bring(kit: Any, state: State) -> Any:
+def bring(state: State) -> Any:
     """A driver whose session is in this state."""
-    failing = kit.files.FailingFiles(kit.files.ModelFiles())
-    driver = kit.make_driver(SessionStore(Path("/model"), files=failing), [kit.grid_mesh()])
+    failing = FailingFiles(ModelFiles())
+    driver = make_driver(SessionStore(Path("/model"), files=failing), [grid_mesh()])
     driver.join()
     if state is State.NEW:
         return driver
@@ -44,17 +45,17 @@ def bring(kit: Any, state: State) -> Any:
     return driver
 
 
-def perform(kit: Any, driver: Any, operation: Operation) -> Any:
+def perform(driver: Any, operation: Operation) -> Any:
     """Ask for it; the reply, or what was raised."""
     if operation is Operation.RESUME:
         try:
-            return driver.host.reclaim(kit.TOKEN)
+            return driver.host.reclaim(TOKEN)
         except SessionError as error:
             return error
     if operation is Operation.LEASE_END:
         return driver.host.suspend()
     fields: dict[Operation, dict[str, Any]] = {
-        Operation.JOIN: {"token": kit.TOKEN},
+        Operation.JOIN: {"token": TOKEN},
         Operation.UPLOAD: {"item": "nodes", "rows": np.zeros((1, 2))},
         Operation.MOVE: {"step": 1, "displacement": driver.displacement(1)[0]},
         Operation.JUDGE: {"step": 1, **JUDGED},
@@ -72,10 +73,10 @@ def perform(kit: Any, driver: Any, operation: Operation) -> Any:
 
 @pytest.mark.parametrize("operation", list(Operation), ids=str)
 @pytest.mark.parametrize("state", list(State), ids=str)
-def test_every_cell(kit: Any, state: State, operation: Operation) -> None:
-    driver = bring(kit, state)
+def test_every_cell(state: State, operation: Operation) -> None:
+    driver = bring(state)
     assert driver.host.state is state
-    reply = perform(kit, driver, operation)
+    reply = perform(driver, operation)
     cell = TABLE[state][operation]
     if operation is Operation.JUDGE:  # the server judges the cells of these sessions
         assert reply.code == "FAILED_PRECONDITION.STATE"
@@ -90,10 +91,10 @@ def test_every_cell(kit: Any, state: State, operation: Operation) -> None:
     assert cell.message in reply.message
 
 
-def test_a_suspended_session_admits_nothing_but_what_the_table_says_after_a_join_elsewhere(kit: Any) -> None:
-    driver = bring(kit, State.TRIAL)
+def test_a_suspended_session_admits_nothing_but_what_the_table_says_after_a_join_elsewhere() -> None:
+    driver = bring(State.TRIAL)
     driver.host.suspend()
-    assert driver.ask(Join, token=kit.TOKEN).state == "READY"
+    assert driver.ask(Join, token=TOKEN).state == "READY"
     assert driver.all(Commit, step=1)[0].code == "ABORTED.TRIAL_LOST"
     moved = driver.move(1)[0]
     assert moved.iteration == 1

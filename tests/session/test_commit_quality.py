@@ -1,7 +1,5 @@
 """What a COMMIT says of the mesh's quality: that of the committed coordinates, judged once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +10,21 @@ from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
+from proofs.driver import make_spec
+from proofs.stand_in import StandIn, grid_mesh
 
-Kit = Any
 
-
-def built(kit: Kit, folder: Path, shift: float) -> tuple[Session, list[Any]]:
+def built(folder: Path, shift: float) -> tuple[Session, list[Any]]:
     """A built session whose mesh begins at ``shift``, and the list of coordinates its model was asked to judge."""
     judged: list[Any] = []
 
-    class Counting(kit.StandIn):  # type: ignore[misc]
+    class Counting(StandIn):
         def summary(self, points: Any) -> Any:
             judged.append(points)
             return super().summary(points)
 
-    session = Session(SessionStore(folder).create(kit.make_spec()), ServerSettings(), Counting)
-    mesh = kit.grid_mesh()
+    session = Session(SessionStore(folder).create(make_spec()), ServerSettings(), Counting)
+    mesh = grid_mesh()
     session.add_part(0, Part("nodes", "", "", mesh.points + shift))
     session.add_part(0, Part("cells", "triangle", "", mesh.cells["triangle"]))
     for name, patch in mesh.patches.items():
@@ -39,8 +37,8 @@ def committed_quality(session: Session) -> Any:
     return session.commit((), lambda outcome: b"").quality
 
 
-def test_coordinates_that_the_move_has_judged_are_not_judged_again(kit: Kit, tmp_path: Path) -> None:
-    session, judged = built(kit, tmp_path, 0.0)
+def test_coordinates_that_the_move_has_judged_are_not_judged_again(tmp_path: Path) -> None:
+    session, judged = built(tmp_path, 0.0)
     outcome = session.move("committed", [np.tile([0.1, 0.0], (5, 1))])
     judged.clear()
     assert committed_quality(session) is outcome.motion.corrected
@@ -50,10 +48,8 @@ def test_coordinates_that_the_move_has_judged_are_not_judged_again(kit: Kit, tmp
 
 @pytest.mark.parametrize("shift", [0.0, -0.37])
 @pytest.mark.parametrize("frame", ["committed", "reference"])
-def test_the_quality_is_that_of_the_committed_coordinates_bitwise(
-    kit: Kit, tmp_path: Path, shift: float, frame: str
-) -> None:
-    session, judged = built(kit, tmp_path, shift)
+def test_the_quality_is_that_of_the_committed_coordinates_bitwise(tmp_path: Path, shift: float, frame: str) -> None:
+    session, judged = built(tmp_path, shift)
     again = 0
     for x in (0.05, 0.1, 0.17, 0.13, 0.21):
         session.move(frame, [np.tile([x, x / 7], (5, 1))])

@@ -1,7 +1,5 @@
 """The factor cache: reuse, its byte budget, and what it counts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from unittest import mock
 

@@ -1,10 +1,7 @@
 """Inspection: what is there, what verifies, and not a byte changed."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -12,20 +9,22 @@ from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.session.store import SessionStore
+from proofs.driver import SESSION, TOKEN, make_driver
+from proofs.stand_in import grid_mesh
 
 
 @pytest.fixture
-def folder(kit: Any, tmp_path: Path) -> Path:
+def folder(tmp_path: Path) -> Path:
     store = SessionStore(tmp_path)
-    driver = kit.make_driver(store, [kit.grid_mesh()], spec={"label": "wing"})
+    driver = make_driver(store, [grid_mesh()], spec={"label": "wing"})
     driver.open()
     driver.advance(1)
-    driver.host.reclaim(kit.TOKEN)
+    driver.host.reclaim(TOKEN)
     driver.join()
     (committed,) = driver.advance(2)
     (tmp_path / "digest").write_text(committed.digest.hex())
     driver.host.close()
-    return tmp_path / "sessions" / kit.SESSION
+    return tmp_path / "sessions" / SESSION
 
 
 def test_a_whole_session(folder: Path) -> None:

@@ -1,16 +1,10 @@
 """kill -9 of a process that commits: the campaign of `python -m proofs` with a few kills; one process a session."""
 
-from __future__ import annotations
-
-import subprocess
-import sys
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import pytest
 
-from mesh_motion_server.session.store import SessionStore
 from proofs import kill_nine
 from proofs.check import BrokenPromise, Budget
 from proofs.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
@@ -81,19 +75,3 @@ def test_lives_that_commit_nothing_end_the_campaign(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(kill_nine, "_LONGEST", 1e-6)
     with pytest.raises(BrokenPromise, match="after step 0, 3 lives in a row have committed nothing"):
         kill_again_and_again(tmp_path, Random(5), Budget(100))
-
-
-@pytest.mark.parametrize("held", [True, False])
-def test_two_processes_never_hold_one_session(kit: Any, tmp_path: Path, held: bool) -> None:
-    store = SessionStore(tmp_path)
-    driver = kit.make_driver(store, [kit.grid_mesh()])
-    driver.open()
-    if held:
-        script = "import sys; from mesh_motion_server.session.store import SessionStore\n"
-        script += f"SessionStore({str(tmp_path)!r}).open({kit.SESSION!r}, {kit.TOKEN!r})"
-        result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-        assert "UNAVAILABLE" in result.stderr or "still held" in result.stderr
-        driver.host.close()
-    else:
-        driver.host.close()
-        assert kit.resume_driver(driver, store).host.step == 0

@@ -1,7 +1,5 @@
 """What lists read of a journal: as much as is used, and the same as from the whole."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

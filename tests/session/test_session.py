@@ -1,7 +1,5 @@
 """A session without requests: values are swapped as a whole, and what is given out cannot be changed."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -19,14 +17,16 @@ from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
+from proofs.driver import SESSION, TOKEN, make_driver, make_spec
 from proofs.model_files import FailingFiles, ModelFiles
+from proofs.stand_in import StandIn, grid_mesh
 
 
 @pytest.fixture
-def session(kit: Any, tmp_path: Path) -> Any:
+def session(tmp_path: Path) -> Any:
     """READY at step 0."""
-    session = Session(SessionStore(tmp_path).create(kit.make_spec()), ServerSettings(), kit.StandIn)
-    mesh = kit.grid_mesh()
+    session = Session(SessionStore(tmp_path).create(make_spec()), ServerSettings(), StandIn)
+    mesh = grid_mesh()
     session.add_part(0, Part("nodes", "", "", mesh.points))
     session.add_part(0, Part("cells", "triangle", "", mesh.cells["triangle"]))
     for name, patch in mesh.patches.items():
@@ -44,13 +44,13 @@ def commit(session: Session) -> Any:
     return session.commit((), lambda outcome: b"")
 
 
-def test_coordinates_are_read_only_and_in_canonical_order(kit: Any, session: Session) -> None:
+def test_coordinates_are_read_only_and_in_canonical_order(session: Session) -> None:
     session.move("committed", right(0.1))
     commit(session)
     for frame in ("committed", "reference"):
         assert not session.coordinates(frame).flags.writeable
     reference = session.coordinates("reference")
-    np.testing.assert_array_equal(reference[session.mesh.id_order], kit.grid_mesh().points)
+    np.testing.assert_array_equal(reference[session.mesh.id_order], grid_mesh().points)
     assert session.coordinates("committed")[session.mesh.moving, 0] == pytest.approx(0.1, abs=0)
 
 
@@ -94,14 +94,13 @@ def test_faces_are_measured_of_the_reference_and_of_the_trial_where_asked(sessio
     commit(session)
     assert session.move("committed", right(0.1)).faces == ()
     before, after = session.move("committed", right(0.1), report="faces").faces
-    assert session._now.trial is not None
     assert before == face_measures(session.coordinates("reference"), session.mesh.cells)
     assert after == face_measures(session._now.trial.points, session.mesh.cells)
     assert before != after
 
 
-def test_in_one_dimension_no_face_is_measured(kit: Any, tmp_path: Path) -> None:
-    spec = replace(kit.make_spec(), dimension=1)
+def test_in_one_dimension_no_face_is_measured(tmp_path: Path) -> None:
+    spec = replace(make_spec(), dimension=1)
     session = Session(SessionStore(tmp_path).create(spec), ServerSettings(), build_motion_model)
     session.add_part(0, Part("nodes", "", "", np.linspace(0.0, 1.0, 5)[:, None]))
     session.add_part(0, Part("cells", "line", "", np.stack([np.arange(4), np.arange(1, 5)], axis=1)))
@@ -124,8 +123,8 @@ def test_a_receipt_that_cannot_be_made_stops_the_commit_before_anything_is_writt
     assert commit(session).step == 1
 
 
-def test_nothing_can_be_asked_of_a_mesh_that_is_not_there(kit: Any, tmp_path: Path) -> None:
-    session = Session(SessionStore(tmp_path / "new").create(kit.make_spec()), ServerSettings(), kit.StandIn)
+def test_nothing_can_be_asked_of_a_mesh_that_is_not_there(tmp_path: Path) -> None:
+    session = Session(SessionStore(tmp_path / "new").create(make_spec()), ServerSettings(), StandIn)
     with pytest.raises(SessionError, match="not built"):
         _ = session.mesh
     with pytest.raises(SessionError, match="FETCH is not allowed in state NEW"):
@@ -140,9 +139,9 @@ def test_uploads_are_forgotten_once_built(session: Session) -> None:
     assert session.upload.nbytes == 0
 
 
-def test_a_build_that_failed_can_be_repaired(kit: Any, tmp_path: Path) -> None:
-    session = Session(SessionStore(tmp_path / "new").create(kit.make_spec()), ServerSettings(), kit.StandIn)
-    mesh = kit.grid_mesh()
+def test_a_build_that_failed_can_be_repaired(tmp_path: Path) -> None:
+    session = Session(SessionStore(tmp_path / "new").create(make_spec()), ServerSettings(), StandIn)
+    mesh = grid_mesh()
     session.add_part(0, Part("nodes", "", "", mesh.points))
     with pytest.raises(InvalidInput, match="no cells"):
         session.build()
@@ -170,8 +169,8 @@ def test_what_is_committed_is_committing_meanwhile(session: Session, monkeypatch
     assert (session.state, session.step, session.iteration) == (State.READY, 1, 0)
 
 
-def test_the_state_is_on_its_way_to_the_disk_while_a_commit_is_judged(kit: Any) -> None:
-    session, files = with_a_trial(kit, "full")
+def test_the_state_is_on_its_way_to_the_disk_while_a_commit_is_judged() -> None:
+    session, files = with_a_trial("full")
     before, judged = files.count, []
 
     def receipt(outcome: Any) -> bytes:
@@ -213,18 +212,18 @@ def test_only_a_trial_that_was_there_is_lost_with_the_lease(session: Session, tr
 # --- a journal that fails --------------------------------------------------------------------------------------------
 
 
-def with_a_trial(kit: Any, level: str) -> tuple[Session, FailingFiles]:
+def with_a_trial(level: str) -> tuple[Session, FailingFiles]:
     """A session in TRIAL of step 1, and its disk."""
     files = FailingFiles(ModelFiles(), for_ever=False)
-    driver = kit.make_driver(SessionStore("/state", files=files), [kit.grid_mesh()], spec={"durability": level})
+    driver = make_driver(SessionStore("/state", files=files), [grid_mesh()], spec={"durability": level})
     driver.open()
     driver.move(1)
     return driver.host._session, files
 
 
 @pytest.mark.parametrize("level", ["full", "replay"])
-def test_a_commit_that_the_disk_refuses_is_told_and_changes_nothing_but_the_state(kit: Any, level: str) -> None:
-    session, files = with_a_trial(kit, level)
+def test_a_commit_that_the_disk_refuses_is_told_and_changes_nothing_but_the_state(level: str) -> None:
+    session, files = with_a_trial(level)
     files.fail_at = files.count + 1
     with pytest.raises(JournalError, match="committing step 1") as caught:
         commit(session)
@@ -235,10 +234,8 @@ def test_a_commit_that_the_disk_refuses_is_told_and_changes_nothing_but_the_stat
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-def test_a_commit_that_the_journal_does_not_take_can_be_repeated(
-    kit: Any, level: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    session, _ = with_a_trial(kit, level)
+def test_a_commit_that_the_journal_does_not_take_can_be_repeated(level: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    session, _ = with_a_trial(level)
 
     def refuse(*given: Any) -> None:
         raise JournalError("does not fit", code="INTERNAL")
@@ -252,9 +249,9 @@ def test_a_commit_that_the_journal_does_not_take_can_be_repeated(
     session.close()
 
 
-def test_a_failure_that_a_commit_has_told_is_not_told_again(kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_that_a_commit_has_told_is_not_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """With "relaxed" the disk may fail between a request's admission and its commit; CLOSE goes on then."""
-    session, _ = with_a_trial(kit, "relaxed")
+    session, _ = with_a_trial("relaxed")
     keeper = session._built.keeper  # type: ignore[union-attr]
 
     def fail(*given: Any) -> None:
@@ -271,8 +268,8 @@ def test_a_failure_that_a_commit_has_told_is_not_told_again(kit: Any, monkeypatc
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-def test_a_resume_that_the_disk_refuses_is_told_and_keeps_the_epoch(kit: Any, level: str) -> None:
-    session, files = with_a_trial(kit, level)
+def test_a_resume_that_the_disk_refuses_is_told_and_keeps_the_epoch(level: str) -> None:
+    session, files = with_a_trial(level)
     files.fail_at = files.count + 1
     with pytest.raises(JournalError, match="raising the epoch"):
         session.resume()
@@ -284,11 +281,11 @@ def test_a_resume_that_the_disk_refuses_is_told_and_keeps_the_epoch(kit: Any, le
 # --- at rest and again -----------------------------------------------------------------------------------------------
 
 
-def closed(kit: Any, level: str, steps: int = 2) -> tuple[SessionStore, ModelFiles]:
+def closed(level: str, steps: int = 2) -> tuple[SessionStore, ModelFiles]:
     """A session at rest after so many steps."""
     files = ModelFiles()
     store = SessionStore("/state", files=files)
-    driver = kit.make_driver(store, [kit.grid_mesh()], spec={"durability": level})
+    driver = make_driver(store, [grid_mesh()], spec={"durability": level})
     driver.open()
     for step in range(1, steps + 1):
         driver.advance(step)
@@ -297,16 +294,16 @@ def closed(kit: Any, level: str, steps: int = 2) -> tuple[SessionStore, ModelFil
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-def test_a_closed_session_holds_nothing(kit: Any, level: str) -> None:
-    store, files = closed(kit, level)
+def test_a_closed_session_holds_nothing(level: str) -> None:
+    store, files = closed(level)
     assert files.handles == {}
     given_back: list[Any] = []
 
-    class Remote(kit.StandIn):  # type: ignore[misc]
+    class Remote(StandIn):
         def close(self) -> None:
             given_back.append(self)
 
-    session = Session.reopen(store.open(kit.SESSION, kit.TOKEN), ServerSettings(), Remote)
+    session = Session.reopen(store.open(SESSION, TOKEN), ServerSettings(), Remote)
     assert session.state is State.READY
     session.move("committed", right(0.1))
     model = session.model
@@ -316,9 +313,9 @@ def test_a_closed_session_holds_nothing(kit: Any, level: str) -> None:
     assert (session.state, session.iteration) == (State.CLOSED, 0)
 
 
-def test_a_session_that_cannot_be_reopened_gives_its_journal_back(kit: Any) -> None:
-    store, files = closed(kit, "full")
-    folder = store.open(kit.SESSION, kit.TOKEN)
+def test_a_session_that_cannot_be_reopened_gives_its_journal_back() -> None:
+    store, files = closed("full")
+    folder = store.open(SESSION, TOKEN)
 
     def broken(*given: Any) -> Any:
         raise ZeroDivisionError
@@ -331,14 +328,14 @@ def test_a_session_that_cannot_be_reopened_gives_its_journal_back(kit: Any) -> N
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
 @pytest.mark.parametrize("reopened", [False, True])
-def test_a_step_out_of_turn(kit: Any, level: str, reopened: bool) -> None:
+def test_a_step_out_of_turn(level: str, reopened: bool) -> None:
     """What was answered and not durable may be missed after a restart, where the level allows that: never otherwise."""
-    store, _ = closed(kit, level, steps=2 if reopened else 0)
+    store, _ = closed(level, steps=2 if reopened else 0)
     if reopened:
-        session = Session.reopen(store.open(kit.SESSION, kit.TOKEN), ServerSettings(), kit.StandIn)
+        session = Session.reopen(store.open(SESSION, TOKEN), ServerSettings(), StandIn)
     else:
-        spec = kit.make_spec("a" * 32, durability=level)
-        session = Session(store.create(spec), ServerSettings(), kit.StandIn)
+        spec = make_spec("a" * 32, durability=level)
+        session = Session(store.create(spec), ServerSettings(), StandIn)
     step = session.step
     assert step == (2 if reopened else 0)
     session.require_next_step(step + 1)

@@ -1,7 +1,5 @@
 """The state table: complete, and exactly what it says."""
 
-from __future__ import annotations
-
 import pytest
 
 from mesh_motion_server.errors import SessionError

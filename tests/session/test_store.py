@@ -1,7 +1,5 @@
 """Folders of sessions: rights, locks, lists, and what is removed."""
 
-from __future__ import annotations
-
 import json
 import stat
 from pathlib import Path
@@ -14,6 +12,10 @@ from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
+from mesh_motion_server.settings import ServerSettings
+from proofs.driver import SESSION, TOKEN, make_driver, make_spec, resume
+from proofs.model_files import ModelFiles
+from proofs.stand_in import grid_mesh
 
 OTHER = "f" * 32
 
@@ -23,33 +25,36 @@ def store(tmp_path: Path) -> SessionStore:
     return SessionStore(tmp_path / "state")
 
 
-def build(kit: Any, store: SessionStore, session: str = "", **options: Any) -> Any:
-    driver = kit.make_driver(store, [kit.grid_mesh()], session=session or kit.SESSION, **options)
+def build(store: SessionStore, session: str = "", **options: Any) -> Any:
+    driver = make_driver(store, [grid_mesh()], session=session or SESSION, **options)
     driver.open()
     return driver
 
 
-def test_only_the_owner_may_look(kit: Any, store: SessionStore) -> None:
-    build(kit, store).host.close()
+def test_only_the_owner_may_look(store: SessionStore) -> None:
+    driver = build(store, limits=ServerSettings(reserve_disk_bytes=0))
+    driver.advance(1)
+    driver.host.close()
+    assert (store.root / "sessions" / SESSION / "history").is_dir()
     for path in [store.root / "sessions", *(store.root / "sessions").rglob("*")]:
         assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
 
 
-def test_the_token_is_not_stored(kit: Any, store: SessionStore) -> None:
-    build(kit, store).host.close()
-    for path in filter(Path.is_file, (store.root / "sessions" / kit.SESSION).rglob("*")):
+def test_the_token_is_not_stored(store: SessionStore) -> None:
+    build(store).host.close()
+    for path in filter(Path.is_file, (store.root / "sessions" / SESSION).rglob("*")):
         data = path.read_bytes()
-        assert kit.TOKEN not in data
-        assert kit.TOKEN.hex().encode() not in data
+        assert TOKEN not in data
+        assert TOKEN.hex().encode() not in data
 
 
-def test_sessions_are_listed_without_secrets(kit: Any, store: SessionStore) -> None:
+def test_sessions_are_listed_without_secrets(store: SessionStore) -> None:
     assert store.sessions() == []
-    driver = build(kit, store, spec={"label": "flag"})
+    driver = build(store, spec={"label": "flag"})
     driver.advance(1)
-    build(kit, store, OTHER).host.close()
+    build(store, OTHER).host.close()
     assert store.sessions() == [
-        StoredSession(kit.SESSION, "flag", 2, 1, 1, State.READY),
+        StoredSession(SESSION, "flag", 2, 1, 1, State.READY),
         StoredSession(OTHER, "", 2, 1, 0, State.READY),
     ]
     (store.root / "sessions" / OTHER / "manifest").write_bytes(b"damage")
@@ -58,107 +63,85 @@ def test_sessions_are_listed_without_secrets(kit: Any, store: SessionStore) -> N
 
 
 @pytest.mark.parametrize("session", ["0" * 32, "", "../../etc", "0" * 31 + "G", "0" * 33, "a/" * 16])
-def test_an_unknown_session_and_a_wrong_token_are_alike(kit: Any, store: SessionStore, session: str) -> None:
-    build(kit, store).host.close()
+def test_an_unknown_session_and_a_wrong_token_are_alike(store: SessionStore, session: str) -> None:
+    build(store).host.close()
     with pytest.raises(SessionError) as unknown:
-        store.open(session, kit.TOKEN)
+        store.open(session, TOKEN)
     with pytest.raises(SessionError) as wrong:
-        store.open(kit.SESSION, bytes(32))
+        store.open(SESSION, bytes(32))
     assert unknown.value.code == wrong.value.code == "NOT_FOUND"
-    assert unknown.value.message.replace(repr(session), "") == wrong.value.message.replace(repr(kit.SESSION), "")
+    assert unknown.value.message.replace(repr(session), "") == wrong.value.message.replace(repr(SESSION), "")
     with pytest.raises(SessionError):
         store.discard(session[:-1] + "x")
 
 
-def test_a_session_is_held_once(kit: Any, store: SessionStore) -> None:
-    driver = build(kit, store)
+def test_a_session_is_held_once(store: SessionStore) -> None:
+    driver = build(store)
     with pytest.raises(SessionError, match="still held") as caught:
-        store.open(kit.SESSION, kit.TOKEN)
+        store.open(SESSION, TOKEN)
     assert caught.value.code == "UNAVAILABLE.STARTING"
-    with pytest.raises(SessionError, match="already"):
-        store.create(kit.make_spec())
     driver.host.close()
-    folder = store.open(kit.SESSION, kit.TOKEN)
+    folder = store.open(SESSION, TOKEN)
     folder.release()
     folder.release()
 
 
-def test_a_session_that_was_never_built_cannot_be_resumed_and_is_swept(kit: Any, store: SessionStore) -> None:
-    folder = store.create(kit.make_spec())
-    assert store.sweep() == []  # held
-    folder.release()
-    with pytest.raises(SessionError) as caught:
-        store.open(kit.SESSION, kit.TOKEN)
-    assert caught.value.code == "NOT_FOUND"
-    build(kit, store, OTHER).host.close()
-    (store.root / "sessions" / f"{'e' * 32}.discarded").mkdir()
-    assert store.sweep() == [f"{'e' * 32}.discarded", kit.SESSION]
-    assert [s.session for s in store.sessions()] == [OTHER]
-
-
-def test_closing_a_session_that_was_never_built_removes_it(kit: Any, store: SessionStore) -> None:
-    driver = kit.make_driver(store, [kit.grid_mesh()])
+def test_closing_a_session_that_was_never_built_removes_it(store: SessionStore) -> None:
+    driver = make_driver(store, [grid_mesh()])
     driver.host.close()
     assert list((store.root / "sessions").iterdir()) == []
 
 
 def test_a_large_mesh_is_written_beside_its_check(
-    kit: Any, store: SessionStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: SessionStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    build(kit, store).host.close()
-    written = (store.root / "sessions" / kit.SESSION / "mesh.bin").read_bytes()
+    build(store).host.close()
+    written = (store.root / "sessions" / SESSION / "mesh.bin").read_bytes()
     monkeypatch.setattr(store_module, "_LARGE_MESH", 0)
     beside = SessionStore(tmp_path / "beside")
-    build(kit, beside).host.close()
-    folder = beside.root / "sessions" / kit.SESSION
+    build(beside).host.close()
+    folder = beside.root / "sessions" / SESSION
     assert (folder / "mesh.bin").read_bytes() == written
 
     def refuse(*_: Any) -> None:
         raise InvalidInput("unusable")
 
     monkeypatch.setattr("mesh_motion_server.session.session.checked_model", refuse)
-    refused = kit.make_driver(beside, [kit.grid_mesh()], session=OTHER)
+    refused = make_driver(beside, [grid_mesh()], session=OTHER)
     assert refused.open()[-1].message == "unusable"
     assert not (beside.root / "sessions" / OTHER / "mesh.bin").exists()
     refused.host.close()
 
 
-def test_a_discarded_session_is_gone(kit: Any, store: SessionStore) -> None:
-    build(kit, store).host.close()
-    store.discard(kit.SESSION)
-    store.discard(kit.SESSION)
-    assert list((store.root / "sessions").iterdir()) == []
-
-
-def test_a_state_folder_that_cannot_be_written(kit: Any, tmp_path: Path) -> None:
+def test_a_state_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ResourceError) as caught:
-        SessionStore(tmp_path / "file" / "below").create(kit.make_spec())
+        SessionStore(tmp_path / "file" / "below").create(make_spec())
     assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
 
 
 @pytest.mark.parametrize("name", ["spec.json", "mesh.bin"])
-def test_damage_of_what_is_immutable_is_found(kit: Any, store: SessionStore, name: str) -> None:
-    build(kit, store).host.close()
-    path = store.root / "sessions" / kit.SESSION / name
+def test_damage_of_what_is_immutable_is_found(store: SessionStore, name: str) -> None:
+    build(store).host.close()
+    path = store.root / "sessions" / SESSION / name
     data = path.read_bytes()
     for offset in range(0, len(data), max(1, len(data) // 100)):
         path.write_bytes(data[:offset] + bytes([data[offset] ^ 2]) + data[offset + 1 :])
         with pytest.raises(MeshMotionError) as caught:
-            kit.resume(store)
+            resume(store)
         assert isinstance(caught.value, (JournalError, SessionError))
         assert caught.value.code in ("DATA_LOSS.CHECKSUM", "NOT_FOUND", "UNIMPLEMENTED.VERSION")
 
 
-def test_the_spec_is_json_and_survives_a_round_trip(kit: Any, store: SessionStore) -> None:
-    build(kit, store, spec={"label": "flügel"}).host.close()
-    raw = (store.root / "sessions" / kit.SESSION / "spec.json").read_bytes()
+def test_the_spec_is_json_and_survives_a_round_trip(store: SessionStore) -> None:
+    build(store, spec={"label": "flügel"}).host.close()
+    raw = (store.root / "sessions" / SESSION / "spec.json").read_bytes()
     values = json.loads(raw)
     assert values["label"] == "flügel"
     assert values["settings"]["basis"] == "wendland-c2"
     stored = StoredSpec.from_bytes(raw)
     assert stored.to_bytes() == raw
-    assert stored.admits(kit.TOKEN)
+    assert stored.admits(TOKEN)
     assert not stored.admits(bytes(32))
     for damaged in (b"", b"[]", raw.replace(b'"format": 1', b'"format": 2'), raw.replace(b"wendland-c2", b"x" * 11)):
         if damaged.find(b"xxx") < 0:
@@ -171,34 +154,28 @@ def test_a_home_folder_is_expanded(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert SessionStore("~/state").root == tmp_path / "state"
 
 
-def test_the_folders_above_a_new_session_are_durable(kit: Any) -> None:
-    files = kit.files.ModelFiles()
-    SessionStore(Path("/a/b"), files=files).create(kit.make_spec())
+def test_the_folders_above_a_new_session_are_durable() -> None:
+    files = ModelFiles()
+    SessionStore(Path("/a/b"), files=files).create(make_spec())
     for folder in ("sessions", "b", "a"):
         assert f"sync_folder {folder}" in files.operations
     files.arm(None)
-    SessionStore(Path("/a/b"), files=files).create(kit.make_spec(OTHER))
+    SessionStore(Path("/a/b"), files=files).create(make_spec(OTHER))
     assert "sync_folder b" not in files.operations
 
 
-@pytest.mark.parametrize(
-    ("point", "what"),
-    [("store.open.locked", "the session cannot be opened"), ("store.mesh.read", "the mesh cannot be read")],
-)
-def test_a_disk_that_fails_while_a_session_is_opened_is_no_lost_data(
-    kit: Any, store: SessionStore, plan_fault: Any, point: str, what: str
-) -> None:
-    build(kit, store).host.close()
-    plan_fault(f"{point}=raise:EIO@1")
-    with pytest.raises(MeshMotionError, match=what) as caught:
-        kit.resume(store)
+def test_a_mesh_that_the_disk_does_not_give_is_no_lost_data(store: SessionStore, plan_fault: Any) -> None:
+    build(store).host.close()
+    plan_fault("store.mesh.read=raise:EIO@1")
+    with pytest.raises(MeshMotionError, match="the mesh cannot be read") as caught:
+        resume(store)
     assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
-    resumed = kit.resume(store)  # the lock was given back
+    resumed = resume(store)  # the lock was given back
     assert resumed.state == "READY"
     resumed.close()
 
 
-def test_a_list_that_the_disk_does_not_give_is_an_error(kit: Any, store: SessionStore, plan_fault: Any) -> None:
+def test_a_list_that_the_disk_does_not_give_is_an_error(store: SessionStore, plan_fault: Any) -> None:
     plan_fault("store.list=raise:EMFILE@1")
     with pytest.raises(ResourceError, match="the sessions cannot be listed"):
         store.sessions()

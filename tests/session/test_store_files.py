@@ -1,8 +1,7 @@
 """The store's files: locks and handles are given back, nothing is lost without power, nothing is left without room."""
 
-from __future__ import annotations
-
 import errno
+import threading
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.errors import InvalidInput, JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
@@ -106,6 +106,41 @@ def test_a_load_that_fails_gives_the_journal_back(store: SessionStore, files: Co
     folder.release()
 
 
+@pytest.mark.parametrize(("spare", "beside"), [(0, True), (1, False)])
+def test_a_large_mesh_is_written_while_it_is_checked(
+    store: SessionStore, monkeypatch: pytest.MonkeyPatch, spare: int, beside: bool
+) -> None:
+    mesh = grid_mesh()
+    monkeypatch.setattr(store_module, "_LARGE_MESH", mesh.points.nbytes + spare)
+    folder = store.create(make_spec())
+    with folder.writing_mesh([mesh]):
+        if beside:
+            folder._mesh.wait()
+        assert ("mesh.bin" in in_folder(store)) == beside
+    folder.release()
+
+
+def test_a_mesh_that_is_refused_is_removed_once_it_is_written(
+    store: SessionStore, files: Counted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store_module, "_LARGE_MESH", 0)
+    go_on, honest = threading.Event(), PosixFileSystem.write
+
+    def held(self: Any, *given: Any) -> int:
+        assert go_on.wait(30)
+        return honest(self, *given)
+
+    folder = store.create(make_spec())
+    monkeypatch.setattr(PosixFileSystem, "write", held)
+    threading.Timer(0.1, go_on.set).start()
+    with pytest.raises(InvalidInput), folder.writing_mesh([grid_mesh()]):
+        raise InvalidInput("unusable")
+    assert (in_folder(store), len(files.handles)) == ({"lock", "spec.json"}, 1)
+    folder.build([grid_mesh()], NODES, 8).close()
+    assert "mesh.bin" in in_folder(store)
+    folder.release()
+
+
 @pytest.mark.parametrize("point", ["folder-made", "spec-written"])
 def test_a_session_that_the_disk_does_not_take_leaves_nothing(
     store: SessionStore, files: Counted, plan_fault: Any, point: str
@@ -166,6 +201,9 @@ def test_sweeping_looks_at_every_folder_and_gives_its_locks_back(store: SessionS
     (sessions / f"{'d' * 32}.discarded").write_bytes(b"no folder, which cannot be removed as one")
     (sessions / f"{'e' * 32}.discarded").mkdir()
     held = store.create(make_spec("c" * 32))
+    with pytest.raises(SessionError) as unbuilt:
+        store.open(OTHER, TOKEN)
+    assert unbuilt.value.code == "NOT_FOUND"
     assert set(store.sweep()) == {f"{'d' * 32}.discarded", f"{'e' * 32}.discarded", "a" * 32, OTHER}
     assert in_folder(store, "c" * 32) == {"lock", "spec.json"}
     held.release()

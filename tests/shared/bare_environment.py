@@ -3,8 +3,6 @@
 What is required is linked from the environment that runs the tests, distribution by distribution, as its metadata say.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """A seeded bug: a journal that takes what stands in a slot for a state, whatever its checksum and its digest say."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """CGNS files made node by node, and a mesh of simple cells as one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

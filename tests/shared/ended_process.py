@@ -1,7 +1,5 @@
 """A process that is over, as its parent has it."""
 
-from __future__ import annotations
-
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.processes import Child
 

@@ -1,7 +1,5 @@
 """Histories of sessions that never were: as long as a test needs them, and the same each time."""
 
-from __future__ import annotations
-
 import json
 import math
 import random
@@ -157,13 +155,7 @@ def _moved(step: int, iteration: int, chance: random.Random, dimension: int) -> 
 
 def _committed(step: int, chance: random.Random, dimension: int) -> dict[str, Any]:
     quality = _summary(max(lowest_quality(step), 0.205), chance, dimension)
-    return {
-        "event": "committed",
-        "step": step,
-        "quality": quality,
-        "digest": f"{step:064x}",
-        "seconds_total": 0.001,
-    }
+    return {"event": "committed", "step": step, "quality": quality, "digest": f"{step:064x}", "seconds_total": 0.001}
 
 
 def _refused(step: int) -> dict[str, Any]:

@@ -12,8 +12,6 @@ says what else is the case::
     <!-- not run: REASON -->   nothing here can
 """
 
-from __future__ import annotations
-
 import os
 import re
 import signal

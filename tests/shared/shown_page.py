@@ -1,7 +1,5 @@
 """A server with made-up sessions, and its page shown in a browser."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Meshes of a few cells of every type."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 

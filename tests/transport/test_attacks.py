@@ -16,15 +16,7 @@ from mesh_motion_protocol.messages import Commit, Hello, Join, List, Move, Open,
 from mesh_motion_server.security.key_folder import admit, make_server_keys
 from mesh_motion_server.transport.protection import Protection, user_of
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
-from proofs.attacks import (
-    ended,
-    endless_message,
-    forged_user,
-    half_open,
-    oversized_hello,
-    ready,
-    storm,
-)
+from proofs.attacks import ended, endless_message, forged_user, half_open, oversized_hello, ready, storm
 from proofs.waiting import wait_until
 
 MIB = 1 << 20

@@ -1,7 +1,5 @@
 """The line between the supervisor and its children: nobody waits for an end that does not read."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -102,7 +100,6 @@ def test_a_gateway_answers_while_the_supervisor_does_not_read(ends: Ends) -> Non
     assert [here.receive(0.0) is not None for _ in range(number)] == [True] * (number - 1) + [False]
     gateway._obey({"order": "ping"})
     pong = here.receive(0.0)
-    assert pong is not None
     assert [entry for entry in pong["tally"]["counts"] if entry[:2] == ["refused", "UNAVAILABLE"]]
 
 
@@ -137,7 +134,6 @@ def test_a_failure_fits_a_message_however_much_it_says() -> None:
     ):
         assert there.send({"event": "failed"} | _failure(error))
         told = here.receive(1.0)
-        assert told is not None
         assert len(told["message"]) < 10_000
         assert told["details"] == {}
     there.close()

@@ -1,7 +1,5 @@
 """Control requests with workers that are scripted: which words of a worker outlive it."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The gateway as the supervisor has it, with gateways that are scripted: nothing that they do holds the loop up."""
 
-from __future__ import annotations
-
 import selectors
 import time
 from collections.abc import Iterator

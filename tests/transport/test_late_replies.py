@@ -1,7 +1,5 @@
 """Replies that wait: due so long after their question, however long the answer took to find."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

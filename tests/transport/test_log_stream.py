@@ -1,7 +1,5 @@
 """Where no line is taken: a pipe that nobody reads, and what is written once somebody does."""
 
-from __future__ import annotations
-
 import io
 import os
 import threading

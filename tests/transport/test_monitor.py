@@ -149,11 +149,6 @@ def test_an_address_that_others_reach_exits_78(start, address):
     assert "metrics" in server.events("refused")[0]["reason"]
 
 
-def test_insecure_listens_there_and_says_so(start):
-    server = start("insecure", metrics="0.0.0.0:0")
-    assert server.events("insecure")[0]["metrics"] == "0.0.0.0:0"
-
-
 def test_an_occupied_port_exits_69_and_leaves_nothing(start):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         server = start(metrics=f"127.0.0.1:{taken.getsockname()[1]}", ready=False)

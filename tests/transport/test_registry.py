@@ -1,7 +1,5 @@
 """Which control requests are remembered, and whose."""
 
-from __future__ import annotations
-
 import pytest
 from mesh_motion_protocol.messages import Open
 

@@ -1,6 +1,5 @@
 """Real processes and sockets: sessions come and go, workers and servers die, and nobody else notices."""
 
-import contextlib
 import json
 import os
 import signal
@@ -11,18 +10,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from mesh_motion_protocol.messages import (
-    Close,
-    Commit,
-    List,
-    Move,
-    Open,
-    Ping,
-    Probe,
-    Resume,
-    Status,
-)
+from mesh_motion_protocol.messages import Close, Commit, Hello, List, Move, Open, Ping, Probe, Resume, Status
 
+from proofs.attacks import endless_message
 from proofs.processes import alive
 from proofs.waiting import wait_until
 
@@ -211,19 +201,22 @@ def test_a_connection_holds_the_lease(start, connect, open_session):
     assert data.ask(Status, **at).state == "READY"
 
 
-@pytest.mark.parametrize("endpoint", ["tcp://0.0.0.0:0", "tcp://192.0.2.1:5555", "udp://127.0.0.1:1", "tcp://*:5555"])
+@pytest.mark.parametrize("endpoint", ["tcp://0.0.0.0:0", "udp://127.0.0.1:1"])
 def test_an_unsafe_or_wrong_endpoint_exits_78(start, endpoint):
     server = start(endpoint=endpoint, ready=False)
     assert server.process.wait(30) == 78
     assert server.events("refused")
 
 
-def test_insecure_listens_and_says_so(start, connect):
-    server = start("insecure", endpoint="tcp://0.0.0.0:0")
+def test_insecure_listens_says_so_and_counts_greetings(start, connect):
+    server = start("insecure", endpoint="tcp://0.0.0.0:0", metrics="0.0.0.0:0")
     port = server.endpoint.rpartition(":")[2]
-    opened = connect(f"tcp://127.0.0.1:{port}").ask(Open, dimension=2)
-    assert opened.endpoint.startswith("tcp://0.0.0.0:")
-    assert server.events("insecure")
+    control = connect(f"tcp://127.0.0.1:{port}")
+    assert control.ask(Open, dimension=2).endpoint.startswith("tcp://0.0.0.0:")
+    for _ in range(2):
+        control.ask(Hello)
+    assert server.events("insecure")[0]["metrics"] == "0.0.0.0:0"
+    assert [line["count"] for line in server.events("insecure_hello")] == [1, 2]
 
 
 def test_an_occupied_port_exits_69(start):
@@ -243,13 +236,6 @@ def test_an_ipc_endpoint_is_not_stolen(start, connect, tmp_path):
     assert connect(server.endpoint).ask(Ping).type == "PONG"
 
 
-def test_an_ipc_folder_open_to_others_exits_78(start, tmp_path):
-    folder = tmp_path / "open"
-    folder.mkdir()
-    folder.chmod(0o755)
-    assert start(endpoint=f"ipc://{folder}/c", ready=False).process.wait(30) == 78
-
-
 def test_no_socket_file_is_left_by_a_killed_worker(start, connect, open_session, tmp_path):
     folder = tmp_path / "s"
     folder.mkdir(mode=0o700)
@@ -261,32 +247,14 @@ def test_no_socket_file_is_left_by_a_killed_worker(start, connect, open_session,
     wait_until(lambda: not path.exists(), "the file is gone")
 
 
-def endless(endpoint, size):
-    """Frames with MORE set over a bare ZMTP 3.0 connection, until the server ends it: libzmq would not send them."""
-    host, _, port = endpoint.removeprefix("tcp://").rpartition(":")
-    greeting = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + bytes(32)
-    ready = b"\x05READY" + b"\x0bSocket-Type" + (6).to_bytes(4, "big") + b"DEALER"
-    frame = b"\x03" + size.to_bytes(8, "big") + bytes(size)
-    deadline, sent = time.monotonic() + 60, 0
-    with socket.create_connection((host, int(port)), timeout=30) as raw:
-        raw.sendall(greeting + b"\x04" + bytes([len(ready)]) + ready)
-        assert raw.recv(64)
-        with contextlib.suppress(ConnectionError):
-            while time.monotonic() < deadline:
-                raw.sendall(frame)
-                sent += size
-            pytest.fail("the server keeps swallowing")
-    return sent
-
-
 def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(start, connect, open_session):
     server = start(worker_memory_bytes=256 << 20)
     opened, data, at = open_session(server)
     pid = worker_pid(data, at)
-    assert endless(opened.endpoint, 8 << 20) < 300 << 20
+    assert endless_message(opened.endpoint, 8 << 20, 1 << 30) < 300 << 20
     assert worker_pid(data, at) == pid
     gateway = server.children()[0]
-    assert endless(server.endpoint, 64 << 10) < 600 << 20
+    assert endless_message(server.endpoint, 64 << 10, 1 << 30) < 600 << 20
     assert connect(server.endpoint).ask(Probe, session=opened.session, token=opened.token).worker == "alive"
     assert server.children()[0] == gateway
     # the message took the worker to some 380 MiB; idle it has 150 to 200, by what it has warmed up
@@ -367,7 +335,7 @@ def test_a_close_that_was_answered_while_the_supervisor_was_busy_shows_in_the_li
 
 def test_the_place_of_a_closed_session_is_free_at_once(start, connect, open_session):
     server = start(max_sessions=1)
-    for _ in range(20):
+    for _ in range(8):
         _, data, at = open_session(server)
         assert data.ask(Close, **at, outcome="discard").type == "CLOSED"
         assert connect(server.endpoint).ask(List).sessions == []

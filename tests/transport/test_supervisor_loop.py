@@ -1,7 +1,5 @@
 """The supervisor's loop with children that are scripted: what it survives."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

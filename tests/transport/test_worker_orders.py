@@ -1,7 +1,5 @@
 """What a worker says to the supervisor's orders."""
 
-from __future__ import annotations
-
 from functools import partial
 from types import SimpleNamespace
 from typing import Any

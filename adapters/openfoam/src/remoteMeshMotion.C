@@ -271,9 +271,13 @@ void Foam::remoteMeshMotion::updateMesh(const mapPolyMesh&)
 
 bool Foam::remoteMeshMotion::writeObject
 (
+    #if OPENFOAM >= 2012
+    IOstreamOption,
+    #else
     IOstream::streamFormat,
     IOstream::versionNumber,
     IOstream::compressionType,
+    #endif
     const bool
 ) const
 {

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
 from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns
 from mesh_motion_server.numerics.correction.node_constraint import StepSolver
+from mesh_motion_server.numerics.correction.outward_facets import OutwardFacets
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.outward_facets import OutwardFacets
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces

@@ -17,8 +17,8 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.interpolation.hashed_cells import HashedCells
 from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.mesh.hashed_cells import HashedCells
 from mesh_motion_server.numerics.mesh.points import padded
 from mesh_motion_server.numerics.threads import limited_to
 

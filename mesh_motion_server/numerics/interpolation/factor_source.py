@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, Prepared, PreparingEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
+from mesh_motion_server.numerics.interpolation.point_digest import point_digest
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.mesh.point_digest import point_digest
 from mesh_motion_server.numerics.method import Method
 
 __all__ = [

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cell_facets import facet_nodes, matched_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.facet_matching import facet_nodes, matched_facets
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]

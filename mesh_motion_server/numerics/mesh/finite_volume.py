@@ -29,11 +29,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.extrusion import extruded_cells, extruded_points
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
-__all__ = ["FACE_METRICS", "FaceMeasures", "WorstFace", "cell_values", "face_measures"]
+__all__ = [
+    "FACE_METRICS",
+    "FaceMeasures",
+    "WorstFace",
+    "cell_values",
+    "extruded_cells",
+    "extruded_points",
+    "face_measures",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
@@ -44,6 +51,7 @@ _BLOCK = 1 << 16
 _TINY, _ROOT_TINY = 1e-300, 1e-150
 #: Number of worst faces that are named.
 _WORST = 10
+_EXTRUDED = {"triangle": "wedge", "quad": "hexahedron"}
 
 #: Measures of a face beside the volumes of its cells: 0 is best.
 FACE_METRICS = ("non-orthogonality", "face-skewness")
@@ -284,3 +292,20 @@ def _dot(a: Floats, b: Floats) -> Floats:
 def _length(vectors: Floats) -> Floats:
     """Lengths of vectors (…, 3)."""
     return np.sqrt(_dot(vectors, vectors))
+
+
+def extruded_cells(cells: CellTable, count: int) -> CellTable:
+    """Triangles and quads as wedges and hexahedra, in the same order; node i of ``count`` is i + ``count`` above."""
+    return CellTable(
+        tuple(
+            CellBlock(CELL_TYPES[_EXTRUDED[block.type.name]], np.hstack([block.nodes, block.nodes + count]))
+            for block in cells
+        )
+    )
+
+
+def extruded_points(points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(2 n, 3) nodes of one layer about as high as a cell is wide, from positions (n, 2), mesh length unit."""
+    n = len(points)
+    height = float(np.sqrt(np.prod(np.ptp(points, axis=0)) / max(n, 1))) or 1.0
+    return np.concatenate([np.column_stack([points, np.full(n, z)]) for z in (0.0, height)])

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.boundary_nesting import misplaced_place
 from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_server.numerics.motion.boundary_nesting import misplaced_place
 
 __all__ = ["PossibleCrossing"]
 

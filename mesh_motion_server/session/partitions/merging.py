@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cell_order import sorted_cells
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.session.partitions.cell_order import sorted_cells
 from mesh_motion_server.session.partitions.joining import joined
 from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh
 from mesh_motion_server.session.partitions.ordering import canonical_order

@@ -5,8 +5,6 @@ pyzmq and msgpack are then the client's. The pages: examples/ngsolve_flap/README
 examples/su2_airfoil/README.md.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import re

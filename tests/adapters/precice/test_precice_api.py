@@ -1,7 +1,5 @@
 """The stub is as published, so is what the participant uses; real bindings are compared where they are installed."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 

@@ -3,8 +3,6 @@
 With preCICE's stub, what adapters/precice/README.md begins with.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

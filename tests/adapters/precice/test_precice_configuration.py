@@ -1,7 +1,5 @@
 """The participant's file: what it may say, and the line that names the first offender."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -4,8 +4,6 @@ The reference is a session of its own, moved and committed once a window with wh
 to; nothing of the repeated windows may be seen in it.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,11 +63,7 @@ def converged(precice):
     return [written[VOLUME] for window, iteration, _, written in precice.history if iteration == last[window]]
 
 
-@pytest.mark.parametrize(
-    ("iterations", "explicit"),
-    [([1, 1], True), ([3, 1, 4], False)],
-    ids=["explicit", "implicit"],
-)
+@pytest.mark.parametrize(("iterations", "explicit"), [([1, 1], True), ([3, 1, 4], False)], ids=["explicit", "implicit"])
 def test_converged_windows_are_those_of_the_client(iterations, explicit, play, direct):
     windows, precice, final = play(iterations, explicit=explicit)
     expected, points = direct(iterations)

@@ -1,7 +1,5 @@
 """How many windows preCICE's configuration asks for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A problem that every volume reduction is tested on."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from docs.studies.thesis._volume_reduction import VolumeProblem

@@ -29,19 +29,6 @@ def enriched(name: str, count: int = 20, target: float = np.inf) -> Enriched:
     return optimised_enrichment(trial, problem.start, problem.standard, space_of(name, count), target=target)
 
 
-@pytest.mark.parametrize("name", ["-0.2, -0.2, +60°", "3D box 0.25 + bend"])
-def test_the_functions_vanish_on_the_boundary(name: str) -> None:
-    problem, space = case(name), space_of(name)
-    d = problem.start.shape[1]
-    values = space.values(problem.start)
-    assert values.shape == (len(problem.start), 2 * 20 * d)
-    assert np.abs(values[problem.held]).max() < 1e-9 * np.abs(values).max()
-    coefficients = np.random.default_rng(1).normal(size=(2 * 20 * d, d))
-    np.testing.assert_allclose(
-        space.displacement(problem.start, coefficients), values @ coefficients, atol=1e-9 * np.abs(values).max()
-    )
-
-
 def test_points_are_bad_cells_apart_from_each_other() -> None:
     problem, space = case("-0.2, -0.2, +60°"), space_of("-0.2, -0.2, +60°")
     quality = stored("correction_slab").trial.quality(problem.standard)

@@ -44,18 +44,8 @@ def test_gradients_are_the_derivatives(kind, d):
         assert np.allclose(exact[:, :, j], difference, rtol=0, atol=2e-4 if kind != "H1" else 1e-7)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_at_the_point_the_gradient_is_a_multiple_of_the_identity(kind):
-    centre = np.array([0.3, -0.2, 0.5])
-    slope = {"H1": 1.0, "H2": -20 / 0.25, "H3": -20 / 0.25}[kind]
-    assert np.allclose(gradients(kind, centre[None], centre, 0.5)[0], slope * np.eye(3), rtol=0, atol=1e-13)
-    assert (values(kind, centre[None], centre, 0.5) == 0).all()
-
-
 @given(
-    kind=st.sampled_from(KINDS),
-    radius=st.floats(1e-3, 1e3),
-    place=st.lists(st.floats(-5, 5), min_size=3, max_size=3),
+    kind=st.sampled_from(KINDS), radius=st.floats(1e-3, 1e3), place=st.lists(st.floats(-5, 5), min_size=3, max_size=3)
 )
 def test_odd_compact_and_scaled(kind, radius, place):
     x, centre = np.array([place]) * radius, np.zeros(3)
@@ -83,4 +73,5 @@ def test_the_gradient_at_the_point_is_c_times_the_identity(kind, d):
     centre = np.full(d, 0.3)
     c = {"H1": 1.0, "H2": -20 / 0.7**2, "H3": -20 / 0.7**2}[kind]
     assert slope_at_point(kind, 0.7) == pytest.approx(c)
+    assert (values(kind, centre[None], centre, 0.7) == 0).all()
     np.testing.assert_allclose(gradients(kind, centre[None], centre, 0.7)[0], c * np.eye(d), atol=1e-15)

@@ -1,7 +1,5 @@
 """Peaks of the error, and the algorithm that takes them all (thesis Fig 2.7)."""
 
-from __future__ import annotations
-
 import numpy as np
 from reduced_motions import problem
 
@@ -44,8 +42,3 @@ def test_several_points_an_iteration_above_the_share() -> None:
     greedy = REDUCTIONS["greedy"](of)
     np.testing.assert_array_equal(single.selected, greedy.selected)  # a share of 1 takes the largest alone
     assert len(many.selected) < 1.4 * len(greedy.selected)
-
-
-def test_added_nodes_are_far_apart_and_their_number_bounded() -> None:
-    reduced = reduce(problem("wing", tolerance=0.0, max_points=33))
-    assert len(reduced.selected) == 33

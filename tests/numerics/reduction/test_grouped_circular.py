@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from reduced_motions import problem
 
-from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_server.numerics.reduction import REDUCTIONS
 from mesh_motion_server.numerics.reduction.grouped_circular import default_groups, reduce
 from mesh_motion_server.numerics.reduction.growing_set import GrowingSet
 
@@ -50,12 +49,3 @@ def test_weights_of_a_growing_set_are_those_of_a_factorization() -> None:
     expected = factorize(of.points[nodes], support_radius=of.support_radius).solve(of.displacement[nodes]).weights
     np.testing.assert_allclose(growing.weights, expected, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(growing.errors(nodes), 0.0, atol=1e-12)
-
-
-def test_a_node_that_cannot_be_told_from_another_is_refused() -> None:
-    points = np.array([[0.0, 0.0], [1e-9, 0.0], [1.0, 0.0]])
-    of = ReductionProblem(points, np.ones((3, 1)), support_radius=2.0)
-    growing = GrowingSet(of)
-    growing.append(0)
-    with pytest.raises(NumericalError, match="singular to working precision"):
-        growing.append(1)

@@ -1,7 +1,5 @@
 """Factors that grow with the points equal fresh ones; what is lost in rounding or too large is refused."""
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
@@ -48,7 +46,7 @@ def test_a_wrong_row_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.abs(lower @ upper - matrix(nodes)).max() > 1e-9
 
 
-@pytest.mark.parametrize("name", ["greedy", "incremental-lu", "recurrence-cholesky"])
+@pytest.mark.parametrize("name", ["greedy", "incremental-lu", "recurrence-cholesky", "grouped-circular"])
 def test_nodes_that_cannot_be_told_apart_are_refused(name: str) -> None:
     points = np.array([[0.0, 0.0], [1e-9, 0.0], [1.0, 0.0]])
     of = ReductionProblem(points, np.array([[1.0], [2.0], [0.0]]), support_radius=2.0, tolerance=0.0)

@@ -1,7 +1,5 @@
 """The near-surface correction: its radius, and that it saves the layers that setting the nodes alone would invert."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Reduction problems: what they refuse, and the table of algorithms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -79,12 +79,6 @@ def test_a_whole_nest_with_a_polynomial_is_near_the_direct_sum() -> None:
     assert np.abs(on_grid(interpolant, grid, evaluator) - direct).max() <= 5e-5 * largest
 
 
-def test_the_same_to_the_bit_again() -> None:
-    interpolant, _ = _interpolant("wendland-c2", 2.5)
-    first, again = (_by_blocks(interpolant) for _ in range(2))
-    assert first.tobytes() == again.tobytes()
-
-
 def test_blocks_far_from_all_centres_are_as_near_the_direct_sum() -> None:
     """About a body small in the grid's box, most of whose blocks see it from many of their widths away."""
     interpolant, largest = _interpolant("wendland-c2", 2.5)

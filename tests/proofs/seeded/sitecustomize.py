@@ -6,8 +6,6 @@ so what is patched here is what such modules import, not themselves.
 
 # ruff: noqa: PLC0415  (what no fault breaks is not loaded)
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 

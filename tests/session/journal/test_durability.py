@@ -1,9 +1,8 @@
 """The levels of durability as a session has them: what is told, what is there again, and what is refused."""
 
-from __future__ import annotations
-
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,29 +21,31 @@ from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
 from proofs.check import BrokenPromise, require
+from proofs.driver import SESSION, TOKEN, make_driver, resume_driver
+from proofs.stand_in import StandIn, grid_mesh, split_mesh
 
 LIMITS = ServerSettings(snapshot_steps=4)
 
 
 @pytest.fixture
-def opened(kit: Any, tmp_path: Path) -> Any:
+def opened(tmp_path: Path) -> Any:
     """Opens a session of a level; ``again()`` takes it up after its process was killed."""
     store = SessionStore(tmp_path)
     drivers: list[Any] = []
 
     def open_it(level: str, parts: int = 1) -> Any:
-        meshes = kit.split_mesh(kit.grid_mesh(), parts) if parts > 1 else [kit.grid_mesh()]
-        driver = kit.make_driver(store, meshes, spec={"durability": level}, limits=LIMITS)
+        meshes = split_mesh(grid_mesh(), parts) if parts > 1 else [grid_mesh()]
+        driver = make_driver(store, meshes, spec={"durability": level}, limits=LIMITS)
         driver.open()
         drivers.append(driver)
         return driver
 
     def again() -> Any:
         drivers[-1].host._session.close(keep=False)  # what is not on the disk is lost
-        drivers.append(kit.resume_driver(drivers[-1], store, limits=LIMITS))
+        drivers.append(resume_driver(drivers[-1], store, limits=LIMITS))
         return drivers[-1]
 
-    yield SimpleNamespace(open=open_it, again=again, folder=tmp_path / "sessions" / kit.SESSION, store=store)
+    yield SimpleNamespace(open=open_it, again=again, folder=tmp_path / "sessions" / SESSION, store=store)
     for driver in drivers:
         driver.host.close()
 
@@ -103,15 +104,15 @@ def test_durable_step_is_the_step_where_commits_are_logged(opened: Any) -> None:
         assert committed.durable_step == step == driver.ask(Status).durable_step
 
 
-def test_a_closed_session_has_nothing_to_compute(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_closed_session_has_nothing_to_compute(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     driver = opened.open("replay")
     for step in (1, 2):
         driver.advance(step)
     points = driver.ask(Fetch).points
     assert driver.ask(Close).step == 2
     assert records(opened.folder)[-1] == "step 2, stored"
-    monkeypatch.setattr(kit.StandIn, "move", None)
-    again = kit.resume_driver(driver, opened.store)
+    monkeypatch.setattr(StandIn, "move", None)
+    again = resume_driver(driver, opened.store)
     np.testing.assert_array_equal(again.ask(Fetch).points, points)
     again.host.close()
 
@@ -140,14 +141,14 @@ def test_the_log_is_bounded_by_time(opened: Any, monkeypatch: pytest.MonkeyPatch
     assert records(opened.folder) == ["epoch 1", "step 1, logged", "step 2", "step 3, logged"]
 
 
-def test_each_step_that_is_computed_again_is_told(opened: Any, kit: Any) -> None:
+def test_each_step_that_is_computed_again_is_told(opened: Any) -> None:
     """Whoever waits for the session knows that it comes, however long the log of another machine takes here."""
     driver = opened.open("replay")
     for step in (1, 2, 3):
         driver.advance(step)
     driver.host._session.close(keep=False)
     told: list[int] = []
-    again = kit.resume_driver(driver, opened.store, progress=told.append)
+    again = resume_driver(driver, opened.store, progress=told.append)
     assert told == [1, 2, 3]
     again.host.close()
 
@@ -176,30 +177,30 @@ def test_an_input_as_costly_as_the_state_is_not_logged(opened: Any, monkeypatch:
     assert records(opened.folder) == ["epoch 1", "step 1", "step 2"]
 
 
-def diverging(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+def diverging(opened: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """A session whose log another version computes a little differently; what is found when it is taken up."""
     driver = opened.open("replay")
     for step in (1, 2):
         driver.advance(step)
-    honest, points = kit.StandIn.move, driver.ask(Fetch).points
+    honest, points = StandIn.move, driver.ask(Fetch).points
 
     def rounded(self: Any, committed: Any, targets: Any, factors: Any, **choices: Any) -> Any:
         motion = honest(self, committed, targets, factors, **choices)
         motion.points[12] = np.nextafter(motion.points[12], 1)
         return motion
 
-    monkeypatch.setattr(kit.StandIn, "move", rounded)
+    monkeypatch.setattr(StandIn, "move", rounded)
     again = opened.again()
     require(np.array_equal(again.ask(Fetch).points, points), "the coordinates differ from those that were committed")
     return again
 
 
-def test_a_recomputation_that_differs_is_refused(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recomputation_that_differs_is_refused(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     with (
         monkeypatch.context() as patch,
         pytest.raises(JournalError, match="computing step 1 again gave digest") as caught,
     ):
-        diverging(opened, kit, patch)
+        diverging(opened, patch)
     assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
     assert caught.value.details["step"] == 1
     assert "mesh-motion-server" in str(caught.value.details["made_by"])
@@ -208,9 +209,7 @@ def test_a_recomputation_that_differs_is_refused(opened: Any, kit: Any, monkeypa
     assert (again.host.step, again.host.epoch) == (2, 2)
 
 
-def test_a_recomputation_whose_digest_nobody_compares_is_found(
-    opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_recomputation_whose_digest_nobody_compares_is_found(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     class Equal(bytes):
         def __ne__(self, other: object) -> bool:
             return False
@@ -219,14 +218,14 @@ def test_a_recomputation_whose_digest_nobody_compares_is_found(
 
     monkeypatch.setattr(replay_module, "state_digest", lambda step, state: Equal())
     with pytest.raises(BrokenPromise, match="the coordinates differ"):
-        diverging(opened, kit, monkeypatch)
+        diverging(opened, monkeypatch)
 
 
-def test_a_recomputation_that_is_refused_has_diverged(opened: Any, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recomputation_that_is_refused_has_diverged(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     driver = opened.open("replay")
     driver.advance(1)
     with monkeypatch.context() as patch:
-        patch.setattr(kit.StandIn, "_areas", lambda self, points: np.array([1.0 if points is self.points else -1.0]))
+        patch.setattr(StandIn, "_areas", lambda self, points: np.array([1.0 if points is self.points else -1.0]))
         with pytest.raises(JournalError, match=r"gave FAILED_PRECONDITION.QUALITY") as caught:
             opened.again()
     assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
@@ -301,22 +300,29 @@ def test_what_was_not_durable_is_lost_and_said_so(opened: Any, held: threading.E
     assert {step: again.advance(step)[0].digest for step in range(2, 5)} == {s: digests[s] for s in (2, 3, 4)}
 
 
-@pytest.mark.parametrize("leave", ["close", "end", "suspend", "reclaim"])
-def test_everything_is_durable_before(opened: Any, kit: Any, leave: str, held: threading.Event) -> None:
+LEAVE: dict[str, Callable[[Any], Any]] = {
+    "close": lambda driver: driver.ask(Close),
+    "end": lambda driver: driver.host.close(),
+    "suspend": lambda driver: driver.host.suspend(),
+    "reclaim": lambda driver: driver.host.reclaim(TOKEN),
+}
+
+
+@pytest.mark.parametrize(
+    ("leave", "failed"), [*((leave, False) for leave in LEAVE), ("close", True), ("end", True), ("suspend", True)]
+)
+def test_everything_is_durable_before(opened: Any, held: threading.Event, leave: str, failed: bool) -> None:
+    """Also of a session that failed: its thread stores step 1 while the others wait, which ending must not drop."""
     driver = opened.open("relaxed")
-    for step in range(1, 6):
-        driver.advance(step)
+    digests = [driver.advance(step)[0].digest for step in range(1, 6)]
+    if failed:
+        driver.host._session.fail()
     threading.Timer(0.3, held.set).start()
-    if leave == "close":
-        assert driver.ask(Close).step == 5
-    elif leave == "end":
-        driver.host.close()
-    elif leave == "suspend":
-        driver.host.suspend()
-    else:
-        driver.host.reclaim(kit.TOKEN)
+    LEAVE[leave](driver)
     assert held.is_set()
-    assert inspect_session(opened.folder).step == 5
+    assert (driver.host.state == "FAILED") == (failed and leave == "suspend")
+    found = inspect_session(opened.folder)
+    assert (found.step, found.digest) == (5, digests[-1].hex())
 
 
 def test_a_disk_that_fails_in_the_background_freezes_at_once(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -352,26 +358,6 @@ def test_a_close_that_cannot_keep_is_refused_once(opened: Any, held: threading.E
     refused = driver.ask(Close)
     assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
     assert driver.ask(Close).step == 0
-
-
-@pytest.mark.parametrize("leave", ["close", "end", "suspend"])
-def test_what_was_answered_before_a_session_failed_is_kept(opened: Any, kit: Any, leave: str, held: Any) -> None:
-    """The thread stores step 1 while the others wait: ending must not drop them."""
-    driver = opened.open("relaxed")
-    digests = [driver.advance(step)[0].digest for step in range(1, 5)]
-    driver.host._session.fail()
-    threading.Timer(0.2, held.set).start()
-    if leave == "close":
-        assert driver.ask(Close).step == 4
-    elif leave == "end":
-        driver.host.close()
-    else:
-        driver.host.suspend()
-        assert driver.host.state == "FAILED"
-        driver.host.close()
-    again = kit.resume_driver(driver, opened.store)
-    assert again.host._session.commits[-1].digest == digests[-1]
-    again.host.close()
 
 
 @pytest.mark.parametrize("suspended", [False, True])

@@ -1,19 +1,17 @@
 """The operating system's files do what the journal asks of them; the model of them does the same."""
 
-from __future__ import annotations
-
-import stat
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem, write_all
+from proofs.model_files import ModelFiles, ShortFiles
 
 
 @pytest.fixture(params=["posix", "model"])
-def files(request: pytest.FixtureRequest, kit: Any) -> Any:
-    return PosixFileSystem() if request.param == "posix" else kit.files.ModelFiles()
+def files(request: pytest.FixtureRequest) -> Any:
+    return PosixFileSystem() if request.param == "posix" else ModelFiles()
 
 
 @pytest.fixture
@@ -61,16 +59,8 @@ def test_a_lock_is_held_once(files: FileSystem, folder: Path) -> None:
     files.close(files.lock(folder / "lock"))
 
 
-def test_only_the_owner_may_read(tmp_path: Path) -> None:
-    files = PosixFileSystem()
-    files.make_folder(tmp_path / "b")
-    files.close(files.create(tmp_path / "b" / "f", 1))
-    assert stat.S_IMODE((tmp_path / "b").stat().st_mode) == 0o700
-    assert stat.S_IMODE((tmp_path / "b" / "f").stat().st_mode) == 0o600
-
-
-def test_a_write_that_takes_nothing_is_an_error(kit: Any, tmp_path: Path) -> None:
-    stuck = kit.files.ShortFiles(PosixFileSystem(), 0)
+def test_a_write_that_takes_nothing_is_an_error(tmp_path: Path) -> None:
+    stuck = ShortFiles(PosixFileSystem(), 0)
     handle = stuck.create(tmp_path / "f", 0)
     with pytest.raises(OSError, match="took no byte"):
         write_all(stuck, handle, 0, b"abc")

@@ -4,15 +4,13 @@ A test that fails here after a change of the format asks for another format numb
 ``tests/references/journals/build_journals.py``; the stored ones stay as they are.
 """
 
-from __future__ import annotations
-
-import importlib.util
 import json
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import pytest
+from loaded_scripts import loaded
 from mesh_motion_protocol.codec import encode
 
 from mesh_motion_server.errors import JournalError
@@ -23,6 +21,8 @@ from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.records import FORMATS, pack_record
 from mesh_motion_server.session.store import SessionStore
+from proofs.driver import SESSION, TOKEN, Driver
+from proofs.stand_in import grid_mesh
 
 GOLDEN = Path(__file__).parents[2] / "references" / "journals"
 STORED = sorted(str(path.relative_to(GOLDEN).with_suffix("")) for path in GOLDEN.glob("*/*.zip"))
@@ -30,12 +30,7 @@ STORED = sorted(str(path.relative_to(GOLDEN).with_suffix("")) for path in GOLDEN
 
 @pytest.fixture(scope="module")
 def builder() -> Any:
-    spec = importlib.util.spec_from_file_location("build_journals", GOLDEN / "build_journals.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(GOLDEN / "build_journals.py")
 
 
 @pytest.fixture(autouse=True)
@@ -61,8 +56,8 @@ def test_every_format_and_level_has_its_journal(builder: Any) -> None:
 
 
 @pytest.mark.parametrize("name", STORED)
-def test_it_is_opened_bitwise(name: str, builder: Any, kit: Any, tmp_path: Path) -> None:
-    expected = unpacked(name, tmp_path, kit.SESSION)
+def test_it_is_opened_bitwise(name: str, builder: Any, tmp_path: Path) -> None:
+    expected = unpacked(name, tmp_path, SESSION)
     driver, said = builder.taken_up(tmp_path)
     assert (driver.host.step, driver.host.epoch) == (expected["step"], expected["epoch"] + 1)
     assert said == {key: expected[key] for key in said}
@@ -75,25 +70,25 @@ def test_it_is_opened_bitwise(name: str, builder: Any, kit: Any, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", STORED)
-def test_it_is_whole_and_goes_on(name: str, builder: Any, kit: Any, tmp_path: Path) -> None:
-    unpacked(name, tmp_path, kit.SESSION)
-    folder = tmp_path / "sessions" / kit.SESSION
+def test_it_is_whole_and_goes_on(name: str, builder: Any, tmp_path: Path) -> None:
+    unpacked(name, tmp_path, SESSION)
+    folder = tmp_path / "sessions" / SESSION
     found = inspect_session(folder)
     assert (found.state, found.step, found.stored_step) == ("whole", 5, 3 if name.endswith("replay") else 5)
-    host = kit.Driver(_resume(builder, kit, tmp_path), [kit.grid_mesh(4)])
+    host = Driver(_resume(builder, tmp_path), [grid_mesh(4)])
     host.sequences = [2000]
     host.join()
     for step in range(6, 30):
         host.advance(step)
     host.host.close()
     assert inspect_session(folder).step == 29
-    assert _resume(builder, kit, tmp_path).step == 29
+    assert _resume(builder, tmp_path).step == 29
 
 
-def _resume(builder: Any, kit: Any, root: Path) -> Any:
+def _resume(builder: Any, root: Path) -> Any:
     from mesh_motion_server.service.dispatch import SessionHost  # noqa: PLC0415
 
-    return SessionHost.resume(kit.SESSION, kit.TOKEN, SessionStore(root), build_model=builder.MODEL)
+    return SessionHost.resume(SESSION, TOKEN, SessionStore(root), build_model=builder.MODEL)
 
 
 # --- what this version writes ----------------------------------------------------------------------------------------
@@ -128,24 +123,24 @@ def _spec_differences(golden: Path, fresh: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-def test_this_version_writes_it_byte_by_byte(level: str, builder: Any, kit: Any, tmp_path: Path) -> None:
-    assert differences(f"{builder.FORMATS[level]}/{level}", builder, kit.SESSION, tmp_path) == []
+def test_this_version_writes_it_byte_by_byte(level: str, builder: Any, tmp_path: Path) -> None:
+    assert differences(f"{builder.FORMATS[level]}/{level}", builder, SESSION, tmp_path) == []
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
 def test_a_format_that_changes_under_its_number_is_found(
-    level: str, builder: Any, kit: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    level: str, builder: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     honest = Commit.as_body
     monkeypatch.setattr(Commit, "as_body", lambda self: honest(self) | {"more": 1})
-    assert differences(f"{builder.FORMATS[level]}/{level}", builder, kit.SESSION, tmp_path) == ["records"]
+    assert differences(f"{builder.FORMATS[level]}/{level}", builder, SESSION, tmp_path) == ["records"]
 
 
 def test_a_slot_that_is_laid_out_otherwise_is_found(
-    builder: Any, kit: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    builder: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mesh_motion_server.session.store.record_area", lambda *given: 24 * 1024)
-    assert {"records", "sizes"} <= set(differences("1/full", builder, kit.SESSION, tmp_path))
+    assert {"records", "sizes"} <= set(differences("1/full", builder, SESSION, tmp_path))
 
 
 # --- what a later version would write --------------------------------------------------------------------------------
@@ -177,14 +172,14 @@ def _later_setting(folder: Path) -> None:
     ],
 )
 def test_what_a_later_version_wrote_is_refused_and_left_alone(
-    change: Any, says: str, builder: Any, kit: Any, tmp_path: Path
+    change: Any, says: str, builder: Any, tmp_path: Path
 ) -> None:
-    unpacked("2/replay", tmp_path, kit.SESSION)
-    folder = tmp_path / "sessions" / kit.SESSION
+    unpacked("2/replay", tmp_path, SESSION)
+    folder = tmp_path / "sessions" / SESSION
     change(folder)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(JournalError, match=says) as caught:
-        _resume(builder, kit, tmp_path)
+        _resume(builder, tmp_path)
     assert caught.value.code == "UNIMPLEMENTED.VERSION"
     assert "version of the server that wrote it" in caught.value.hint
     after = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "lock"}

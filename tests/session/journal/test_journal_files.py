@@ -1,7 +1,5 @@
 """What is read of a journal's files: all of it or little of it, never written to, and given back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,13 +8,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.journal.files import (
-    read_journal,
-    read_ledger,
-    verified_state,
-    verify_state,
-    view_slot,
-)
+from mesh_motion_server.session.journal.files import read_journal, read_ledger, verified_state, verify_state, view_slot
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.records import PAGE, pack_record

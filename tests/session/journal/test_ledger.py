@@ -1,7 +1,5 @@
 """What records add up to: where the next state goes, what is kept, what follows and what does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -115,6 +113,7 @@ def test_few_commits_are_all_kept() -> None:
         pytest.param(FULL, {"kind": "epoch", "epoch": 1}, id="an epoch comes twice"),
         pytest.param(FULL, {"kind": "epoch", "epoch": 0}, id="an earlier epoch"),
         pytest.param(FULL, {"kind": "epoxy", "epoch": 2}, id="an unknown kind"),
+        pytest.param(FULL, {"kind": "build", **FULL.as_body(), "capacity": CAPACITY, "epoch": 1}, id="a first record"),
         pytest.param(REPLAY, stored(2, 0, since=0), id="a batch that begins elsewhere"),
         pytest.param(REPLAY, snapshot(2, 0), id="another state than the last one"),
         pytest.param(REPLAY, logged(2) | {"kind": "surprise"}, id="a commit under another name"),

@@ -1,9 +1,6 @@
 """The stored mesh: bitwise, and damage is found."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +8,14 @@ import pytest
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import read_mesh, write_mesh
+from proofs.stand_in import grid_mesh, split_mesh
 
 FILES = PosixFileSystem()
 
 
 @pytest.mark.parametrize("parts", [1, 3])
-def test_partitions_are_read_back_bitwise(kit: Any, tmp_path: Path, parts: int) -> None:
-    meshes = kit.split_mesh(kit.grid_mesh(5), parts) if parts > 1 else [kit.grid_mesh(5)]
+def test_partitions_are_read_back_bitwise(tmp_path: Path, parts: int) -> None:
+    meshes = split_mesh(grid_mesh(5), parts) if parts > 1 else [grid_mesh(5)]
     digest = write_mesh(tmp_path / "mesh.bin", FILES, meshes)
     for sent, read in zip(meshes, read_mesh(tmp_path / "mesh.bin", FILES, digest), strict=True):
         np.testing.assert_array_equal(sent.points, read.points)
@@ -29,9 +27,9 @@ def test_partitions_are_read_back_bitwise(kit: Any, tmp_path: Path, parts: int) 
             np.testing.assert_array_equal(patch.nodes, read.patches[name].nodes)
 
 
-def test_every_damaged_byte_is_found(kit: Any, tmp_path: Path) -> None:
+def test_every_damaged_byte_is_found(tmp_path: Path) -> None:
     path = tmp_path / "mesh.bin"
-    digest = write_mesh(path, FILES, [kit.grid_mesh(3)])
+    digest = write_mesh(path, FILES, [grid_mesh(3)])
     data = path.read_bytes()
     for offset in range(len(data)):
         path.write_bytes(data[:offset] + bytes([data[offset] ^ 1]) + data[offset + 1 :])

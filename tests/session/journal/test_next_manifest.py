@@ -1,7 +1,5 @@
 """The space of the next manifest is held from BUILD on, whoever else fills the disk."""
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 The tests of the test at the end seed a bug and demand that the same campaign finds it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from random import Random

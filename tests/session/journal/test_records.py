@@ -1,7 +1,5 @@
 """Records: literal bytes, whole pages, and nothing damaged is read."""
 
-from __future__ import annotations
-
 import hashlib
 import struct
 
@@ -25,7 +23,6 @@ def test_what_is_packed_is_unpacked() -> None:
         packed = pack_record(7, b"q" * 32, body)
         assert len(packed) % PAGE == 0
         record = unpack_record(b"\0" * PAGE + packed, PAGE)
-        assert record is not None
         assert (record.sequence, record.previous, record.body) == (7, b"q" * 32, body)
         assert (record.kind, record.length) == ("commit", len(packed))
 
@@ -50,20 +47,16 @@ def test_a_record_is_found_behind_damage_at_page_starts_only() -> None:
 
 def test_a_record_follows_by_its_number_and_by_the_checksum_before_it() -> None:
     first = unpack_record(pack_record(1, bytes(32), {"kind": "epoch", "epoch": 9}))
-    assert first is not None
     for sequence, previous, follows in ((2, first.checksum, True), (2, bytes(32), False), (3, first.checksum, False)):
         other = unpack_record(pack_record(sequence, previous, {"kind": "epoch", "epoch": 10}))
-        assert other is not None
         assert other.follows(first) is follows
     newer = unpack_record(pack_record(2, first.checksum, {"kind": "epoch", "epoch": 10}, format=2))
-    assert newer is not None
     assert not newer.follows(first)
 
 
 def test_a_record_that_fills_its_page_to_the_last_byte_is_read() -> None:
     packed = pack_record(1, bytes(32), {"r": bytes(PAGE - 56 - 32 - 6)})
     record = unpack_record(packed)
-    assert record is not None
     assert (len(packed), record.length) == (PAGE, PAGE)
     assert packed[-32:] == record.checksum
     assert find_record(packed, 0) == 0

@@ -1,7 +1,5 @@
 """Exactly once: stored replies, conflicts, and what is bounded."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import pytest

@@ -1,7 +1,5 @@
 """The page that names the last durable record: read only as it was written, and what it agrees with."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Canonical order: the Morton curve, independent of the order nodes came in."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

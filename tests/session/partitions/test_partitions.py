@@ -1,7 +1,5 @@
 """Merging: one and many partitions give identical arrays, and every disagreement is named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +12,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.numbering import in_senders_numbers, upload_view
+from proofs.stand_in import grid_mesh, split_mesh
 
 
 def assert_same(a: Any, b: Any) -> None:
@@ -29,16 +28,15 @@ def assert_same(a: Any, b: Any) -> None:
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 7])
-def test_partitions_merge_to_identical_arrays(kit: Any, parts: int) -> None:
-    whole = kit.grid_mesh(6)
+def test_partitions_merge_to_identical_arrays(parts: int) -> None:
+    whole = grid_mesh(6)
     for seed in range(5):
-        assert_same(merge([whole]), merge(kit.split_mesh(whole, parts, seed)))
+        assert_same(merge([whole]), merge(split_mesh(whole, parts, seed)))
 
 
 @given(seed=st.integers(0, 10_000), parts=st.integers(1, 5))
 def test_the_way_back_names_what_each_partition_sent(seed: int, parts: int) -> None:
-    kit = _kit()
-    meshes = kit.split_mesh(kit.grid_mesh(5), parts, seed)
+    meshes = split_mesh(grid_mesh(5), parts, seed)
     mesh = merge(meshes)
     for p, sent in enumerate(meshes):
         np.testing.assert_array_equal(mesh.scatter(mesh.points, p), sent.points)
@@ -56,18 +54,9 @@ def test_the_way_back_names_what_each_partition_sent(seed: int, parts: int) -> N
         mesh.locate_node(len(mesh.points))
 
 
-def _kit() -> Any:
-    """Hypothesis does not take fixtures of function scope."""
-    import sys  # noqa: PLC0415
-
-    return next(
-        module for name, module in sys.modules.items() if name.endswith("conftest") and hasattr(module, "split_mesh")
-    )
-
-
 @pytest.mark.parametrize("parts", [1, 2, 4])
-def test_displacements_are_gathered_by_node(kit: Any, parts: int) -> None:
-    meshes = kit.split_mesh(kit.grid_mesh(6), parts) if parts > 1 else [kit.grid_mesh(6)]
+def test_displacements_are_gathered_by_node(parts: int) -> None:
+    meshes = split_mesh(grid_mesh(6), parts) if parts > 1 else [grid_mesh(6)]
     mesh = merge(meshes)
     rows = [np.sin(m.points[local]) for m, local in zip(meshes, mesh.moving_local, strict=True)]
     np.testing.assert_array_equal(mesh.gather_moving(rows), np.sin(mesh.points[mesh.moving]))
@@ -75,15 +64,15 @@ def test_displacements_are_gathered_by_node(kit: Any, parts: int) -> None:
     assert all((np.diff(local) > 0).all() for local in mesh.moving_local)
 
 
-def two(kit: Any) -> list[Any]:
+def two() -> list[Any]:
     """Two partitions that share nodes; the moving side is in both."""
-    meshes = kit.split_mesh(kit.grid_mesh(5), 2, 3)
+    meshes = split_mesh(grid_mesh(5), 2, 3)
     assert all("left" in mesh.patches for mesh in meshes)
     return list(meshes)
 
 
-def test_partitions_that_move_a_shared_node_differently_are_named(kit: Any) -> None:
-    meshes = two(kit)
+def test_partitions_that_move_a_shared_node_differently_are_named() -> None:
+    meshes = two()
     mesh = merge(meshes)
     rows = [np.ones((len(local), 2)) for local in mesh.moving_local]
     ids = [m.global_ids[local] for m, local in zip(meshes, mesh.moving_local, strict=True)]
@@ -99,14 +88,14 @@ def test_partitions_that_move_a_shared_node_differently_are_named(kit: Any) -> N
     assert caught.value.details["partitions"] == [0, 1]
 
 
-def test_coordinates_of_shared_nodes_must_agree(kit: Any) -> None:
-    meshes = two(kit)
+def test_coordinates_of_shared_nodes_must_agree() -> None:
+    meshes = two()
     shared = int(np.intersect1d(meshes[0].global_ids, meshes[1].global_ids)[0])
     row = int(np.flatnonzero(meshes[1].global_ids == shared)[0])
     points = meshes[1].points.copy()
     points[row, 0] += 1e-10  # below 1e-10 of the diagonal √2
     meshes[1] = replace(meshes[1], points=points)
-    assert_same(merge(meshes), merge([kit.grid_mesh(5)]))
+    assert_same(merge(meshes), merge([grid_mesh(5)]))
     points = points.copy()
     points[row, 0] += 1e-9
     meshes[1] = replace(meshes[1], points=points)
@@ -116,15 +105,15 @@ def test_coordinates_of_shared_nodes_must_agree(kit: Any) -> None:
     assert len(caught.value.details["values"]) == 2  # type: ignore[arg-type]
 
 
-def test_a_patch_has_one_role(kit: Any) -> None:
-    meshes = two(kit)
+def test_a_patch_has_one_role() -> None:
+    meshes = two()
     patches = dict(meshes[1].patches) | {"left": Patch("fixed", meshes[1].patches["left"].nodes)}
     with pytest.raises(InvalidInput, match="'left' has the role 'moving' in partition 0 and 'fixed' in 1"):
         merge([meshes[0], replace(meshes[1], patches=patches)])
 
 
-def test_a_cell_comes_once(kit: Any) -> None:
-    whole = kit.grid_mesh(3)
+def test_a_cell_comes_once() -> None:
+    whole = grid_mesh(3)
     cells = {"triangle": np.vstack([whole.cells["triangle"], whole.cells["triangle"][2]])}
     with pytest.raises(InvalidInput, match="cell 2 of type 'triangle' in partition 0 is also cell 8 in partition 0"):
         merge([replace(whole, cells=cells)])
@@ -142,15 +131,15 @@ def test_a_cell_comes_once(kit: Any) -> None:
         ({"cells": {}}, "the mesh has no cells"),
     ],
 )
-def test_what_is_wrong_with_one_partition(kit: Any, change: dict[str, Any], says: str) -> None:
+def test_what_is_wrong_with_one_partition(change: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidInput, match=says):
-        merge([replace(kit.grid_mesh(3), **change)])
+        merge([replace(grid_mesh(3), **change)])
 
 
 @pytest.mark.parametrize("parts", [1, 3])
-def test_the_senders_numbering(kit: Any, parts: int) -> None:
-    whole = kit.grid_mesh(4)
-    meshes = kit.split_mesh(whole, parts) if parts > 1 else [whole]
+def test_the_senders_numbering(parts: int) -> None:
+    whole = grid_mesh(4)
+    meshes = split_mesh(whole, parts) if parts > 1 else [whole]
     view = upload_view(merge(meshes))
     np.testing.assert_array_equal(view.points, whole.points)
     for name, patch in whole.patches.items():
@@ -164,8 +153,8 @@ def test_the_senders_numbering(kit: Any, parts: int) -> None:
     assert meshes[named["partition"]].global_ids[named["node"]] == 5  # type: ignore[index,call-overload]
 
 
-def test_cells_in_pieces_are_merged_as_if_they_had_come_at_once(kit: Any) -> None:
-    parts = kit.split_mesh(kit.grid_mesh(), 2)
+def test_cells_in_pieces_are_merged_as_if_they_had_come_at_once() -> None:
+    parts = split_mesh(grid_mesh(), 2)
     pieces = [
         replace(p, cells={name: (rows[:5], rows[5:5], rows[5:]) for name, rows in p.cells.items()}) for p in parts
     ]
@@ -178,8 +167,8 @@ def test_cells_in_pieces_are_merged_as_if_they_had_come_at_once(kit: Any) -> Non
         merge([replace(parts[0], cells={"triangle": (rows[:5], rows[5:])})])
 
 
-def test_ids_in_any_order_give_the_mesh_of_ascending_ones(kit: Any) -> None:
-    whole = kit.grid_mesh()
+def test_ids_in_any_order_give_the_mesh_of_ascending_ones() -> None:
+    whole = grid_mesh()
     order = np.random.default_rng(1).permutation(len(whole.points))
     rank = np.argsort(order)
     shuffled = replace(
@@ -196,9 +185,9 @@ def test_ids_in_any_order_give_the_mesh_of_ascending_ones(kit: Any) -> None:
     np.testing.assert_array_equal(one.node_maps[0], other.node_maps[0][rank])
 
 
-def test_the_origin_of_cells_takes_little_memory(kit: Any) -> None:
-    whole = kit.grid_mesh()
-    single, split = merge([whole]), merge(kit.split_mesh(whole, 3))
+def test_the_origin_of_cells_takes_little_memory() -> None:
+    whole = grid_mesh()
+    single, split = merge([whole]), merge(split_mesh(whole, 3))
     for mesh in (single, split):
         (origin,) = mesh.cell_origins
         assert origin.partition.dtype == origin.local.dtype == np.int32
@@ -209,15 +198,15 @@ def test_the_origin_of_cells_takes_little_memory(kit: Any) -> None:
     np.testing.assert_array_equal(rank[whole.cells["triangle"][cells]], single.cells.blocks[0].nodes)
 
 
-def test_the_durable_order_is_ascending_by_global_id(kit: Any) -> None:
-    whole = replace(kit.grid_mesh(), global_ids=np.random.default_rng(3).permutation(100)[:25] * 7)
-    for mesh in (merge([whole]), merge(kit.split_mesh(whole, 3))):
+def test_the_durable_order_is_ascending_by_global_id() -> None:
+    whole = replace(grid_mesh(), global_ids=np.random.default_rng(3).permutation(100)[:25] * 7)
+    for mesh in (merge([whole]), merge(split_mesh(whole, 3))):
         np.testing.assert_array_equal(mesh.id_order, np.argsort(mesh.global_ids))
 
 
 @pytest.mark.parametrize("parts", [1, 3])
-def test_an_error_about_a_motion_counts_nodes_as_their_senders_do(kit: Any, parts: int) -> None:
-    meshes = kit.split_mesh(kit.grid_mesh(), parts) if parts > 1 else [kit.grid_mesh()]
+def test_an_error_about_a_motion_counts_nodes_as_their_senders_do(parts: int) -> None:
+    meshes = split_mesh(grid_mesh(), parts) if parts > 1 else [grid_mesh()]
     mesh = merge(meshes)
     node, image = 7, 13
     raised = InvalidInput(f"node {node} and node {image} differ by 7", hint="h", details={"node": node, "image": image})

@@ -1,7 +1,5 @@
 """Uploads: parts are appended, counted and checked when they come."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Grid interpolation: exact for its polynomials, of its order for smooth functions, direct near control points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

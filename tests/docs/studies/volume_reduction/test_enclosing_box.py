@@ -1,7 +1,5 @@
 """Outside the box nothing moves by a bit, and the box does not change while a step iterates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

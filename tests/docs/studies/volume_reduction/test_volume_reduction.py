@@ -1,15 +1,10 @@
 """What all volume reductions have in common."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from volume_problems import problem_of
 
-from docs.studies.thesis._volume_reduction import (
-    VOLUME_REDUCTIONS,
-    VolumeProblem,
-)
+from docs.studies.thesis._volume_reduction import VOLUME_REDUCTIONS, VolumeProblem
 from mesh_motion_server.errors import InvalidInput
 
 NAMES = sorted(VOLUME_REDUCTIONS)

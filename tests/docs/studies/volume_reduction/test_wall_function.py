@@ -1,7 +1,5 @@
 """The restriction leaves the wall's neighbourhood alone and ends at D."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from volume_problems import problem_of

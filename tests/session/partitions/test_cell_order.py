@@ -1,12 +1,10 @@
 """Cells are sorted by their node tuples, however many begin with one node, and know where they came from."""
 
-from __future__ import annotations
-
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from thread_counts import on_one_and_on_all_threads
 
-from mesh_motion_server.numerics.mesh.cell_order import sorted_cells
+from mesh_motion_server.session.partitions.cell_order import sorted_cells
 
 
 @pytest.mark.parametrize("count", [3, 40, 5000])
@@ -53,12 +51,7 @@ def test_the_first_repeated_cell_is_found(rows: list[list[int]]) -> None:
 
 
 def test_the_number_of_threads_changes_nothing() -> None:
-    rows, before = np.random.default_rng(2).integers(0, 900, (60_000, 3)), kernels.get_threads()
-    found = set()
-    try:
-        for threads in range(1, kernels.available_threads() + 1):
-            kernels.set_threads(threads)
-            found.add(b"".join(np.asarray(part).tobytes() for part in sorted_cells([(np.arange(900), rows)], 900)))
-    finally:
-        kernels.set_threads(before)
-    assert len(found) == 1
+    rows = np.random.default_rng(2).integers(0, 900, (60_000, 3))
+    one, all_of_them = on_one_and_on_all_threads(lambda: sorted_cells([(np.arange(900), rows)], 900))
+    for part, same in zip(one, all_of_them, strict=True):
+        np.testing.assert_array_equal(part, same)
