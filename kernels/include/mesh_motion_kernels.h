@@ -89,8 +89,8 @@ MESH_MOTION_API int mesh_motion_interpolant_values(const mesh_motion_interpolant
 MESH_MOTION_API int mesh_motion_interpolant_gradients(const mesh_motion_interpolant *interpolant, int64_t n,
                                                       const double *points, int mode, double *gradients);
 
-/* A compact interpolant without a polynomial at points that stay, of which those that are skipped (n), or none if that is
- * NULL, are not asked for: what does not depend on its weights is found once.
+/* A compact interpolant without a polynomial at points that stay, of which those that are skipped (n), or none if that
+ * is NULL, are not asked for: what does not depend on its weights is found once.
  */
 typedef struct mesh_motion_near mesh_motion_near;
 MESH_MOTION_API int mesh_motion_near_create(const mesh_motion_interpolant *interpolant, int64_t n, const double *points,
@@ -191,8 +191,8 @@ MESH_MOTION_API int mesh_motion_boundary_nodes(const mesh_motion_cells *cells, i
 #define MESH_MOTION_BINS 2048
 #define MESH_MOTION_WORST 10
 
-/* The cells of one rank, judged again and again in one pass each. What ranks tell, added up, is exact: section 23 of the
- * protocol says how. Of each value four bytes are kept.
+/* The cells of one rank, judged again and again in one pass each. What ranks tell, added up, is exact: section 23 of
+ * the protocol says how. Of each value four bytes are kept.
  */
 typedef struct mesh_motion_tally mesh_motion_tally;
 
@@ -201,8 +201,8 @@ typedef struct {
     int64_t metrics; /* 3, or 4 where the metric is none of them: size, skew, size-skew, metric */
     const char *names[4];
     double sums[4], minima[4];
-    int64_t worst_cells; /* rows of the next: type by its place in the list above, number among those of the type, metric,
-                            size, skew, size-skew, centre */
+    int64_t worst_cells; /* rows of the next */
+    /* type by its place in the list above, number among those of the type, metric, size, skew, size-skew, centre */
     double worst[MESH_MOTION_WORST][9];
 } mesh_motion_part;
 
@@ -216,9 +216,9 @@ MESH_MOTION_API void mesh_motion_tally_free(mesh_motion_tally *tally);
 /* Judges the cells with their nodes at points (n, d), which must stay for the next call. */
 MESH_MOTION_API int mesh_motion_tally_judge(mesh_motion_tally *tally, int64_t n, const double *points,
                                             mesh_motion_part *part);
-/* What values of a metric are in the bin at the end of a way (divisions, 3): low, scale, bin. counts (MESH_MOTION_BINS):
- * in each of its parts. different: how many different values, of which the first `most` are in values and how often each
- * occurs in repeated (most); -1: they need not be told.
+/* What values of a metric are in the bin at the end of a way (divisions, 3): low, scale, bin. counts
+ * (MESH_MOTION_BINS): in each of its parts. different: how many different values, of which the first `most` are in
+ * values and how often each occurs in repeated (most); -1: they need not be told.
  */
 MESH_MOTION_API int mesh_motion_tally_bin(const mesh_motion_tally *tally, const char *metric, int64_t divisions,
                                           const double *way, int64_t *counts, int64_t most, double *values,

@@ -1637,7 +1637,7 @@ mm_result mm_set_partition(mm_session *session, int partition, int partitions)
     return MM_OK;
 }
 
-/* --- evaluation by the client (SPEC.md, section 23) ----------------------------------------------------------------- */
+/* --- evaluation by the client (SPEC.md, section 23) --------------------------------------------------------------- */
 
 #ifdef MM_EVALUATION
 
@@ -2382,7 +2382,8 @@ static outcome upload(mm_session *session)
     answer uploaded = {0};
     while (how == DONE && session->part < session->block_count) {
         block rows = session->blocks[session->part];
-        size_t most = rows.columns ? PART_BYTES / (8 * rows.columns) : rows.rows; /* 8 bytes each once they have arrived */
+        /* 8 bytes each once they have arrived */
+        size_t most = rows.columns ? PART_BYTES / (8 * rows.columns) : rows.rows;
         size_t left = rows.rows - session->part_row;
         request part = session_request(session, "UPLOAD", "UPLOADED");
         add_text(&part, "item", rows.item);

@@ -55,7 +55,8 @@ struct mesh_motion_cells {
     }
 
     /// Type, number within it, and nodes of a cell.
-    std::tuple<const mesh_motion::Kind*, mesh_motion::Index, const mesh_motion::Index*> at(mesh_motion::Index cell) const {
+    std::tuple<const mesh_motion::Kind*, mesh_motion::Index, const mesh_motion::Index*> at(
+        mesh_motion::Index cell) const {
         for (const auto& [type, rows] : held) {
             const auto here = static_cast<mesh_motion::Index>(rows.size()) / type->nodes;
             if (cell < here) return {type, cell, rows.data() + cell * type->nodes};
