@@ -240,7 +240,7 @@ def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judg
     session.build()
     session.move("reference", [np.full((4, 2), 0.05)])
     with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
-        commit(session)
+        session.admit(Operation.COMMIT)  # before anything is written
     with pytest.raises(NumericalError):
         session.judge(quality_of(-1.0))
     with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
