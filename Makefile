@@ -1,5 +1,5 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
-# make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about seven minutes
+# make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about six minutes
 # make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour
 # make manual writes docs/man anew after a change of a command
 # make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
@@ -16,7 +16,7 @@
 # make studies recomputes every table and figure of docs/thesis.md, beyond.md, explained.md and choosing.md (STUDY="name …" for some)
 # make docs   builds the documentation site into out/docs, without a warning, every link checked (open out/docs/index.html)
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
-# make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, six minutes (adapters/kratos/README.md)
+# make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, two minutes (adapters/kratos/README.md)
 # make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
 # make turek  Turek and Hron's FSI3 on two meshes against the published figures, hours; goes on where it stopped (CASE=fsi2, SOLVER=kratos)
 # make docker builds the images and couples server, mock fluid and mock solid: out/docker; make docker-openfoam OpenFOAM and CalculiX

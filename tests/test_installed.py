@@ -6,6 +6,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+from python_runs import said_by_python
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -14,9 +16,7 @@ def test_every_package_is_found_from_elsewhere(tmp_path: Path) -> None:
     packages = [Path(path).name for path in project["tool"]["scikit-build"]["wheel"]["packages"]]
     assert len(packages) == 8
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    command = [sys.executable, "-c", "import " + ", ".join(packages)]
-    run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
+    said_by_python("-c", "import " + ", ".join(packages), cwd=tmp_path, env=environment)
 
 
 #: The import system as where only the packages of the base are installed.
@@ -35,8 +35,7 @@ def test_the_client_needs_no_package_of_the_server() -> None:
     """The module ``packaging/test_extras.py`` shows the same with real environments."""
     parts = ("client", "protocol", "conformance", "fsi", "kratos", "calculix", "precice")
     asked = _BASE_ONLY.format(missing=set(_FURTHER)) + "import " + ", ".join(f"mesh_motion_{part}" for part in parts)
-    run = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
+    said_by_python("-c", asked)
     told = subprocess.run(
         [sys.executable, "-c", asked + "\nfrom mesh_motion_server.commands.cli import main\nmain()"],
         capture_output=True, text=True, check=False,

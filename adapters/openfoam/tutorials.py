@@ -2,9 +2,9 @@
 
     python adapters/openfoam/tutorials.py [--only NAME] [--out FOLDER]
 
-Needs OpenFOAM with its tutorials (Debian: openfoam openfoam-examples). Each case is moved by ``moveDynamicMesh``: as it
-is, with ``remoteMeshMotion``, and so on two processors. Largest non-orthogonality (degrees) and skewness are those that
-``checkMesh`` finds at all times.
+Needs OpenFOAM with its tutorials (Debian: openfoam openfoam-examples). Each case is moved by ``moveDynamicMesh``, or by
+its own solver where the flow moves a body: as it is, with ``remoteMeshMotion``, and so on two processors. Largest
+non-orthogonality (degrees) and skewness are those that ``checkMesh`` finds at all times.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mesh_motion_client.embedded import EmbeddedServer
@@ -37,21 +37,112 @@ class Tutorial:
     dt: float
     patches: str
     prepare: tuple[str, ...] = ("blockMesh",)
-    #: pointDisplacement, where the tutorial gives a velocity: entries of boundaryField
+    #: the plugin's pointDisplacement, entries of boundaryField, where the tutorial has none or has code to compile
     displacement: str = ""
+    #: the same for a field of the tutorial's own motion solver, and that one's dynamicMeshDict
+    own_fields: dict[str, str] = field(default_factory=dict)
+    own_motion: str = ""
+    #: file, what stands there, what is to stand there
+    replace: tuple[tuple[str, str, str], ...] = ()
+    #: who moves the mesh; a flow solver gets all fields
+    application: str = "moveDynamicMesh"
+    #: the case within a tutorial of several
+    inside: str = "."
+    #: why the tutorial's own motion solver is not run
+    missing: str = ""
 
     @property
     def name(self) -> str:
-        return Path(self.path).name
+        """The tutorial's solver and name."""
+        parts = Path(self.path).parts
+        return f"{parts[1]} {parts[-1]}"
 
 
 _WAVES = "leftwall moving; rightwall fixed; bottom2 fixed; bottom1 slip; top slip;"
-_CONE = """
-movingWall { type uniformFixedValue; uniformValue table ((0 (0 0 0)) (1 (1 0 0))); }
-"(fixedWall|left)" { type uniformFixedValue; uniformValue constant (0 0 0); }
-"(farField|farFieldMoving)" { type slip; }
-"(back|front)" { type wedge; }
-axis { type empty; }
+_CONE = "movingWall moving; fixedWall fixed; left fixed; farField slip; farFieldMoving slip;"
+
+
+def _cone(speed: float) -> str:
+    """movingCone's displacement at a speed along x, m/s."""
+    return f"""
+movingWall {{ type uniformFixedValue; uniformValue table ((0 (0 0 0)) (1 ({speed} 0 0))); }}
+"(fixedWall|left)" {{ type uniformFixedValue; uniformValue constant (0 0 0); }}
+"(farField|farFieldMoving)" {{ type slip; }}
+"(back|front)" {{ type wedge; }}
+axis {{ type empty; }}
+"""
+
+
+_STILL = "type fixedValue; value uniform (0 0 0);"
+_SWING = """type uniformFixedValue; uniformValue sine;
+    uniformValueCoeffs {{ frequency {}; amplitude {}; scale {}; level {}; }}"""
+_CHANNEL = _SWING.format(0.49975, 0.5, "(0 1 0)", "(0 0 0)")
+_ACMI = f"""
+"(inlet|channel|ACMI1_blockage)" {{ {_CHANNEL} }}
+ACMI1_couple {{ patchType cyclicACMI; {_CHANNEL} }}
+"(outlet|walls|ACMI2_blockage)" {{ {_STILL} }}
+ACMI2_couple {{ type cyclicACMI; }}
+defaultFaces {{ type empty; }}
+"""
+
+
+def _cylinder(direction: str, zero: str) -> str:
+    """oscillatingCylinder's displacement, a vector or its component y."""
+    return f"""
+cylinder {{ {_SWING.format(200, 0.001, direction, zero)} }}
+"(walls|inlet.*|outlet)" {{ type fixedValue; value uniform {zero}; }}
+frontAndBack {{ type empty; }}
+"""
+
+
+_TWIST = f"""
+top {{ type angularOscillatingDisplacement; value uniform (0 0 0);
+    axis (0 0 1); origin (0 0 0); angle0 0; amplitude 3.14159265; omega 0.157079633; }}
+floor {{ {_STILL} }}
+sides {{ type calculated; value uniform (0 0 0); }}
+"""
+_REMOTE = (
+    'motionSolverLibs ("libremoteMeshMotion.so"); motionSolver remoteMeshMotion; '
+    'remoteMeshMotionCoeffs {{ endpoint "$MESH_MOTION_ENDPOINT"; patches {{ {} }} }}'
+)
+#: The body of floatingObject: the tutorial's, its inertia as numbers.
+_BODY = """
+mass 15; centreOfMass (0.5 0.45 0.35); momentOfInertia (0.3625 0.425 0.1625); report off; accelerationRelaxation 0.7;
+solver { type Newmark; }
+constraints
+{
+    fixedLine { sixDoFRigidBodyMotionConstraint line; centreOfRotation (0.5 0.45 0.1); direction (0 1 0); }
+    fixedAxis { sixDoFRigidBodyMotionConstraint axis; axis (0 1 0); }
+}
+"""
+_FLOATING = f"""
+"(stationaryWalls|atmosphere)" {{ {_STILL} }}
+floatingObject {{ type sixDoFRigidBodyDisplacement; value uniform (0 0 0); rho rho; {_BODY} }}
+"""
+#: The wing of wingMotion, the tutorial's: it swings on its springs without a flow.
+_WING = """
+mass 22.9; centreOfMass (0.4974612746 -0.01671895744 0.125); angularMomentum (0 0 -2);
+momentOfInertia (1.958864357 3.920839234 2.057121362); report off;
+orientation (0.9953705935 0.09611129781 0 -0.09611129781 0.9953705935 0 0 0 1);
+solver { type symplectic; }
+constraints
+{
+    yLine { sixDoFRigidBodyMotionConstraint line; centreOfRotation (0.25 0.007 0.125); direction (0 1 0); }
+    zAxis { sixDoFRigidBodyMotionConstraint axis; axis (0 0 1); }
+}
+restraints
+{
+    verticalSpring
+    {
+        sixDoFRigidBodyMotionRestraint linearSpring; anchor (0.25 0.007 0.125); refAttachmentPt (0.25 0.007 0.125);
+        stiffness 4000; damping 2; restLength 0;
+    }
+    axialSpring
+    {
+        sixDoFRigidBodyMotionRestraint linearAxialAngularSpring; axis (0 0 1); stiffness 700; damping 0.5;
+        referenceOrientation (0.9953705935 0.09611129781 0 -0.09611129781 0.9953705935 0 0 0 1);
+    }
+}
 """
 _BOX = (
     "blockMesh",
@@ -62,16 +153,73 @@ _BOX = (
 )
 CASES = (
     Tutorial(
-        "incompressible/pimpleFoam/laminar/movingCone", 29, 1e-4,
-        "movingWall moving; fixedWall fixed; left fixed; farField slip; farFieldMoving slip;", displacement=_CONE,
+        "combustion/XiDyMFoam/oscillatingCylinder", 10, 2.5e-4,
+        '"(walls|inlet.*|outlet)" fixed; cylinder moving;', displacement=_cylinder("(0 1 0)", "(0 0 0)"),
+        own_fields={"pointDisplacementy": _cylinder("1", "0")},
+    ),
+    Tutorial("compressible/rhoCentralDyMFoam/movingCone", 29, 6.7e-7, _CONE, displacement=_cone(160.0)),
+    Tutorial("compressible/sonicDyMFoam/movingCone", 29, 6.7e-7, _CONE, displacement=_cone(160.0)),
+    Tutorial("incompressible/pimpleFoam/laminar/movingCone", 29, 1e-4, _CONE, displacement=_cone(1.0)),
+    Tutorial(
+        "incompressible/pimpleFoam/RAS/oscillatingInletACMI2D", 10, 0.002,
+        '"(inlet|channel|ACMI1.*)" moving; "(outlet|walls)" fixed; "ACMI2.*" slip;',
+        ("blockMesh", "topoSet -constant", "createBaffles -overwrite"), _ACMI,
+        replace=((
+            "system/blockMeshDict",
+            "faces\n        (\n            (3 7 6 2)\n            (1 5 4 0)\n",
+            "faces (\n",
+        ), (
+            "system/blockMeshDict",
+            "    walls\n",
+            "    channel { type wall; faces ((3 7 6 2) (1 5 4 0)); }\n    walls\n",
+        )),
+    ),
+    Tutorial(
+        "incompressible/pimpleFoam/RAS/wingMotion", 20, 0.005, 'wing moving; "(topAndBottom|inlet|outlet)" fixed;',
+        (
+            "blockMesh -case ../wingMotion_snappyHexMesh",
+            "snappyHexMesh -overwrite -case ../wingMotion_snappyHexMesh",
+            "extrudeMesh -case ../wingMotion2D_simpleFoam",
+            "createPatch -overwrite -case ../wingMotion2D_simpleFoam",
+            "cp -r ../wingMotion2D_simpleFoam/constant/polyMesh constant",
+        ),
+        f'"(topAndBottom|inlet|outlet)" {{ {_STILL} }} "(front|back)" {{ type empty; }} '
+        f"wing {{ type uncoupledSixDoFRigidBodyDisplacement; value uniform (0 0 0); {_WING} }}",
+        own_motion="motionSolverLibs (sixDoFRigidBodyMotion); motionSolver sixDoFRigidBodyMotion; test yes; "
+        f"patches (wing); innerDistance 0.3; outerDistance 1; rho rhoInf; rhoInf 1; {_WING}",
+        inside="wingMotion2D_pimpleFoam",
     ),
     Tutorial(
         "multiphase/potentialFreeSurfaceDyMFoam/oscillatingBox", 20, 0.05,
         "floatingObjectBottom moving; floatingObject slip; leftWall slip; rightWall fixed; bottomWall fixed; "
         "freeSurface fixed;", _BOX,
     ),
+    Tutorial(
+        "multiphase/interFoam/RAS/floatingObject", 10, 0.01,
+        "floatingObject moving; stationaryWalls fixed; atmosphere fixed;",
+        ("blockMesh", "topoSet", "subsetMesh -overwrite c0 -patch floatingObject"), _FLOATING,
+        own_motion=f"motionSolverLibs (sixDoFRigidBodyMotion); motionSolver sixDoFRigidBodyMotion; "
+        f"sixDoFRigidBodyMotionCoeffs {{ patches (floatingObject); innerDistance 0.05; outerDistance 0.35; {_BODY} }}",
+        application="interFoam",
+    ),
     Tutorial("multiphase/interFoam/laminar/waves/waveMakerFlap", 10, 0.2, _WAVES),
     Tutorial("multiphase/interFoam/laminar/waves/waveMakerPiston", 10, 0.2, _WAVES),
+    *(
+        Tutorial(
+            f"multiphase/interFoam/laminar/waves/waveMakerMultiPaddle{kind}", 6, 0.4,
+            "leftwall moving; rightwall fixed; bottom2 fixed; bottom1 slip; top slip; front slip; back slip;",
+            replace=(("system/blockMeshDict", "(100 16 140)", "(60 8 20)"),),
+        )
+        for kind in ("Flap", "Piston")
+    ),
+    Tutorial(
+        "multiphase/interFoam/laminar/waves/waveMakerSolitary", 10, 0.2,
+        "inlet moving; outlet fixed; \"(top|ground).*\" slip;",
+    ),
+    Tutorial(
+        "mesh/moveDynamicMesh/twistingColumn", 10, 1.0, "top moving; floor fixed; sides free;",
+        displacement=_TWIST, missing="its code needs wmake",
+    ),
     Tutorial(
         "mesh/moveDynamicMesh/SnakeRiverCanyon", 10, 1.0,
         "minZ moving; maxZ fixed; minX slip; maxX slip; minY slip; maxY slip;",
@@ -119,35 +267,56 @@ def _last_words(text: str) -> str:
     return " ".join(lines[begun + 1 : begun + 4])
 
 
-def prepared(tutorial: Tutorial, folder: Path, variables: dict[str, str]) -> Runner:
-    """A copy of the tutorial with its mesh, ready for moveDynamicMesh."""
+def prepared(tutorial: Tutorial, folder: Path, variables: dict[str, str], patches: str) -> Runner:
+    """A copy of the tutorial with its mesh, ready to be moved: with ``patches`` by the server, else as it is."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(TUTORIALS / tutorial.path, folder)
     for name in folder.rglob("*.gz"):
         subprocess.run(["gunzip", name], check=True)
+    folder /= tutorial.inside
+    (folder / "0").mkdir(exist_ok=True)
     if not (folder / "0.orig").exists():
         (folder / "0").rename(folder / "0.orig")
-    if tutorial.displacement:
-        header = "FoamFile { version 2.0; format ascii; class pointVectorField; object pointDisplacement; }\n"
-        inner = "dimensions [0 1 0 0 0 0 0]; internalField uniform (0 0 0); boundaryField\n{"
-        (folder / "0.orig" / "pointDisplacement").write_text(header + inner + tutorial.displacement + "}\n")
+    fields = {"pointDisplacement": tutorial.displacement} if patches else tutorial.own_fields
+    for name, boundary in fields.items():
+        if not boundary:
+            continue
+        kind, zero = ("Vector", "(0 0 0)") if name == "pointDisplacement" else ("Scalar", "0")
+        header = f"FoamFile {{ version 2.0; format ascii; class point{kind}Field; object {name}; }}\n"
+        inner = f"dimensions [0 1 0 0 0 0 0]; internalField uniform {zero}; boundaryField\n{{"
+        (folder / "0.orig" / name).write_text(header + inner + boundary + "}\n")
+    for name, old, new in tutorial.replace:
+        text = (folder / name).read_text()
+        if old not in text:
+            raise SetupError(f"{tutorial.name}: {name} does not have {old!r}")
+        (folder / name).write_text(text.replace(old, new))
+    motion = _REMOTE.format(patches) if patches else tutorial.own_motion
+    if motion:
+        header = "FoamFile { version 2.0; format ascii; class dictionary; object dynamicMeshDict; }\n"
+        text = f"{header}dynamicFvMesh dynamicMotionSolverFvMesh; {motion}\n"
+        (folder / "constant" / "dynamicMeshDict").write_text(text)
     _write_system(folder / "system", tutorial)
     runner = Runner(folder, variables)
     for command in tutorial.prepare:
         runner.run(command)
     shutil.rmtree(folder / "0", ignore_errors=True)
-    (folder / "0").mkdir()
-    for field in (folder / "0.orig").glob("point*"):
-        shutil.copy(field, folder / "0")
+    shutil.copytree(folder / "0.orig", folder / "0")
+    if tutorial.application == "moveDynamicMesh":  # it needs no more; code in others may not be compiled
+        for path in (folder / "0").iterdir():
+            if path.is_file() and path.name != "pointDisplacement" and (patches or not path.name.startswith("point")):
+                path.unlink()
+    elif (folder / "system" / "setFieldsDict").exists():
+        runner.run("setFields")
     return runner
 
 
 def _write_system(system: Path, tutorial: Tutorial) -> None:
     """What moveDynamicMesh, decomposePar and the motion solvers read."""
     files = {
-        "controlDict": 'libs ("libfvMotionSolvers.so" "libwaveModels.so"); application moveDynamicMesh; '
-        f"startFrom startTime; startTime 0; stopAt endTime; endTime {tutorial.steps * tutorial.dt!r}; "
-        f"deltaT {tutorial.dt!r}; "
+        "controlDict": 'libs ("libfvMotionSolvers.so" "libwaveModels.so" "libsixDoFRigidBodyMotion.so"); '
+        f"application {tutorial.application}; startFrom startTime; startTime 0; stopAt endTime; "
+        f"endTime {tutorial.steps * tutorial.dt!r}; "
+        f"deltaT {tutorial.dt!r}; adjustTimeStep no; maxCo 1; maxAlphaCo 1; "
         "writeControl timeStep; writeInterval 1; writeFormat ascii; writePrecision 12; timePrecision 8;",
         "decomposeParDict": "numberOfSubdomains 2; method simple; simpleCoeffs { n (2 1 1); delta 0.001; }",
     }
@@ -163,19 +332,12 @@ def play(tutorial: Tutorial, folder: Path, ranks: int, patches: str) -> Outcome:
         return EmbeddedServer(folder.with_suffix(".server"), 120.0, ["--threads", "1"])
 
     with mesh_motion("server" if patches else "own", None, start) as server:
-        runner = prepared(tutorial, folder, environment(HERE) | server)
-        if patches:
-            (folder / "constant" / "dynamicMeshDict").write_text(
-                "FoamFile { version 2.0; format ascii; class dictionary; object dynamicMeshDict; }\n"
-                'dynamicFvMesh dynamicMotionSolverFvMesh; motionSolverLibs ("libremoteMeshMotion.so");\n'
-                "motionSolver remoteMeshMotion; remoteMeshMotionCoeffs { "
-                f'endpoint "$MESH_MOTION_ENDPOINT"; patches {{ {patches} }} }}\n'
-            )
+        runner = prepared(tutorial, folder, environment(HERE) | server, patches)
         if ranks > 1:
             runner.run("decomposePar")
         began, error = time.monotonic(), ""
         try:
-            runner.run("moveDynamicMesh", ranks)
+            runner.run(tutorial.application, ranks)
         except SetupError as failure:
             error = str(failure)
         seconds = (time.monotonic() - began) / tutorial.steps
@@ -205,7 +367,10 @@ def main() -> int:
             continue
         cells = [f"{tutorial.name} | {tutorial.steps} of {tutorial.dt:g} s"]
         for name, ranks, patches in (("own", 1, ""), ("server", 1, tutorial.patches), ("ranks", 2, tutorial.patches)):
-            outcome = play(tutorial, out / f"{tutorial.name}-{name}", ranks, patches)
+            if tutorial.missing and not patches:
+                cells.append(f"{tutorial.missing} | ")
+                continue
+            outcome = play(tutorial, out / f"{tutorial.name}-{name}".replace(" ", "-"), ranks, patches)
             good = good and not (patches and outcome.error)
             cells.append(str(outcome))
         sys.stdout.write("| " + " | ".join(cells) + " |\n")

@@ -1,6 +1,7 @@
 """A small case that tests vary: a square of triangles with a square hole, which moves."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,22 +48,28 @@ def square_with_hole(n: int = 12) -> MeshFile:
     return MeshFile(points, {"triangle": triangles}, {"block": block, "outer": outer}, Path("mesh.npz"))
 
 
+def case_in(folder: Path, *replacements: tuple[str, str], mesh: MeshFile | None = None) -> Path:
+    """Write the case with some of its text replaced, and its mesh; return the case file."""
+    text = TEXT
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    folder.mkdir(exist_ok=True)
+    write_npz(folder / "mesh.npz", mesh or square_with_hole())
+    (folder / "case.toml").write_text(text, encoding="utf-8")
+    return folder / "case.toml"
+
+
 @pytest.fixture
 def make_case(tmp_path: Path) -> MakeCase:
-    """Write the case with some of its text replaced, and its mesh; return the case file."""
+    """Write the case into a folder of the test's own."""
+    return partial(case_in, tmp_path / "case")
 
-    def make(*replacements: tuple[str, str], mesh: MeshFile | None = None) -> Path:
-        text = TEXT
-        for old, new in replacements:
-            assert old in text
-            text = text.replace(old, new)
-        folder = tmp_path / "case"
-        folder.mkdir(exist_ok=True)
-        write_npz(folder / "mesh.npz", mesh or square_with_hole())
-        (folder / "case.toml").write_text(text, encoding="utf-8")
-        return folder / "case.toml"
 
-    return make
+@pytest.fixture(scope="module")
+def make_module_case(tmp_path_factory: pytest.TempPathFactory) -> MakeCase:
+    """Write the case into a folder of the module."""
+    return partial(case_in, tmp_path_factory.mktemp("module") / "case")
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -404,12 +405,19 @@ def stopped_at(step: int) -> Any:
     return advance
 
 
-@pytest.fixture
-def stopped(make_case, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def stopped_run(make_module_case, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a run that was interrupted behind its second of four steps; of a private server."""
+    out = tmp_path_factory.mktemp("stopped") / "out"
     with pytest.raises(KeyboardInterrupt):
-        play(make_case(*RUN), tmp_path / "out", progress=stopped_at(2))
-    return tmp_path / "out"
+        play(make_module_case(*RUN), out, progress=stopped_at(2))
+    return out
+
+
+@pytest.fixture
+def stopped(stopped_run: Path, tmp_path: Path) -> Path:
+    """A copy of them."""
+    return shutil.copytree(stopped_run, tmp_path / "out")
 
 
 def test_a_resumed_run_has_the_bits_of_one_that_was_never_stopped(make_case, stopped: Path, tmp_path: Path) -> None:

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from mesh_motion_client import Server
 from mesh_motion_protocol.messages import Close, Commit, Move, Rollback
+from real_sessions import boxed, bulge, new_session
 
 from mesh_motion_server.cases.comparison import Comparison, table_of, write_comparison
 from mesh_motion_server.cases.recorded import Recorded, read_recorded
 from mesh_motion_server.cases.replay import replay, replay_variant, variant_of
 from mesh_motion_server.commands.replay import changes_of, replay_session
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.boundary import BoundaryLog, BoundaryStep
 from mesh_motion_server.session.journal.files import read_ledger
@@ -27,43 +27,23 @@ from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import MethodSettings, ServerSettings
-from proofs.driver import SESSION, Driver, make_spec
-from proofs.stand_in import grid_mesh, split_mesh
+from mesh_motion_server.settings import ServerSettings
+from proofs.driver import SESSION, Driver
+from proofs.stand_in import split_mesh
 
 STEPS = 6
 SETTINGS = {"quality_metric": "size-skew", "support_radius": 0.8, "quality_threshold": 0.45, "correction": "optimised"}
 
 
-def boxed() -> PartitionMesh:
-    """A grid whose left side moves between fixed walls."""
-    mesh = grid_mesh(9)
-    sides = np.flatnonzero(((mesh.points == 0) | (mesh.points == 1)).any(axis=1))
-    left = mesh.patches["left"].nodes
-    return replace(mesh, patches={"left": Patch("moving", left), "walls": Patch("fixed", np.setdiff1d(sides, left))})
-
-
 def new_driver(root: Path, meshes: list[PartitionMesh], level: str = "full", **settings: Any) -> Driver:
-    spec = make_spec(
-        partitions=len(meshes), durability=level, settings=MethodSettings.from_mapping(SETTINGS | settings)
-    )
-    limits = ServerSettings(reserve_disk_bytes=0)
-    driver = Driver(SessionHost.create(spec, SessionStore(root), limits=limits, build_model=build_motion_model), meshes)
+    driver = new_session(SessionStore(root), meshes, level=level, **SETTINGS | settings)
     driver.open()
     return driver
 
 
-def bulge(driver: Driver, size: float) -> list[Any]:
-    """The left side bulges; its ends, shared with the walls, stay."""
-    return [
-        np.stack([size * np.sin(np.pi * m.points[i, 1]), 0 * i], axis=1)
-        for m, i in zip(driver.meshes, driver.moving, strict=True)
-    ]
-
-
 def record(root: Path, level: str = "full", parts: int = 1, **settings: Any) -> Path:
     """A life with iterations, roll-backs, both frames, a refusal and a resumption; the session's folder."""
-    whole = boxed()
+    whole = boxed(9)
     driver = new_driver(root, [whole] if parts == 1 else split_mesh(whole, parts), level, **settings)
     for step in range(1, STEPS + 1):
         frame = "reference" if step % 2 else "committed"
@@ -299,7 +279,7 @@ def test_only_steps_whose_events_are_there_are_summed_up(recorded: Recorded, tmp
 
 
 def test_a_copy_taken_while_the_session_lives_is_replayed(tmp_path: Path) -> None:
-    driver = new_driver(tmp_path / "live", [boxed()])
+    driver = new_driver(tmp_path / "live", [boxed(9)])
     for step in (1, 2):
         driver.all(Move, bulge(driver, 0.1 * step), step=step, frame="reference")
         driver.all(Commit, step=step)
@@ -388,7 +368,7 @@ def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: 
 def test_a_picture_shows_one_metric(
     metric: str, at_rest: float, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    driver = new_driver(tmp_path, [boxed()])
+    driver = new_driver(tmp_path, [boxed(9)])
     driver.all(Move, bulge(driver, 0.05), step=1, frame="reference")
     driver.all(Commit, step=1)
     driver.ask(Close, 0, outcome="keep")

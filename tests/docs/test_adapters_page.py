@@ -1,11 +1,10 @@
 """adapters/README.md: its adapter runs as it stands, its matrix names every adapter, its links lead somewhere."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 from loaded_scripts import loaded
+from python_runs import said_by_python
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "adapters" / "README.md"
@@ -15,16 +14,8 @@ TEXT = PAGE.read_text(encoding="utf-8")
 def test_the_adapter_in_five_steps_runs(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
     assert len(blocks) == 6
-    run = subprocess.run(
-        [sys.executable, "-c", "\n".join(blocks)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    lowest = [float(value) for value in re.findall(r"step \d: min size-skew (\S+)", run.stdout)]
+    told = said_by_python("-c", "\n".join(blocks), cwd=tmp_path, timeout=120)
+    lowest = [float(value) for value in re.findall(r"step \d: min size-skew (\S+)", told)]
     assert len(lowest) == 3
     assert lowest == sorted(lowest, reverse=True)
     assert lowest[-1] > 0.2

@@ -2,11 +2,10 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from python_runs import said_by_python
 
 from docs.site.notebooks import markdown_of
 
@@ -25,9 +24,7 @@ def test_it_runs(notebook: Path, tmp_path: Path) -> None:
     (tmp_path / "docs" / "tutorials").mkdir(parents=True)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     copy = shutil.copy(notebook, tmp_path / "docs" / "tutorials")
-    command = [sys.executable, "-m", "jupyter", "execute", "--inplace", str(copy)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
+    said_by_python("-m", "jupyter", "execute", "--inplace", copy, timeout=280)
     kept, ran = (json.loads(Path(path).read_text(encoding="utf-8")) for path in (notebook, copy))
     kinds = [  # a line that is written again comes in as many pieces as it likes
         [{output["output_type"] for output in cell.get("outputs", [])} for cell in each["cells"]]

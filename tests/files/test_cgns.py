@@ -1,7 +1,6 @@
 """CGNS: what Gmsh writes and VTK reads; every kind of section, in old and new form; damaged files in one clear line."""
 
 import multiprocessing
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ import foam_cases as foam
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from python_runs import said_by_python
 
 from mesh_motion_server.cases.check import check
 from mesh_motion_server.errors import InvalidInput
@@ -87,11 +87,7 @@ print(grid.GetNumberOfPoints(), sorted((t, types.count(t)) for t in set(types)))
 def vtk_counts(path: Path) -> str:
     """Nodes and cells by VTK's types, as VTK's own reader finds them, in a process of its own."""
     pytest.importorskip("vtkmodules.vtkIOCGNSReader")
-    done = subprocess.run(
-        [sys.executable, "-c", VTK_COUNTS, str(path)], capture_output=True, text=True, check=False, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+    return said_by_python("-c", VTK_COUNTS, path, timeout=120).strip()
 
 
 # --- files made node by node -----------------------------------------------------------------------------------------

@@ -2,12 +2,11 @@
 
 import functools
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import mesh_motion_kernels as kernels
 import pytest
+from python_runs import said_by_python
 
 _SCRIPT = Path(__file__).with_name("moves.py")
 _BUILT = sorted(found.parent.name for found in Path(kernels.__file__).parent.glob("*/_kernels*"))
@@ -18,15 +17,8 @@ LEVELS = [level for level in _BUILT if level <= kernels._widest()]
 @functools.cache
 def _digests(level: str) -> dict[tuple[str, str], str]:
     """By case and threads, of a process of its own. BLAS gets one thread, as in a worker."""
-    done = subprocess.run(
-        [sys.executable, str(_SCRIPT)],
-        env=os.environ | {"MESH_MOTION_LEVEL": level, "MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    lines = [line.split("\t") for line in done.stdout.splitlines()]
+    chosen = {"MESH_MOTION_LEVEL": level, "MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"}
+    lines = [line.split("\t") for line in said_by_python(_SCRIPT, env=os.environ | chosen).splitlines()]
     return {(case, threads): digest for case, threads, digest in lines}
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from loaded_scripts import loaded
+from python_runs import said_by_python
 
 _SCRIPT = Path(__file__).with_name("fuzz.py")
 LOOPS = loaded(_SCRIPT).loops()
@@ -48,9 +49,7 @@ def test_no_argument_ends_the_process(name: str, findings: dict[str, str]) -> No
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_no_index_ends_the_process() -> None:
-    command = [sys.executable, str(_SCRIPT.with_name("corrupted_calls.py"))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    found = dict(line.split("\t") for line in done.stdout.splitlines())
+    told = said_by_python(_SCRIPT.with_name("corrupted_calls.py"))
+    found = dict(line.split("\t") for line in told.splitlines())
     assert set(found) == set(LOOPS) - {"available_threads", "get_threads", "set_threads"}
     assert {name: finding for name, finding in found.items() if finding} == {}

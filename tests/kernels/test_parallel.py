@@ -1,14 +1,13 @@
 """Loops on several threads: beside each other, after a fork, with an error in a block, limited for one thread only."""
 
 import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from python_runs import said_by_python
 
 #: Words of some hundred blocks.
 _WORDS = np.random.default_rng(0).integers(0, 2**63, 2**21, dtype=np.uint64)
@@ -40,15 +39,7 @@ for _ in range(20):
 
 def _run(script: str, *arguments: str) -> None:
     """On three threads, whatever this machine has."""
-    done = subprocess.run(
-        [sys.executable, "-c", script, *arguments],
-        env=os.environ | {"MESH_MOTION_THREADS": "3"},
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    said_by_python("-c", script, *arguments, env=os.environ | {"MESH_MOTION_THREADS": "3"}, timeout=100)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")

@@ -1,11 +1,9 @@
-import subprocess
-import sys
-
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from python_runs import said_by_python
 from scipy.interpolate import RBFInterpolator
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
@@ -232,9 +230,6 @@ print(digest.hexdigest())
 
 def test_processes_and_threads_give_the_same_bytes():
     threads = [1, 1, 2] if kernels.available_threads() > 1 else [1, 1]
-    digests = [
-        subprocess.run([sys.executable, "-c", REPEAT, str(n)], capture_output=True, text=True, check=True).stdout
-        for n in threads
-    ]
+    digests = [said_by_python("-c", REPEAT, n) for n in threads]
     assert len(digests[0]) == 65
     assert len(set(digests)) == 1

@@ -4,19 +4,16 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.messages import Commit, Move, Rollback
+from real_sessions import new_session
 
-from mesh_motion_server.service.dispatch import SessionHost
-from mesh_motion_server.session.model import build_motion_model
-from mesh_motion_server.settings import MethodSettings
-from proofs.driver import SESSION, Driver, make_spec
+from proofs.driver import SESSION
 from proofs.stand_in import grid_mesh
 
 SUMMARY = {"size", "skew", "size_skew", "metric", "inverted", "cells", "worst"}
 
 
-def opened(store: Any, session: str = "", **settings: Any) -> Any:
-    spec = make_spec(session or SESSION, partitions=1, settings=MethodSettings.from_mapping(settings))
-    driver = Driver(SessionHost.create(spec, store, build_model=build_motion_model), [grid_mesh()])
+def opened(store: Any, session: str = SESSION, **settings: Any) -> Any:
+    driver = new_session(store, [grid_mesh()], session, **settings)
     driver.open()
     return driver
 

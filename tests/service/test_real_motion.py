@@ -1,49 +1,25 @@
 """The real numerics behind the requests: quality, refusal, partitions and a resume, bitwise."""
 
 import time
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Build, Commit, Move, Status
+from real_sessions import boxed, bulge, new_session
 
 from mesh_motion_server.numerics import stopwatch
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.events import read_events
-from mesh_motion_server.session.model import build_motion_model
-from mesh_motion_server.settings import MethodSettings
-from proofs.driver import SESSION, TOKEN, Driver, make_spec
+from proofs.driver import SESSION, TOKEN
 from proofs.stand_in import grid_mesh, split_mesh
 
 
-def boxed(count: int = 12) -> Any:
-    """The grid with all four sides in patches."""
-    mesh = grid_mesh(count)
-    sides = np.flatnonzero(((mesh.points == 0) | (mesh.points == 1)).any(axis=1))
-    left = mesh.patches["left"].nodes
-    return replace(mesh, patches={"left": Patch("moving", left), "walls": Patch("fixed", np.setdiff1d(sides, left))})
-
-
-def driver_of(store: Any, meshes: list[Any], session: str = "", **settings: Any) -> Any:
-    spec = make_spec(
-        session or SESSION,
-        partitions=len(meshes),
-        settings=MethodSettings.from_mapping({"support_radius": 0.8} | settings),
-    )
-    return Driver(SessionHost.create(spec, store, build_model=build_motion_model), meshes)
-
-
-def bulge(driver: Any, size: float) -> list[Any]:
-    """The left side bulges; its ends, shared with the walls, stay."""
-    return [
-        np.stack([size * np.sin(np.pi * m.points[i, 1]), 0 * i], axis=1)
-        for m, i in zip(driver.meshes, driver.moving, strict=True)
-    ]
+def driver_of(store: Any, meshes: list[Any], session: str = SESSION, **settings: Any) -> Any:
+    return new_session(store, meshes, session, **{"support_radius": 0.8} | settings)
 
 
 @pytest.mark.parametrize(("correction", "mirrored"), [("none", 0), ("optimised", 0), ("optimised", 7)])
@@ -51,7 +27,7 @@ def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
     store: Any, correction: str, mirrored: int
 ) -> None:
     """Also where every so many cells are listed clockwise."""
-    whole = boxed()
+    whole = boxed(12)
     if mirrored:
         whole.cells["triangle"][::mirrored] = whole.cells["triangle"][::mirrored, ::-1]
     settings = {"correction": correction, "quality_threshold": 0.3 if correction == "none" else 0.45}
@@ -78,7 +54,7 @@ def test_any_number_of_partitions_and_any_interruption_give_the_same_bits(
 
 
 def test_an_impossible_motion_is_refused_with_the_best_found(store: Any) -> None:
-    driver = driver_of(store, [boxed()])
+    driver = driver_of(store, [boxed(12)])
     driver.open()
     (refused,) = driver.all(Move, bulge(driver, 1.5), step=1)
     assert refused.code == "FAILED_PRECONDITION.QUALITY"
@@ -92,7 +68,7 @@ def test_an_impossible_motion_is_refused_with_the_best_found(store: Any) -> None
 
 
 def test_an_inverted_cell_is_named_as_its_sender_knows_it(store: Any) -> None:
-    mesh = boxed()
+    mesh = boxed(12)
     inside = np.setdiff1d(np.arange(len(mesh.points)), np.concatenate([p.nodes for p in mesh.patches.values()]))
     mesh.points[inside[30]] += [0.13, 0.17]  # its cells fold
     corners = mesh.points[mesh.cells["triangle"]]
@@ -120,7 +96,7 @@ def test_warnings_use_the_senders_numbers(store: Any) -> None:
 
 
 def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> None:
-    mesh = boxed()
+    mesh = boxed(12)
     cells = CellTable.from_arrays(mesh.cells)
     driver = driver_of(store, [mesh])
     driver.open()
@@ -141,7 +117,7 @@ def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> N
 
 
 def test_of_several_partitions_those_that_ask_are_told_of_all_faces(store: Any) -> None:
-    whole = boxed()
+    whole = boxed(12)
     driver = driver_of(store, split_mesh(whole, 3))
     driver.open()
     reports, replies = ["", "faces", "faces"], []
@@ -175,7 +151,7 @@ DEMANDING = {"quality_threshold": 0.9, "refuse_below_threshold": True}
 
 def test_a_limit_of_computing_ends_any_move_and_changes_nothing(store: Any, ticking: list[int]) -> None:
     """However far the computation came: it is refused for the time, without a fraction, or with the same one."""
-    driver = driver_of(store, [boxed()], **DEMANDING)
+    driver = driver_of(store, [boxed(12)], **DEMANDING)
     driver.open()
     trial = driver.all(Move, bulge(driver, 0.01), step=1)[0]
     before = ticking[0]
@@ -196,7 +172,7 @@ def test_a_limit_of_computing_ends_any_move_and_changes_nothing(store: Any, tick
 
 
 def test_the_shortest_limit_of_the_partitions_counts(store: Any, ticking: list[int]) -> None:
-    driver = driver_of(store, split_mesh(boxed(), 2), **DEMANDING)
+    driver = driver_of(store, split_mesh(boxed(12), 2), **DEMANDING)
     driver.open()
     rows, replies = bulge(driver, 0.4), []
     for partition, limit in enumerate((0, 1000)):

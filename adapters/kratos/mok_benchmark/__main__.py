@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     if missing:
         sys.stderr.write(missing + "\n")
         return os.EX_UNAVAILABLE
-    size = Size(given.wall_elements, given.coarsest, given.end_time)
+    size = Size(tuple(given.wall), given.coarsest, given.end_time)
     runs: dict[str, History] = {}
     with Progress() as bar:
         for name in MESH_SOLVERS:
@@ -62,7 +62,10 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="mok_benchmark", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/mok"))
     parser.add_argument("--end-time", type=float, default=END_TIME, help="s")
-    parser.add_argument("--wall-elements", type=int, default=16, help="quadratic elements along the wall")
+    parser.add_argument(
+        "--wall", type=int, nargs=3, metavar=("ROWS", "COLUMNS", "ORDER"), default=(16, 1, 2),
+        help="elements of the wall; their order 1 (linear) or 2",
+    )  # fmt: skip
     parser.add_argument("--coarsest", type=float, default=0.06, help="edge length far from the wall, m")
     return parser.parse_args(arguments)
 

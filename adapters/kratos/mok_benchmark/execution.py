@@ -38,15 +38,15 @@ class Size:
 
     Attributes
     ----------
-    wall_elements : int
-        Quadratic elements on top of each other.
+    wall : (3,) tuple of int
+        Rows and columns of the wall's elements, and their order.
     coarsest : float
         Edge length of the fluid's triangles far from the wall, m.
     end_time : float
         s.
     """
 
-    wall_elements: int
+    wall: tuple[int, int, int]
     coarsest: float
     end_time: float
 
@@ -113,9 +113,10 @@ def prepare(folder: Path, size: Size) -> FluidMesh:
     """Write meshes and material into the folder, which begins empty; the fluid's mesh."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    mesh = channel_mesh(2 * size.wall_elements, size.coarsest)
+    rows, columns, order = size.wall
+    mesh = channel_mesh(order * rows, size.coarsest)
     write_fluid(folder / "fluid.mdpa", mesh, {"DENSITY": FLUID_DENSITY, "DYNAMIC_VISCOSITY": VISCOSITY})
-    wall = write_solid(folder / "solid.mdpa", wall_lattice(size.wall_elements))
+    wall = write_solid(folder / "solid.mdpa", wall_lattice(rows, columns, order), order)
     material = parameters.materials("Stress", SOLID_DENSITY, YOUNG, POISSON)
     (folder / "materials.json").write_text(json.dumps(material))
     watch(folder, wall, list(POINTS.values()), ["interface"], meshes=True)

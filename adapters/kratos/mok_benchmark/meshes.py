@@ -1,4 +1,4 @@
-"""The meshes: triangles of the fluid by Gmsh, quadratic quadrilaterals of the solid, written as Kratos' mdpa files.
+"""The meshes: triangles of the fluid by Gmsh, quadrilaterals of the solid, written as Kratos' mdpa files.
 
 The fluid's nodes on the solid are the solid's.
 """
@@ -126,33 +126,34 @@ def write_fluid(path: Path, mesh: FluidMesh, properties: dict[str, float]) -> No
     path.write_text("".join([_block("Properties 0", []), *blocks]))
 
 
-def wall_lattice(rows: int) -> Floats:
-    """Mok's wall for :func:`write_solid`, ``rows`` elements on top of each other."""
-    (left, right), heights = WALL, np.linspace(0.0, WALL_HEIGHT, 2 * rows + 1)
-    return np.stack(np.broadcast_arrays([left, (left + right) / 2.0, right], heights[:, None]), axis=-1)
+def wall_lattice(rows: int, columns: int, order: int = 2) -> Floats:
+    """Mok's wall for :func:`write_solid`, of ``rows`` by ``columns`` elements."""
+    places, heights = np.linspace(*WALL, order * columns + 1), np.linspace(0.0, WALL_HEIGHT, order * rows + 1)
+    return np.stack(np.broadcast_arrays(places, heights[:, None]), axis=-1)
 
 
-def write_solid(path: Path, lattice: Floats) -> Floats:
-    """The solid's mdpa: quadrilaterals of eight nodes; the (k, 2) points.
+def write_solid(path: Path, lattice: Floats, order: int = 2) -> Floats:
+    """The solid's mdpa: quadrilaterals of four (``order`` 1) or eight nodes; the (k, 2) points.
 
     Parameters
     ----------
-    lattice : (2 rows + 1, 2 columns + 1, 2) array, m
+    lattice : (order rows + 1, order columns + 1, 2) array, m
         Corners, middles of edges and of elements, from the clamped foot on; the foot's first point is at the left.
     """
     levels, columns = (count - 1 for count in lattice.shape[:2])
     number: dict[tuple[int, int], int] = {}
     for level in range(levels + 1):
         for column in range(columns + 1):
-            if level % 2 == 0 or column % 2 == 0:  # eight nodes: none in the middle
+            if order == 1 or level % 2 == 0 or column % 2 == 0:  # eight nodes: none in the middle
                 number[level, column] = len(number) + 1
     points = np.array([lattice[place] for place in number])
-    order = ((0, 0), (0, 2), (2, 2), (2, 0), (0, 1), (1, 2), (2, 1), (1, 0))
+    corners = ((0, 0), (0, order), (order, order), (order, 0))
+    around = corners if order == 1 else (*corners, (0, 1), (1, 2), (2, 1), (1, 0))
     elements = np.array(
         [
-            [number[level + up, column + side] for up, side in order]
-            for level in range(0, levels, 2)
-            for column in range(0, columns, 2)
+            [number[level + up, column + side] for up, side in around]
+            for level in range(0, levels, order)
+            for column in range(0, columns, order)
         ]
     )
     wetted = [node for (level, column), node in number.items() if column in (0, columns) or level == levels]
@@ -161,7 +162,7 @@ def write_solid(path: Path, lattice: Floats) -> Floats:
     blocks = [
         _block("Properties 1", []),
         _nodes(points),
-        _numbered("Elements TotalLagrangianElement2D8N", elements, 1),
+        _numbered(f"Elements TotalLagrangianElement2D{len(around)}N", elements, 1),
         _numbered("Conditions PointLoadCondition2D1N", loads, 0),
         _sub_part(
             "Parts_Structure", elements=range(1, len(elements) + 1), nodes=range(1, len(points) + 1), properties=[1]

@@ -70,7 +70,7 @@ def coupling(case: Case, mesh_solver: Block, end_time: float) -> Block:
         "echo_level": 0,
         "num_coupling_iterations": 20,
         "predictors": [{"type": "linear_derivative_based", "derivative_data_name": "velocity", **interface}],
-        "convergence_accelerators": [{"type": "mvqn", **interface}],
+        "convergence_accelerators": [{"type": "iqnils", "timestep_horizon": 8, "alpha": 0.2, **interface}],
         "convergence_criteria": [
             {
                 "type": "relative_norm_previous_residual", "abs_tolerance": 1e-7, "rel_tolerance": case.tolerance,

@@ -194,12 +194,6 @@ void Foam::remoteMesh::addMiddle(const label facei, const pointField& base)
 }
 
 
-bool Foam::remoteMesh::isLong(const label facei) const
-{
-    return mesh_.faces()[facei].size() > 4;
-}
-
-
 void Foam::remoteMesh::numberGlobally()
 {
     labelList pointIds, mine;

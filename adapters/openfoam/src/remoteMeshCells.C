@@ -85,7 +85,8 @@ void Foam::remoteMesh::numberCentres(const pointField& base)
     {
         for (const label facei : planeFaces())
         {
-            if (isLong(facei))
+            const face& f = mesh_.faces()[facei];
+            if (f.size() > 4 || diagonal(f, base)[0] >= 0)
             {
                 addMiddle(facei, base);
             }
@@ -317,7 +318,7 @@ void Foam::remoteMesh::addPolygon(const label facei)
         f.flip(); // anticlockwise about y is clockwise in (x z)
     }
     inplaceRenumber(pointNode_, f);
-    if (f.size() <= 4)
+    if (!faceNode_.found(facei))
     {
         addCell(f.size() == 3 ? "triangle" : "quad", f, celli);
         return;

@@ -42,11 +42,23 @@ def test_meshes_fit_each_other(channel, tmp_path):
     below = 0.5 * OUTLET_FLOOR * (1.3 - WALL[1]) + OUTLET_FLOOR * (LENGTH - 1.3)
     whole = LENGTH * HEIGHT - WALL_HEIGHT * (WALL[1] - WALL[0]) - below
     assert areas.sum() == pytest.approx(whole, rel=0.01)  # but for the rounding, 0.4 %
-    wall = write_solid(tmp_path / "solid.mdpa", wall_lattice(6))
+    wall = write_solid(tmp_path / "solid.mdpa", wall_lattice(6, 1))
     wetted = {tuple(point) for point in np.round(channel.points[np.unique(channel.edges["interface"])], 9).tolist()}
     assert wetted <= {tuple(point) for point in np.round(wall, 9).tolist()}
     write_fluid(tmp_path / "fluid.mdpa", channel, {"DENSITY": 1.0})
     assert (tmp_path / "fluid.mdpa").read_text().count("Begin SubModelPart ") == 6
+
+
+@pytest.mark.parametrize(("columns", "order"), [(1, 2), (2, 1)])
+def test_elements_of_the_wall_fill_it_anticlockwise(tmp_path, columns, order):
+    points = write_solid(tmp_path / "solid.mdpa", wall_lattice(6, columns, order), order)
+    text = (tmp_path / "solid.mdpa").read_text()
+    block = text.split(f"TotalLagrangianElement2D{4 * order}N\n")[1].split("End")[0].strip().splitlines()
+    corners = points[np.array([line.split()[2:6] for line in block], dtype=int) - 1]
+    (a, b, c, d) = corners.transpose(1, 2, 0)
+    areas = 0.5 * ((c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1]))
+    assert areas.min() > 0.0
+    assert areas.sum() == pytest.approx(WALL_HEIGHT * (WALL[1] - WALL[0]), rel=1e-12)
 
 
 def test_a_difference_is_a_share_of_the_largest_displacement(channel):
@@ -87,7 +99,7 @@ def test_a_run_that_fails_is_told_with_its_last_words(monkeypatch, tmp_path, cap
     stand_in.write_text('#!/bin/sh\n[ "$1" = -m ] || exit 0\necho "step 1 of 2"; echo "Error: diverged" >&2; exit 3\n')
     stand_in.chmod(0o755)
     monkeypatch.setenv("KRATOS_PYTHON", str(stand_in))
-    assert main(["--out", str(tmp_path / "out"), "--wall-elements", "6", "--coarsest", "0.12"]) == 1
+    assert main(["--out", str(tmp_path / "out"), "--wall", "6", "1", "2", "--coarsest", "0.12"]) == 1
     assert "status 3" in (said := capsys.readouterr().err)
     assert "Error: diverged" in said
 
@@ -97,7 +109,7 @@ def test_short_benchmark(tmp_path, capsys):
     """1.2 s of it, coarse: both mesh solvers, the same histories."""
     if execution.missing_kratos():
         pytest.skip("Kratos is not installed (adapters/kratos/README.md; KRATOS_PYTHON names its interpreter)")
-    size = ["--end-time", "1.2", "--wall-elements", "6", "--coarsest", "0.12"]
+    size = ["--end-time", "1.2", "--wall", "6", "1", "2", "--coarsest", "0.12"]
     assert main(["--out", str(tmp_path), *size]) == 0, capsys.readouterr()
     record = json.loads((tmp_path / "mok.json").read_text())
     assert max(record["differences"].values()) < 1e-3

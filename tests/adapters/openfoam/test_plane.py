@@ -79,6 +79,25 @@ def test_two_ranks_move_the_mesh_as_one(make_case):
     parallel.check_ranks("0.1", serial.points("0.1"))
 
 
+def test_a_quadrilateral_with_a_concave_corner_is_judged_in_triangles(make_case):
+    """As snappyHexMesh leaves some: a point goes past a diagonal of a face beside it."""
+    serial, parallel = make_case("serial", steps=2), make_case("parallel", steps=2)
+    for case in (serial, parallel):
+        points, faces = case.numbers("constant/polyMesh/points", 3), case.faces()
+        plane = [faces[i] for i in case.patch("frontAndBack") if points[faces[i][0], 2] > 0.05]
+        corners = points[min(plane, key=lambda face: np.abs(points[face, :2].mean(axis=0) - [1.5, 0.2]).sum()), :2]
+        moved = np.linalg.norm(points[:, :2] - corners[0], axis=1) < 1e-9
+        points[moved, :2] += 0.6 * (corners[2] - corners[0])
+        path = case.folder / "constant/polyMesh/points"
+        head = path.read_text().partition(f"\n{len(points)}\n")[0]
+        rows = "\n".join(f"({x!r} {y!r} {z!r})" for x, y, z in points.tolist())
+        path.write_text(f"{head}\n{len(points)}\n(\n{rows}\n)\n")
+    serial.run("moveDynamicMesh")
+    parallel.run("decomposePar")
+    parallel.run("moveDynamicMesh", ranks=2)
+    parallel.check_ranks("0.1", serial.points("0.1"))
+
+
 def test_pimple_foam_with_outer_correctors(make_case):
     case = make_case(steps=2)
     case.set("system/controlDict", deltaT="0.01", endTime="0.02")

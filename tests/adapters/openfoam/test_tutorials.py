@@ -34,7 +34,7 @@ def test_without_tutorials_it_says_what_to_install(tutorials, tmp_path, monkeypa
 def test_the_row_of_the_moving_cone(tutorials, tmp_path):
     if not tutorials.TUTORIALS.is_dir():
         pytest.skip("its tutorials are not installed (Debian: openfoam-examples)")
-    command = [sys.executable, str(ADAPTER / "tutorials.py"), "--only", "movingCone", "--out", str(tmp_path)]
+    command = [sys.executable, str(ADAPTER / "tutorials.py"), "--only", "pimpleFoam movingCone", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     row = done.stdout.splitlines()[-1]
