@@ -238,7 +238,7 @@ def quality_of(squeezed: float) -> Any:
 def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judged(tmp_path: Path) -> None:
     session = apart(tmp_path)
     session.build()
-    session.move("reference", [np.full((4, 2), 0.05)])
+    moved = session.move("reference", [np.full((4, 2), 0.05)])
     with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
         session.admit(Operation.COMMIT)  # before anything is written
     with pytest.raises(NumericalError):
@@ -250,6 +250,9 @@ def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judg
     assert session.judge(quality_of(1.0)) == []
     assert session.state is State.TRIAL
     assert commit(session).step == 1
+    np.testing.assert_array_equal(session.field("committed").coefficients, moved.field.coefficients)
+    assert moved.field.coefficients.any()
+    assert not session.field("reference").coefficients.any()
     session.close()
 
 
