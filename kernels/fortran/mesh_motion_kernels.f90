@@ -26,6 +26,16 @@ module mesh_motion_kernels
       integer(c_int64_t) :: inverted
    end type
 
+   integer, parameter :: mesh_motion_bins = 2048, mesh_motion_worst = 10
+
+   type, bind(c) :: mesh_motion_part
+      integer(c_int64_t) :: cells, inverted, metrics
+      type(c_ptr) :: names(4)
+      real(c_double) :: sums(4), minima(4)
+      integer(c_int64_t) :: worst_cells
+      real(c_double) :: worst(9, mesh_motion_worst)
+   end type
+
    interface
       integer(c_int) function mesh_motion_available_threads() bind(c)
          import
@@ -78,6 +88,28 @@ module mesh_motion_kernels
          real(c_double), intent(in) :: points(*)
          integer(c_int), value :: mode
          real(c_double), intent(inout) :: gradients(*)
+      end function
+
+      ! skipped: c_loc of an array of logical(c_bool), or c_null_ptr
+      integer(c_int) function mesh_motion_near_create(interpolant, n, points, skipped, near) bind(c)
+         import
+         type(c_ptr), value :: interpolant, skipped
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         type(c_ptr), intent(out) :: near
+      end function
+
+      subroutine mesh_motion_near_free(near) bind(c)
+         import
+         type(c_ptr), value :: near
+      end subroutine
+
+      integer(c_int) function mesh_motion_near_add(near, components, weights, values) bind(c)
+         import
+         type(c_ptr), value :: near
+         integer(c_int64_t), value :: components
+         real(c_double), intent(in) :: weights(*)
+         real(c_double), intent(inout) :: values(*)
       end function
 
       integer(c_int) function mesh_motion_spline_create(dimension, boxes, origin, inverse_spacing, cells, start, &
@@ -170,6 +202,46 @@ module mesh_motion_kernels
          integer(c_int64_t), intent(out) :: numbers(*)
          real(c_double), intent(out) :: values(*)
          type(mesh_motion_quality), intent(out) :: quality
+      end function
+
+      integer(c_int) function mesh_motion_boundary_nodes(cells, n, boundary) bind(c)
+         import
+         type(c_ptr), value :: cells
+         integer(c_int64_t), value :: n
+         logical(c_bool), intent(out) :: boundary(*)
+      end function
+
+      integer(c_int) function mesh_motion_tally_create(cells, n, points, metric, tally) bind(c)
+         import
+         type(c_ptr), value :: cells
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         character(kind=c_char), intent(in) :: metric(*)
+         type(c_ptr), intent(out) :: tally
+      end function
+
+      subroutine mesh_motion_tally_free(tally) bind(c)
+         import
+         type(c_ptr), value :: tally
+      end subroutine
+
+      integer(c_int) function mesh_motion_tally_judge(tally, n, points, part) bind(c)
+         import
+         type(c_ptr), value :: tally
+         integer(c_int64_t), value :: n
+         real(c_double), intent(in) :: points(*)
+         type(mesh_motion_part), intent(out) :: part
+      end function
+
+      integer(c_int) function mesh_motion_tally_bin(tally, metric, divisions, way, counts, most, values, repeated, &
+                                                    different) bind(c)
+         import
+         type(c_ptr), value :: tally
+         character(kind=c_char), intent(in) :: metric(*)
+         integer(c_int64_t), value :: divisions, most
+         real(c_double), intent(in) :: way(*)
+         integer(c_int64_t), intent(out) :: counts(*), repeated(*), different
+         real(c_double), intent(out) :: values(*)
       end function
    end interface
 

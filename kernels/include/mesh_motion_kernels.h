@@ -89,6 +89,18 @@ MESH_MOTION_API int mesh_motion_interpolant_values(const mesh_motion_interpolant
 MESH_MOTION_API int mesh_motion_interpolant_gradients(const mesh_motion_interpolant *interpolant, int64_t n,
                                                       const double *points, int mode, double *gradients);
 
+/* A compact interpolant without a polynomial at points that stay, of which those that are skipped (n), or none if that
+ * is NULL, are not asked for: what does not depend on its weights is found once.
+ */
+typedef struct mesh_motion_near mesh_motion_near;
+MESH_MOTION_API int mesh_motion_near_create(const mesh_motion_interpolant *interpolant, int64_t n, const double *points,
+                                            const bool *skipped, mesh_motion_near **near);
+/* NULL is admitted. */
+MESH_MOTION_API void mesh_motion_near_free(mesh_motion_near *near);
+/* values (n, components) += the interpolant with other weights (centres, components), as MESH_MOTION_ADD does. */
+MESH_MOTION_API int mesh_motion_near_add(const mesh_motion_near *near, int64_t components, const double *weights,
+                                         double *values);
+
 /* --- nested splines ----------------------------------------------------------------------------------------------- */
 
 /* A uniform cubic B-spline on nested boxes: the coarse field of an interpolation in two scales. */
@@ -170,6 +182,47 @@ MESH_MOTION_API int mesh_motion_judge_cells(const mesh_motion_cells *cells, int6
                                             const double *reference_sizes, const double *skews_at_rest,
                                             const char *metric, int64_t count, int64_t *numbers, double *values,
                                             mesh_motion_quality *quality);
+
+/* boundary (n): whether a node is on a facet that one cell alone has. */
+MESH_MOTION_API int mesh_motion_boundary_nodes(const mesh_motion_cells *cells, int64_t n, bool *boundary);
+
+/* --- the cells of a rank, judged together with those of others ---------------------------------------------------- */
+
+#define MESH_MOTION_BINS 2048
+#define MESH_MOTION_WORST 10
+
+/* The cells of one rank, judged again and again in one pass each. What ranks tell, added up, is exact: section 23 of
+ * the protocol says how. Of each value four bytes are kept.
+ */
+typedef struct mesh_motion_tally mesh_motion_tally;
+
+typedef struct {
+    int64_t cells, inverted;
+    int64_t metrics; /* 3, or 4 where the metric is none of them: size, skew, size-skew, metric */
+    const char *names[4];
+    double sums[4], minima[4];
+    int64_t worst_cells; /* rows of the next */
+    /* type by its place in the list above, number among those of the type, metric, size, skew, size-skew, centre */
+    double worst[MESH_MOTION_WORST][9];
+} mesh_motion_part;
+
+/* Cells with their nodes at rest at points (n, d), and the metric that ranks them. The cells must stay while the tally
+ * does. Refuses cells that are inverted or flat at rest.
+ */
+MESH_MOTION_API int mesh_motion_tally_create(const mesh_motion_cells *cells, int64_t n, const double *points,
+                                             const char *metric, mesh_motion_tally **tally);
+/* NULL is admitted. */
+MESH_MOTION_API void mesh_motion_tally_free(mesh_motion_tally *tally);
+/* Judges the cells with their nodes at points (n, d), which must stay for the next call. */
+MESH_MOTION_API int mesh_motion_tally_judge(mesh_motion_tally *tally, int64_t n, const double *points,
+                                            mesh_motion_part *part);
+/* What values of a metric are in the bin at the end of a way (divisions, 3): low, scale, bin. counts
+ * (MESH_MOTION_BINS): in each of its parts. different: how many different values, of which the first `most` are in
+ * values and how often each occurs in repeated (most); -1: they need not be told.
+ */
+MESH_MOTION_API int mesh_motion_tally_bin(const mesh_motion_tally *tally, const char *metric, int64_t divisions,
+                                          const double *way, int64_t *counts, int64_t most, double *values,
+                                          int64_t *repeated, int64_t *different);
 
 #ifdef __cplusplus
 }

@@ -7,16 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tiny_meshes import tiny_mesh
 
 from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
+from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_server.numerics.quality.metrics import reference_sizes
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.settings import MethodSettings, ServerSettings
 from proofs.driver import SESSION, TOKEN, make_driver, make_spec
 from proofs.model_files import FailingFiles, ModelFiles
 from proofs.stand_in import StandIn, grid_mesh
@@ -207,6 +210,60 @@ def test_only_a_trial_that_was_there_is_lost_with_the_lease(session: Session, tr
     with pytest.raises(SessionError) as caught:
         commit(session)
     assert caught.value.code == ("ABORTED.TRIAL_LOST" if trial else "FAILED_PRECONDITION.STATE")
+
+
+# --- cells that are with the client ----------------------------------------------------------------------------------
+
+
+def apart(root: Path, loose: tuple[tuple[float, float], ...] = ()) -> Session:
+    """A square body in a square frame, of which the session has the boundary only; ``loose``: nodes on no patch."""
+    body = [(x, y) for x in (0.4, 0.6) for y in (0.4, 0.6)]
+    frame = [(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0) if (x, y) != (0.5, 0.5)]
+    chosen = {"displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0}
+    spec = make_spec(evaluation="client", settings=MethodSettings.from_mapping({"support_radius": 2.0} | chosen))
+    session = Session(SessionStore(root).create(spec), ServerSettings(), build_motion_model)
+    session.add_part(0, Part("nodes", "", "", np.array([*body, *frame, *loose])))
+    session.add_part(0, Part("cells", "triangle", "", np.empty((24, 0), dtype=np.int64)))
+    session.add_part(0, Part("patch", "body", "moving", np.arange(4)[:, None]))
+    session.add_part(0, Part("patch", "frame", "fixed", np.arange(4, 12)[:, None]))
+    return session
+
+
+def quality_of(squeezed: float) -> Any:
+    """That of a few triangles that are squeezed along y."""
+    points, cells = tiny_mesh("triangle", 2)
+    return mesh_summary(points * [1.0, squeezed], cells, reference_sizes(points, cells))
+
+
+def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judged(tmp_path: Path) -> None:
+    session = apart(tmp_path)
+    session.build()
+    session.move("reference", [np.full((4, 2), 0.05)])
+    with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
+        session.admit(Operation.COMMIT)  # before anything is written
+    with pytest.raises(NumericalError):
+        session.judge(quality_of(-1.0))
+    with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
+        commit(session)
+    (warning,) = session.judge(quality_of(0.01))
+    assert "below the threshold" in warning
+    assert session.judge(quality_of(1.0)) == []
+    assert session.state is State.TRIAL
+    assert commit(session).step == 1
+    session.close()
+
+
+def test_a_session_that_has_the_cells_judges_them_itself(session: Session) -> None:
+    session.move("committed", right(0.1))
+    with pytest.raises(SessionError, match="the server judges the cells of this session itself"):
+        session.judge(quality_of(1.0))
+
+
+def test_a_boundary_of_which_a_node_is_on_no_patch_does_not_determine_the_motion(tmp_path: Path) -> None:
+    session = apart(tmp_path, loose=((0.5, 0.8),))
+    with pytest.raises(InvalidInput, match="global id 12 is on the boundary and on no patch"):
+        session.build()
+    session.close()
 
 
 # --- a journal that fails --------------------------------------------------------------------------------------------

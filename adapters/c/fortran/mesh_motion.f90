@@ -74,6 +74,7 @@ module mesh_motion
       generic :: set => session_set_number, session_set_integer, session_set_flag, session_set_text
       procedure :: label => session_label
       procedure :: durability => session_durability
+      procedure :: evaluation => session_evaluation
       procedure :: partition => session_partition
       procedure :: open => session_open
       procedure :: join => session_join
@@ -253,6 +254,12 @@ module mesh_motion
          type(c_ptr), value :: session
          character(kind=c_char), intent(in) :: durability(*)
          integer(c_int) :: c_set_durability
+      end function
+      function c_set_evaluation(session, evaluation) bind(c, name="mm_set_evaluation")
+         import :: c_ptr, c_char, c_int
+         type(c_ptr), value :: session
+         character(kind=c_char), intent(in) :: evaluation(*)
+         integer(c_int) :: c_set_evaluation
       end function
       function c_set_report(session, report) bind(c, name="mm_set_report")
          import :: c_ptr, c_char, c_int
@@ -754,6 +761,14 @@ contains
       character(*), intent(in) :: durability
       integer(c_int) :: ignored
       ignored = c_set_durability(self%handle, ended(durability))
+   end subroutine
+
+   ! Who moves and judges the nodes: "server", or "client"
+   subroutine session_evaluation(self, evaluation)
+      class(mm_session), intent(inout) :: self
+      character(*), intent(in) :: evaluation
+      integer(c_int) :: ignored
+      ignored = c_set_evaluation(self%handle, ended(evaluation))
    end subroutine
 
    ! What mm_moved tells of each move from now on: "faces" for the mesh as a finite-volume code sees it, "" for no more

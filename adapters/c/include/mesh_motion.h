@@ -131,6 +131,12 @@ MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
 /* Which partition this is, of how many: 0, 1 unless set. One partition is one rank of a parallel driver. */
 MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);
 
+/* Who evaluates the motion at the nodes: "server", or "client" (SPEC.md, section 23): the server has the boundary,
+ * nodes and cells stay here, moved and judged in mm_move, with the same results. What it is not offered with is refused by mm_open, mm_build and mm_move. Join and resume such a session with its mesh: mm_points and what follows go
+ * before. mm_moved then tells `quality`, `reached` and `warnings`. Needs a library with the compiled kernels; else
+ * UNIMPLEMENTED. */
+MM_API mm_result mm_set_evaluation(mm_session *session, const char *evaluation);
+
 /* --- opening ----------------------------------------------------------------------------------------------------- */
 
 /* A new session, joined. With several partitions one of them opens; its id and token go to the others … */

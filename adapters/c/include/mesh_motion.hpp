@@ -236,6 +236,7 @@ public:
     }
     Session &label(const std::string &text) { return check(mm_set_label(get(), text.c_str())); }
     Session &durability(const std::string &level) { return check(mm_set_durability(get(), level.c_str())); }
+    Session &evaluation(const std::string &by) { return check(mm_set_evaluation(get(), by.c_str())); }
     Session &partition(int partition, int partitions) { return check(mm_set_partition(get(), partition, partitions)); }
 
     void open() { check(mm_open(get())); }

@@ -15,6 +15,10 @@
 
 #include "mm_wire.h"
 
+#ifdef MM_EVALUATION
+#include "mm_volume.h"
+#endif
+
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
@@ -46,6 +50,7 @@
 #define UNKNOWN_NODES ((size_t)1 << 31)
 /* Smaller arrays are copied: lending the caller's memory to libzmq costs more than that. */
 #define LENT_BYTES ((size_t)1 << 14)
+#define MOST_ARRAYS 3 /* of one request, JUDGE */
 
 typedef enum { DONE, LOST, FAILED } outcome; /* LOST: the connection ended, the request may have been executed or not */
 
@@ -81,6 +86,7 @@ typedef struct {
     const void *data;
     size_t rows, columns, width;
     int is_float;
+    void *owned; /* the data, where they are ours */
 } block;
 
 typedef struct {
@@ -89,7 +95,7 @@ typedef struct {
     const uint8_t *client;
     mmi_writer fields; /* all but the epoch, which a repeat may have another of */
     size_t field_count;
-    block array; /* item = its name; NULL: none */
+    block arrays[MOST_ARRAYS]; /* item = its name; NULL: no more */
 } request;
 
 /* What is told of an error. */
@@ -151,6 +157,10 @@ struct mm_session {
     double *trial;
     int has_trial;
     mm_frame trial_frame;
+    /* evaluation = "client": */
+    int evaluates;
+    struct mmv_volume *volume;
+    request judge; /* the JUDGE of the trial, once it is accepted; its arrays are ours */
     mm_report built, moved, committed, status;
 };
 
@@ -433,25 +443,38 @@ static void add_bytes(request *request, const char *key, const uint8_t *value, s
     mmi_put_bytes(&request->fields, value, size);
 }
 
+static block make_block(const char *item, const void *data, size_t rows, size_t columns, size_t width)
+{
+    block made = {0};
+    made.item = item;
+    made.data = data;
+    made.rows = rows;
+    made.columns = columns;
+    made.width = width;
+    return made;
+}
+
 static size_t array_bytes(const block *array) { return array->item ? array->rows * array->columns * array->width : 0; }
+
+static uint64_t hashed(uint64_t hash, const void *data, size_t size)
+{
+    const uint8_t *bytes = data;
+    for (size_t i = 0; i < size; ++i) {
+        hash = (hash ^ bytes[i]) * UINT64_C(1099511628211);
+    }
+    return hash;
+}
 
 /* FNV-1a over what makes a request this request: the caller's array may have changed since. */
 static uint64_t content_of(const request *request)
 {
     uint64_t hash = UINT64_C(14695981039346656037);
-    size_t shape[2] = {request->array.rows, request->array.columns};
-    const struct {
-        const void *data;
-        size_t size;
-    } parts[] = {{request->type, strlen(request->type)},
-                 {request->fields.data, request->fields.size},
-                 {shape, sizeof shape},
-                 {request->array.data, array_bytes(&request->array)}};
-    for (size_t part = 0; part < sizeof parts / sizeof *parts; ++part) {
-        const uint8_t *bytes = parts[part].data;
-        for (size_t i = 0; i < parts[part].size; ++i) {
-            hash = (hash ^ bytes[i]) * UINT64_C(1099511628211);
-        }
+    hash = hashed(hash, request->type, strlen(request->type));
+    hash = hashed(hash, request->fields.data, request->fields.size);
+    for (const block *array = request->arrays; array < request->arrays + MOST_ARRAYS && array->item; ++array) {
+        size_t shape[2] = {array->rows, array->columns};
+        hash = hashed(hash, shape, sizeof shape);
+        hash = hashed(hash, array->data, array_bytes(array));
     }
     return hash;
 }
@@ -459,7 +482,7 @@ static uint64_t content_of(const request *request)
 /* Those of which the server keeps the reply (SPEC 10.7). Others get a number each time: a late reply tells what was. */
 static int is_kept(const request *request)
 {
-    static const char *const KEPT[] = {"OPEN", "RESUME", "UPLOAD", "BUILD", "MOVE", "COMMIT", "ROLLBACK"};
+    static const char *const KEPT[] = {"OPEN", "RESUME", "UPLOAD", "BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK"};
     for (size_t i = 0; i < sizeof KEPT / sizeof *KEPT; ++i) {
         if (strcmp(request->type, KEPT[i]) == 0) {
             return 1;
@@ -516,9 +539,12 @@ static void pack_header(mmi_writer *out, const request *request)
     }
     mmi_put_raw(out, request->fields.data, request->fields.size);
     mmi_put_text(out, "arrays");
-    const block *array = &request->array;
-    mmi_put_array(out, array->item != NULL);
-    if (array->item) {
+    size_t count = 0;
+    while (count < MOST_ARRAYS && request->arrays[count].item) {
+        ++count;
+    }
+    mmi_put_array(out, count);
+    for (const block *array = request->arrays; array < request->arrays + count; ++array) {
         char dtype[4] = {'<', array->is_float ? 'f' : 'i', array->width == 8 ? '8' : '4', '\0'};
         mmi_put_map(out, 3);
         mmi_put_text(out, "name");
@@ -579,8 +605,10 @@ static int send_frame(connection *connection, const uint8_t *bytes, size_t size,
 static outcome send_request(mm_context *context, connection *connection, const request *request)
 {
     mmi_writer header = {0};
-    size_t left = array_bytes(&request->array);
-    const uint8_t *bytes = request->array.data;
+    size_t left = 0; /* of all arrays */
+    for (int i = 0; i < MOST_ARRAYS; ++i) {
+        left += array_bytes(&request->arrays[i]);
+    }
     pack_header(&header, request);
     if (header.failed || request->fields.failed) {
         mmi_writer_free(&header);
@@ -589,11 +617,16 @@ static outcome send_request(mm_context *context, connection *connection, const r
     }
     int sent = send_frame(connection, header.data, header.size, left > 0);
     mmi_writer_free(&header);
-    while (sent == 0 && left) {
-        size_t chunk = left < MMI_CHUNK_BYTES ? left : MMI_CHUNK_BYTES;
-        left -= chunk;
-        sent = send_frame(connection, bytes, chunk, left > 0);
-        bytes += chunk;
+    for (int i = 0; i < MOST_ARRAYS; ++i) {
+        const uint8_t *bytes = request->arrays[i].data;
+        size_t of_array = array_bytes(&request->arrays[i]);
+        while (sent == 0 && of_array) {
+            size_t chunk = of_array < MMI_CHUNK_BYTES ? of_array : MMI_CHUNK_BYTES;
+            of_array -= chunk;
+            left -= chunk;
+            sent = send_frame(connection, bytes, chunk, left > 0);
+            bytes += chunk;
+        }
     }
     if (sent != 0) {
         /* libzmq has queued all that it takes for somebody who does not read */
@@ -625,11 +658,11 @@ static int make_room(answer *to, size_t frames)
     return to->frames && to->sizes;
 }
 
-/* Of a reply to this session: frame 0 and two arrays, of which none has more than three numbers a node. What is not
- * known yet, before JOINED tells it, is taken for large. */
+/* Of a reply to this session: frame 0 and arrays, of which none has more than three numbers a node. What is not known
+ * yet, before JOINED tells it, is taken for large, and so is a field. */
 static size_t most_frames(const mm_session *session)
 {
-    size_t nodes = session ? session->nodes ? session->nodes : UNKNOWN_NODES : 0;
+    size_t nodes = session ? session->nodes && !session->evaluates ? session->nodes : UNKNOWN_NODES : 0;
     return 1 + MMI_MOST_ARRAYS * ((nodes * 3 * sizeof(double) + MMI_CHUNK_BYTES - 1) / MMI_CHUNK_BYTES);
 }
 
@@ -1043,12 +1076,8 @@ static request move_request(const mm_session *session, mm_frame frame, const dou
     add_integer(&move, "step", session->step + 1);
     add_text(&move, "frame", frame == MM_SINCE_REFERENCE ? "reference" : "committed");
     add_text(&move, "report", session->report);
-    move.array.item = "displacement";
-    move.array.data = rows;
-    move.array.rows = session->moving_count;
-    move.array.columns = (size_t)session->dimension;
-    move.array.width = 8;
-    move.array.is_float = 1;
+    move.arrays[0] = make_block("displacement", rows, session->moving_count, (size_t)session->dimension, 8);
+    move.arrays[0].is_float = 1;
     return move;
 }
 
@@ -1063,6 +1092,12 @@ static outcome repeat_trial(mm_session *session, double deadline)
     outcome how = request_data(session, &move, deadline, &moved);
     mmi_writer_free(&move.fields);
     free_answer(&moved);
+    if (how == DONE && session->judge.type) {
+        session->judge.client = session->line.client;
+        session->judge.sequence = ++session->line.sequence;
+        how = request_data(session, &session->judge, deadline, &moved);
+        free_answer(&moved);
+    }
     return how;
 }
 
@@ -1307,6 +1342,16 @@ const mm_report *mm_listed(const mm_context *context) { return context ? &contex
 
 /* --- a mesh and how it is moved ---------------------------------------------------------------------------------- */
 
+static void free_blocks(mm_session *session)
+{
+    for (size_t i = 0; i < session->block_count; ++i) {
+        free(session->blocks[i].owned);
+    }
+    session->block_count = 0;
+}
+
+static void forget_volume(mm_session *session);
+
 mm_session *mm_session_new(mm_context *context)
 {
     if (!context || context->error) {
@@ -1341,6 +1386,8 @@ void mm_session_free(mm_session *session)
     }
     *link = session->next;
     disconnect(&session->data);
+    free_blocks(session);
+    forget_volume(session);
     free(session->blocks);
     free(session->settings);
     free(session->moving);
@@ -1380,17 +1427,6 @@ static mm_result add_block(mm_session *session, const block *added)
     return session->context->error;
 }
 
-static block make_block(const char *item, const void *data, size_t rows, size_t columns, size_t width)
-{
-    block made = {0};
-    made.item = item;
-    made.data = data;
-    made.rows = rows;
-    made.columns = columns;
-    made.width = width;
-    return made;
-}
-
 static mm_result invalid(mm_context *context, const char *message, const char *got)
 {
     fail(context, "INVALID_ARGUMENT", "", message, got);
@@ -1405,6 +1441,10 @@ mm_result mm_points(mm_session *session, int dimension, size_t nodes, const doub
     }
     block made = make_block("nodes", points, nodes, (size_t)dimension, 8);
     made.is_float = 1;
+    if (session->volume) { /* of a mesh that was given before */
+        forget_volume(session);
+        free_blocks(session);
+    }
     session->dimension = dimension;
     session->nodes = nodes;
     /* the points come first, and calling this again gives others */
@@ -1574,6 +1614,16 @@ mm_result mm_set_durability(mm_session *session, const char *durability)
     return MM_OK;
 }
 
+mm_result mm_set_evaluation(mm_session *session, const char *evaluation)
+{
+    BEGIN_UNOPENED(session);
+    if (!evaluation || (strcmp(evaluation, "server") != 0 && strcmp(evaluation, "client") != 0)) {
+        return invalid(session->context, "evaluation is by server or client, got '%s'", evaluation ? evaluation : "");
+    }
+    session->evaluates = strcmp(evaluation, "client") == 0;
+    return MM_OK;
+}
+
 mm_result mm_set_partition(mm_session *session, int partition, int partitions)
 {
     BEGIN_UNOPENED(session);
@@ -1586,6 +1636,475 @@ mm_result mm_set_partition(mm_session *session, int partition, int partitions)
     session->partitions = partitions;
     return MM_OK;
 }
+
+/* --- evaluation by the client (SPEC.md, section 23) --------------------------------------------------------------- */
+
+#ifdef MM_EVALUATION
+
+static void forget_judge(mm_session *session)
+{
+    mmi_writer_free(&session->judge.fields);
+    for (int i = 0; i < MOST_ARRAYS; ++i) {
+        free(session->judge.arrays[i].owned);
+    }
+    session->judge = (request){0};
+}
+
+#define FEW_VALUES 512
+#define MOST_QUESTIONS 200
+#define MOST_DIVISIONS 6
+
+/* A bin that JUDGE tells of. */
+typedef struct {
+    char metric[32];
+    int divisions;
+    double way[MOST_DIVISIONS][3];
+} question;
+
+static outcome kernels_failed(const mm_session *session, int result)
+{
+    const char *code = result == MESH_MOTION_INVALID_ARGUMENT ? "INVALID_ARGUMENT.MESH"
+                       : result == MESH_MOTION_OUT_OF_MEMORY  ? "RESOURCE_EXHAUSTED.MEMORY"
+                                                              : "INTERNAL";
+    const char *told = mesh_motion_kernels_error();
+    return fail(session->context, code, "", "%s", *told ? told : "the field of the server does not fit together");
+}
+
+static void forget_volume(mm_session *session)
+{
+    forget_judge(session);
+    mmv_free(session->volume);
+    session->volume = NULL;
+}
+
+/* From the caller's arrays, once. */
+static outcome make_volume(mm_session *session)
+{
+    mm_context *context = session->context;
+    if (session->volume || !session->evaluates) {
+        return DONE;
+    }
+    if (!session->block_count) {
+        return fail(context, "INVALID_ARGUMENT", "mm_points, mm_cells and mm_patch before mm_join or mm_resume",
+                    "the volume of this session stays with the client, and the mesh is not known here");
+    }
+    mmv_volume *volume = mmv_new(session->dimension, session->nodes, session->blocks[0].data);
+    int result = volume ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
+    for (size_t i = 1; result == MESH_MOTION_OK && i < session->block_count; ++i) {
+        const block *part = &session->blocks[i];
+        if (strcmp(part->item, "cells") == 0) {
+            result = mmv_add_cells(volume, part->name, part->rows, part->data, part->width);
+        } else if (strcmp(part->item, "patch") == 0) {
+            mmv_add_patch(volume, part->rows, part->data);
+        }
+    }
+    result = result == MESH_MOTION_OK ? mmv_finish(volume) : result;
+    if (result != MESH_MOTION_OK) {
+        mmv_free(volume);
+        return kernels_failed(session, result);
+    }
+    session->volume = volume;
+    return DONE;
+}
+
+/* Rows of the caller's array for the nodes that are uploaded. */
+static outcome gather_rows(mm_session *session, block *part)
+{
+    size_t count, row = part->columns * part->width;
+    const int64_t *nodes = mmv_uploaded(session->volume, &count);
+    uint8_t *rows = malloc(count * row + 1);
+    if (!rows) {
+        return no_memory(session->context);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        memcpy(rows + i * row, (const uint8_t *)part->data + (size_t)nodes[i] * row, row);
+    }
+    part->data = part->owned = rows;
+    part->rows = count;
+    return DONE;
+}
+
+/* What is uploaded in place of the mesh: its boundary, and how many cells it has. */
+static outcome gather_blocks(mm_session *session)
+{
+    size_t count, had = session->block_count;
+    const int64_t *nodes = mmv_uploaded(session->volume, &count);
+    outcome how = DONE;
+    int has_ids = 0;
+    if (session->blocks[0].owned) {
+        return DONE; /* by an earlier call */
+    }
+    for (size_t i = 0; how == DONE && i < had; ++i) {
+        block *part = &session->blocks[i];
+        has_ids = has_ids || strcmp(part->item, "global_ids") == 0;
+        if (strcmp(part->item, "cells") == 0) {
+            part->columns = 0;
+            part->data = NULL;
+        } else if (strcmp(part->item, "patch") == 0) {
+            int64_t *rows = malloc((part->rows + 1) * sizeof *rows);
+            for (size_t k = 0; rows && k < part->rows; ++k) {
+                rows[k] = mmv_row_of(session->volume, ((const int64_t *)part->data)[k]);
+            }
+            part->data = part->owned = rows;
+            how = rows ? DONE : no_memory(session->context);
+        } else {
+            how = gather_rows(session, part);
+        }
+    }
+    if (how == DONE && !has_ids) {
+        block ids = make_block("global_ids", nodes, count, 1, 8);
+        how = add_block(session, &ids) == MM_OK ? DONE : FAILED;
+    }
+    return how;
+}
+
+static outcome copy_array(mm_context *context, const answer *from, const char *name, double **to, size_t *rows)
+{
+    const mmi_array *array = mmi_find_array(&from->reply, name);
+    *rows = array ? array->rows : 0;
+    *to = malloc((array ? array->rows * array->columns : 0) * sizeof **to + 1);
+    if (!*to) {
+        return no_memory(context);
+    }
+    if (array) {
+        copy_numbers(*to, from, array);
+    }
+    return DONE;
+}
+
+static void read_sum(const mm_report *report, size_t number, mmv_sum *sum)
+{
+    char path[48];
+    snprintf(path, sizeof path, "sums.%zu.basis", number);
+    mm_report_text(report, path, sum->basis, sizeof sum->basis);
+    snprintf(path, sizeof path, "sums.%zu.radius", number);
+    sum->radius = mm_report_number(report, path);
+    snprintf(path, sizeof path, "sums.%zu.centres", number);
+    sum->centres = mm_report_integer(report, path, -1);
+    snprintf(path, sizeof path, "sums.%zu.scale", number);
+    sum->scale = mm_report_number(report, path);
+    sum->has_polynomial = !isnan(sum->scale);
+    for (int axis = 0; sum->has_polynomial && axis < 3; ++axis) {
+        snprintf(path, sizeof path, "sums.%zu.centre.%d", number, axis);
+        sum->centre[axis] = mm_report_number(report, path);
+    }
+    sum->scale = sum->has_polynomial ? sum->scale : 0.0;
+}
+
+/* The displacement of all nodes from the reference mesh: by the field of a reply, and the rows of those uploaded. */
+static outcome evaluate(mm_session *session, const answer *from, const double *known, double *to)
+{
+    mm_context *context = session->context;
+    const mm_report *report = &from->reply.report;
+    mmv_field field = {0};
+    field.sum_count = mm_report_count(report, "sums");
+    field.sums = calloc(field.sum_count + 1, sizeof *field.sums);
+    if (!field.sums) {
+        return no_memory(context);
+    }
+    for (size_t i = 0; i < field.sum_count; ++i) {
+        read_sum(report, i, &field.sums[i]);
+    }
+    copy_array(context, from, "centres", &field.centres, &field.centre_count);
+    copy_array(context, from, "boxes", &field.boxes, &field.box_count);
+    copy_array(context, from, "coefficients", &field.coefficients, &field.coefficient_count);
+    int result = mmv_set_field(session->volume, field);
+    if (context->error) {
+        return FAILED;
+    }
+    result = result == MESH_MOTION_OK ? mmv_displacement(session->volume, known, to) : result;
+    return result == MESH_MOTION_OK ? DONE : kernels_failed(session, result);
+}
+
+/* The rows that a reply has of the uploaded nodes, in an array of the caller's. */
+static outcome take_uploaded(mm_session *session, const answer *from, const char *name, double **rows)
+{
+    const mmi_array *array = mmi_find_array(&from->reply, name);
+    size_t count, told;
+    mmv_uploaded(session->volume, &count);
+    if (array->rows != count || array->columns != (size_t)session->dimension) {
+        return fail(session->context, "INVALID_ARGUMENT", "give the same points, cells and patches in the same order",
+                    "the mesh is not the one that this session was opened with");
+    }
+    return copy_array(session->context, from, name, rows, &told);
+}
+
+/* Grows as it is appended to. */
+typedef struct {
+    void *data;
+    size_t rows, capacity, row;
+    int failed;
+} table;
+
+static void append(table *to, const void *row)
+{
+    if (to->rows == to->capacity) {
+        size_t larger = to->capacity ? 2 * to->capacity : 1024;
+        void *grown = realloc(to->data, larger * to->row);
+        to->failed = to->failed || !grown;
+        if (!grown) {
+            return;
+        }
+        to->data = grown;
+        to->capacity = larger;
+    }
+    memcpy((uint8_t *)to->data + to->rows++ * to->row, row, to->row);
+}
+
+/* What the cells have in the bin of a question, by its number. */
+static outcome tell_bin(mm_session *session, const question *asked, size_t number, table *bins, table *values)
+{
+    static const int64_t MOST = 1 << 20;
+    int64_t counts[MESH_MOTION_BINS], different = 0, room = FEW_VALUES;
+    double *found = NULL;
+    int64_t *repeated = NULL;
+    int result = MESH_MOTION_OK;
+    do {
+        room = different > room ? different : room;
+        free(found);
+        free(repeated);
+        found = malloc((size_t)room * sizeof *found);
+        repeated = malloc((size_t)room * sizeof *repeated);
+        result = found && repeated
+                     ? mesh_motion_tally_bin(mmv_tally(session->volume), asked->metric, asked->divisions,
+                                             &asked->way[0][0], counts, room, found, repeated, &different)
+                     : MESH_MOTION_OUT_OF_MEMORY;
+    } while (result == MESH_MOTION_OK && different > room && different <= MOST);
+    for (int32_t bin = 0; result == MESH_MOTION_OK && bin < MESH_MOTION_BINS; ++bin) {
+        if (counts[bin]) {
+            int32_t row[] = {(int32_t)number, bin, (int32_t)counts[bin]};
+            append(bins, row);
+        }
+    }
+    for (int64_t i = 0; result == MESH_MOTION_OK && i < different; ++i) {
+        double row[] = {(double)number, found[i], (double)repeated[i]};
+        append(values, row);
+    }
+    free(found);
+    free(repeated);
+    return result == MESH_MOTION_OK ? DONE : kernels_failed(session, result);
+}
+
+static void put_metrics(mmi_writer *out, const char *key, const mesh_motion_part *part, const double *values)
+{
+    mmi_put_text(out, key);
+    mmi_put_map(out, (size_t)part->metrics);
+    for (int64_t i = 0; i < part->metrics; ++i) {
+        mmi_put_text(out, part->names[i]);
+        mmi_put_number(out, values[i]);
+    }
+}
+
+static void put_question(mmi_writer *out, const question *asked)
+{
+    mmi_put_map(out, 2);
+    mmi_put_text(out, "metric");
+    mmi_put_text(out, asked->metric);
+    mmi_put_text(out, "way");
+    mmi_put_array(out, (size_t)asked->divisions);
+    for (int i = 0; i < asked->divisions; ++i) {
+        mmi_put_array(out, 3);
+        mmi_put_number(out, asked->way[i][0]);
+        mmi_put_number(out, asked->way[i][1]);
+        mmi_put_integer(out, (int64_t)asked->way[i][2]);
+    }
+}
+
+/* The JUDGE that answers questions; session->judge. */
+static outcome make_judge(mm_session *session, const mesh_motion_part *part, const question *asked, size_t count)
+{
+    table bins = {0}, values = {0}, worst = {0};
+    outcome how = DONE;
+    forget_judge(session);
+    bins.row = 3 * sizeof(int32_t);
+    values.row = 3 * sizeof(double);
+    worst.row = (6 + (size_t)session->dimension) * sizeof(double);
+    for (size_t i = 0; how == DONE && i < count; ++i) {
+        how = tell_bin(session, &asked[i], i, &bins, &values);
+    }
+    for (int64_t i = 0; i < part->worst_cells; ++i) {
+        append(&worst, part->worst[i]);
+    }
+    request *judge = &session->judge;
+    *judge = session_request(session, "JUDGE", "JUDGED");
+    add_integer(judge, "step", session->step + 1);
+    judge->field_count += 2;
+    mmi_writer *out = &judge->fields;
+    mmi_put_text(out, "part");
+    mmi_put_map(out, 4);
+    mmi_put_text(out, "cells");
+    mmi_put_integer(out, part->cells);
+    mmi_put_text(out, "inverted");
+    mmi_put_integer(out, part->inverted);
+    put_metrics(out, "sums", part, part->sums);
+    put_metrics(out, "minima", part, part->minima);
+    mmi_put_text(out, "questions");
+    mmi_put_array(out, count);
+    for (size_t i = 0; i < count; ++i) {
+        put_question(out, &asked[i]);
+    }
+    const table *const tables[] = {&bins, &values, &worst};
+    static const char *const NAMES[] = {"bins", "values", "worst"};
+    for (int i = 0; i < MOST_ARRAYS; ++i) {
+        size_t width = i ? sizeof(double) : sizeof(int32_t);
+        judge->arrays[i] = make_block(NAMES[i], tables[i]->data, tables[i]->rows, tables[i]->row / width, width);
+        judge->arrays[i].is_float = i > 0;
+        judge->arrays[i].owned = tables[i]->data;
+        how = how == DONE && tables[i]->failed ? no_memory(session->context) : how;
+    }
+    return how;
+}
+
+static outcome read_question(mm_context *context, const mm_report *report, size_t number, question *to)
+{
+    char path[64];
+    snprintf(path, sizeof path, "questions.%zu.metric", number);
+    mm_report_text(report, path, to->metric, sizeof to->metric);
+    snprintf(path, sizeof path, "questions.%zu.way", number);
+    to->divisions = (int)mm_report_count(report, path);
+    if (to->divisions > MOST_DIVISIONS) {
+        return fail(context, "INTERNAL", "", "the server asks for a bin of %d divisions", to->divisions);
+    }
+    for (int i = 0; i < to->divisions; ++i) {
+        for (int k = 0; k < 3; ++k) {
+            snprintf(path, sizeof path, "questions.%zu.way.%d.%d", number, i, k);
+            to->way[i][k] = mm_report_number(report, path);
+        }
+    }
+    return DONE;
+}
+
+/* Judge the cells with the nodes displaced, and tell of them until the server asks for nothing more. */
+static outcome judge_trial(mm_session *session, const char *metric, const double *displacement)
+{
+    mm_context *context = session->context;
+    mesh_motion_part part;
+    int result = mmv_judge(session->volume, displacement, metric, &part);
+    question *asked = calloc(MOST_QUESTIONS, sizeof *asked);
+    size_t count = 0;
+    outcome how = result != MESH_MOTION_OK ? kernels_failed(session, result) : asked ? DONE : no_memory(context);
+    for (; how == DONE && count < (size_t)part.metrics; ++count) {
+        snprintf(asked[count].metric, sizeof asked[count].metric, "%s", part.names[count]);
+    }
+    for (int is_over = 0; how == DONE && !is_over;) {
+        answer judged = {0};
+        how = make_judge(session, &part, asked, count);
+        if (how == DONE) {
+            request sent = session->judge; /* deliver frees the fields of what it sends */
+            session->judge.type = NULL;    /* not accepted yet: of a lost trial the MOVE alone is made again */
+            sent.fields = (mmi_writer){0};
+            mmi_put_raw(&sent.fields, session->judge.fields.data, session->judge.fields.size);
+            how = deliver(session, &sent, context->compute_timeout, &judged);
+        }
+        size_t further = how == DONE ? mm_report_count(&judged.reply.report, "questions") : 0;
+        if (count + further > MOST_QUESTIONS) {
+            how = fail(context, "INTERNAL", "", "the server asks %zu questions", count + further);
+        }
+        for (size_t i = 0; how == DONE && i < further; ++i) {
+            how = read_question(context, &judged.reply.report, i, &asked[count++]);
+        }
+        if (how == DONE && !further) {
+            session->judge.type = "JUDGE";
+            keep_report(&session->moved, &judged);
+            is_over = 1;
+        }
+        free_answer(&judged);
+    }
+    free(asked);
+    return how;
+}
+
+/* All nodes by the field that MOVED carries, then all cells. */
+static outcome take_trial(mm_session *session, const answer *moved, double *to)
+{
+    char metric[32];
+    double *known = NULL;
+    mm_report_text(&moved->reply.report, "quality.metric", metric, sizeof metric);
+    outcome how = take_uploaded(session, moved, "displacement", &known);
+    how = how == DONE ? evaluate(session, moved, known, to) : how;
+    free(known);
+    return how == DONE ? judge_trial(session, metric, to) : how;
+}
+
+/* All coordinates, by the field that FETCHED carries. */
+static outcome take_points(mm_session *session, const answer *fetched, double *points)
+{
+    size_t count, d = (size_t)session->dimension;
+    const int64_t *nodes = mmv_uploaded(session->volume, &count);
+    const double *at_rest = mmv_points(session->volume);
+    double *known = NULL;
+    outcome how = take_uploaded(session, fetched, "points", &known);
+    how = how == DONE ? evaluate(session, fetched, known, points) : how;
+    for (size_t i = 0; how == DONE && i < session->nodes * d; ++i) {
+        points[i] += at_rest[i];
+    }
+    for (size_t row = 0; how == DONE && row < count; ++row) {
+        memcpy(points + (size_t)nodes[row] * d, known + row * d, d * sizeof *points);
+    }
+    free(known);
+    return how;
+}
+
+/* The mesh that was given anew is that of the session. */
+static outcome check_reference(mm_session *session)
+{
+    size_t count, d = (size_t)session->dimension;
+    const int64_t *nodes = mmv_uploaded(session->volume, &count);
+    answer fetched = {0};
+    double *rows = NULL;
+    request fetch = session_request(session, "FETCH", "FETCHED");
+    add_text(&fetch, "what", "reference");
+    outcome how = deliver(session, &fetch, session->context->timeout, &fetched);
+    how = how == DONE ? take_uploaded(session, &fetched, "points", &rows) : how;
+    for (size_t row = 0; how == DONE && row < count; ++row) {
+        if (memcmp(rows + row * d, mmv_points(session->volume) + (size_t)nodes[row] * d, d * sizeof *rows) != 0) {
+            how = fail(session->context, "INVALID_ARGUMENT",
+                       "give the same points, cells and patches in the same order",
+                       "the mesh is not the one that this session was opened with");
+        }
+    }
+    free(rows);
+    free_answer(&fetched);
+    return how;
+}
+
+/* A node as numbered in the mesh, not in what was uploaded of it; -1: there is none. */
+static int64_t in_mesh(const mm_session *session, int64_t node)
+{
+    size_t count;
+    const int64_t *nodes = mmv_uploaded(session->volume, &count);
+    return node >= 0 && (uint64_t)node < count ? nodes[node] : -1;
+}
+
+#else
+
+static outcome not_built_in(const mm_session *session)
+{
+    return fail(session->context, "UNIMPLEMENTED", "build it with the compiled kernels",
+                "this client was built without evaluation by the client");
+}
+static outcome make_volume(mm_session *session) { return session->evaluates ? not_built_in(session) : DONE; }
+static outcome gather_blocks(mm_session *session) { return not_built_in(session); }
+static outcome check_reference(mm_session *session) { return not_built_in(session); }
+static outcome take_trial(mm_session *session, const answer *moved, double *to)
+{
+    (void)moved, (void)to;
+    return not_built_in(session);
+}
+static outcome take_points(mm_session *session, const answer *fetched, double *points)
+{
+    (void)fetched, (void)points;
+    return not_built_in(session);
+}
+static int64_t in_mesh(const mm_session *session, int64_t node)
+{
+    (void)session;
+    return node;
+}
+static void forget_judge(mm_session *session) { (void)session; }
+static void forget_volume(mm_session *session) { (void)session; }
+
+#endif
 
 /* --- opening
  * ---------------------------------------------------------------------------------------------------------- */
@@ -1634,6 +2153,9 @@ static outcome take_moving_nodes(mm_session *session, const answer *from)
         return no_memory(context);
     }
     copy_integers(moving, from, array);
+    for (size_t i = 0; session->volume && i < array->rows; ++i) {
+        moving[i] = in_mesh(session, moving[i]);
+    }
     free(session->moving);
     free(session->trial);
     session->moving = moving;
@@ -1665,12 +2187,17 @@ static outcome join_by(mm_session *session, const answer *from, double deadline)
         if (dimension >= 1 && dimension <= 3) {
             session->dimension = (int)dimension;
         }
-        if (nodes > 0) {
+        session->evaluates = mmi_is_text(&joined.reply.report, field(&joined, "evaluation"), "client");
+        if (nodes > 0 && !session->evaluates) {
             session->nodes = (size_t)nodes;
+        }
+        if (session->evaluates && mmi_find_array(&joined.reply, "moving_nodes")) { /* it is built */
+            how = make_volume(session);
+            free_blocks(session);
         }
         session->may_resume =
             mmi_find_array(&joined.reply, "moving_nodes") && integer_field(&joined, "partitions") == 1;
-        how = take_moving_nodes(session, &joined);
+        how = how == DONE ? take_moving_nodes(session, &joined) : how;
         how = how == DONE ? take_step(session, integer_field(&joined, "step")) : how;
     }
     free_answer(&joined);
@@ -1695,7 +2222,11 @@ static outcome open_session(mm_session *session, double deadline)
     add_integer(&ask_open, "partitions", session->partitions);
     add_settings(&ask_open, session);
     add_text(&ask_open, "label", session->label);
-    add_integer(&ask_open, "bytes_reserved", session->partitions == 1 ? (int64_t)mesh_bytes(session) : 0);
+    int64_t reserved = session->partitions == 1 && !session->evaluates ? (int64_t)mesh_bytes(session) : 0;
+    add_integer(&ask_open, "bytes_reserved", reserved);
+    if (session->evaluates) {
+        add_text(&ask_open, "evaluation", "client");
+    }
     add_text(&ask_open, "durability", session->durability);
     session->may_resume = session->joined = session->has_trial = 0;
     session->part = session->part_row = 0;
@@ -1775,7 +2306,10 @@ mm_result mm_join(mm_session *session)
     }
     if (how == DONE) {
         session->has_trial = 0;
-        join_by(session, &probed, deadline);
+        how = join_by(session, &probed, deadline);
+    }
+    if (how == DONE && session->volume) {
+        check_reference(session);
     }
     free_answer(&probed);
     return context->error;
@@ -1789,7 +2323,9 @@ mm_result mm_resume(mm_session *session)
     if (check_has_credentials(session) == DONE && resume(session, seconds_left(deadline), &resumed) == DONE) {
         session->has_trial = 0;
         session->durable_step = integer_field(&resumed, "step"); /* SPEC 21.3 */
-        join_by(session, &resumed, deadline);
+        if (join_by(session, &resumed, deadline) == DONE && session->volume) {
+            check_reference(session);
+        }
     }
     free_answer(&resumed);
     return session->context->error;
@@ -1846,19 +2382,21 @@ static outcome upload(mm_session *session)
     answer uploaded = {0};
     while (how == DONE && session->part < session->block_count) {
         block rows = session->blocks[session->part];
-        size_t most = PART_BYTES / (8 * rows.columns); /* 8 bytes each once they have arrived */
+        /* 8 bytes each once they have arrived */
+        size_t most = rows.columns ? PART_BYTES / (8 * rows.columns) : rows.rows;
         size_t left = rows.rows - session->part_row;
         request part = session_request(session, "UPLOAD", "UPLOADED");
         add_text(&part, "item", rows.item);
         add_text(&part, "name", rows.name);
         add_text(&part, "role", rows.role);
-        part.array = rows;
-        part.array.item = "rows";
-        part.array.rows = left < most ? left : most;
-        part.array.data = rows.data ? (const uint8_t *)rows.data + session->part_row * rows.columns * rows.width : NULL;
+        block *sent = &part.arrays[0];
+        *sent = rows;
+        sent->item = "rows";
+        sent->rows = left < most ? left : most;
+        sent->data = rows.data ? (const uint8_t *)rows.data + session->part_row * rows.columns * rows.width : NULL;
         how = deliver(session, &part, session->context->timeout, &uploaded);
         if (how == DONE) {
-            session->part_row += part.array.rows;
+            session->part_row += sent->rows;
             if (session->part_row >= rows.rows) {
                 ++session->part;
                 session->part_row = 0;
@@ -1880,7 +2418,7 @@ static outcome build(mm_session *session)
     if (how == DONE) {
         session->step = session->durable_step = session->iteration = 0;
         session->may_resume = session->partitions == 1;
-        session->block_count = 0; /* the caller's arrays may be gone from now on */
+        free_blocks(session); /* the caller's arrays may be gone from now on */
         snprintf(session->state, sizeof session->state, "READY");
         keep_report(&session->built, &built);
     }
@@ -1926,6 +2464,9 @@ mm_result mm_build(mm_session *session)
         return context->error;
     }
     outcome how = FAILED;
+    if (session->evaluates && (make_volume(session) != DONE || gather_blocks(session) != DONE)) {
+        return context->error;
+    }
     for (int attempt = 1;; ++attempt) {
         how = upload(session);
         how = how == DONE ? build(session) : how;
@@ -1955,6 +2496,7 @@ mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t 
     }
     if (strcmp(session->id, id) != 0) { /* what is known of the one before says nothing of this one */
         disconnect(&session->data);
+        forget_judge(session);
         forget_moving_nodes(session);
         session->joined = session->may_resume = session->has_trial = 0;
         session->part = session->part_row = 0;
@@ -2106,7 +2648,7 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
         add_integer(&move, "compute_limit_ms", session->compute_limit_ms);
     }
     outcome how = deliver(session, &move, session->context->compute_timeout, &moved);
-    if (how == DONE) {
+    if (how == DONE && !session->evaluates) {
         how = take_rows(session, &moved, "displacement", nodes, to);
     }
     if (how == DONE) {
@@ -2116,11 +2658,16 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
         session->iteration = integer_field(&moved, "iteration");
         session->trial_frame = frame;
         session->has_trial = 1;
+        forget_judge(session);
         if (moving) { /* a rank without moving nodes may have no array */
             memcpy(session->trial, displacement, moving * (size_t)session->dimension * sizeof *displacement);
         }
         snprintf(session->state, sizeof session->state, "TRIAL");
-        keep_report(&session->moved, &moved);
+        if (session->evaluates) {
+            take_trial(session, &moved, to);
+        } else {
+            keep_report(&session->moved, &moved);
+        }
     }
     free_answer(&moved);
     return session->context->error;
@@ -2201,7 +2748,11 @@ mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *po
     request fetch = session_request(session, "FETCH", "FETCHED");
     add_text(&fetch, "what", which == MM_SINCE_REFERENCE ? "reference" : "committed");
     if (deliver(session, &fetch, session->context->timeout, &fetched) == DONE) {
-        take_rows(session, &fetched, "points", nodes, points);
+        if (session->evaluates) {
+            take_points(session, &fetched, points);
+        } else {
+            take_rows(session, &fetched, "points", nodes, points);
+        }
     }
     free_answer(&fetched);
     return session->context->error;

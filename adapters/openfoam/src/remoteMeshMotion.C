@@ -33,7 +33,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
     ({
         "endpoint", "patches", "method", "onServerLoss", "timeout",
         "computeTimeout", "commit", "atEnd", "durability", "label",
-        "secretKey", "serverKey"
+        "secretKey", "serverKey", "evaluation"
     });
     // without a dictionary of their own they stand among those of the mesh
     static const wordList ofMesh
@@ -122,6 +122,15 @@ bool Foam::remoteMeshMotion::resume()
     const fileName path(folder(mesh().time().timeName()));
     bool found = isFile(path/"state");
     Pstream::scatter(found);
+    if (found && session_->evaluates())
+    {
+        WarningInFunction
+            << "the session of " << path << " is not resumed with evaluation "
+            << "client: the mesh that it began with is not here any more" << nl
+            << "    A new one begins with the mesh of this time, "
+            << "against which sizes of cells are judged from now on" << endl;
+        return false;
+    }
     if (!found)
     {
         return false;

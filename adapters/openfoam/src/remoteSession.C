@@ -151,10 +151,20 @@ void Foam::remoteSession::setMethod()
     {
         mm_set_durability(session_, durability.c_str());
     }
+    if (coeffs_.found("evaluation"))
+    {
+        mm_set_evaluation(session_, coeffs_.get<word>("evaluation").c_str());
+    }
     if (mm_error(context_))
     {
         fail("the settings");
     }
+}
+
+
+bool Foam::remoteSession::evaluates() const
+{
+    return coeffs_.lookupOrDefault<word>("evaluation", "server") == "client";
 }
 
 

@@ -184,7 +184,12 @@ void Foam::remoteSession::report() const
         << number("quality.corrected.metric.min") << " (interpolated alone "
         << number("quality.standard.metric.min") << "), "
         << label(mm_report_integer(moved, "correction.enrichment_points", 0))
-        << " enrichment points, " << number("seconds.total") << " s" << endl;
+        << " enrichment points";
+    if (!std::isnan(number("seconds.total")))
+    {
+        Info<< ", " << number("seconds.total") << " s";
+    }
+    Info<< endl;
     const label count = label(mm_report_count(moved, "warnings"));
     for (label i = 0; i < count; ++i)
     {

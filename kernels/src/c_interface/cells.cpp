@@ -1,61 +1,8 @@
 // Cells as numerics/quality/metrics.py judges them.
-#include <memory>
-
-#include "c_interface/call.h"
-#include "quality/summaries.h"
-
-namespace mesh_motion {
-namespace {
-
-constexpr struct Kind {
-    const char* name;
-    Index dimension, nodes;
-} cell_types[] = {{"line", Line::dimension, Line::nodes},
-                  {"triangle", Triangle::dimension, Triangle::nodes},
-                  {"quad", Quad::dimension, Quad::nodes},
-                  {"tetra", Tetra::dimension, Tetra::nodes},
-                  {"hexahedron", Hexahedron::dimension, Hexahedron::nodes},
-                  {"wedge", Wedge::dimension, Wedge::nodes},
-                  {"pyramid", Pyramid::dimension, Pyramid::nodes}};
-
-/// In the order of `Metric`.
-constexpr struct {
-    const char* name;
-} metrics[] = {{"size"}, {"skew"}, {"size-skew"}, {"size-skew-root"}, {"size-skew-product"}, {"relative-size-skew"}};
-
-}  // namespace
-}  // namespace mesh_motion
+#include "c_interface/held_cells.h"
+#include "mesh/facets.h"
 
 using namespace mesh_motion;
-
-struct mesh_motion_cells {
-    Index dimension = 0, count = 0, nodes = 0;  // of space, of cells, one more than the largest node
-    std::vector<std::pair<const Kind*, std::vector<Index>>> held;
-
-    Matrix<const double> points(Index n, const double* data) const {
-        if (n < nodes)
-            throw std::invalid_argument("n: expected the " + std::to_string(nodes) + " nodes of the cells, got " +
-                                        std::to_string(n));
-        return array("points", data, std::array{n, dimension});
-    }
-
-    Blocks blocks() const {
-        Blocks all;
-        for (const auto& [type, nodes] : held)
-            all.push_back({nodes.data(), {static_cast<Index>(nodes.size()) / type->nodes, type->nodes}});
-        return all;
-    }
-
-    /// f(block, first) for each block with the number of its first cell.
-    template <class F>
-    void by_block(F&& f) const {
-        Index first = 0;
-        for (const auto& block : blocks()) {
-            f(block, first);
-            first += block.shape(0);
-        }
-    }
-};
 
 namespace {
 
@@ -110,6 +57,29 @@ int mesh_motion_cells_add(mesh_motion_cells* cells, const char* type, int64_t co
 }
 
 void mesh_motion_cells_free(mesh_motion_cells* cells) { delete cells; }
+
+int mesh_motion_boundary_nodes(const mesh_motion_cells* cells, int64_t n, bool* boundary) {
+    return answered([&] {
+        const auto& held = given(cells, "cells");
+        const auto marks = array("boundary", boundary, std::array{std::max(n, held.nodes)});
+        std::fill(marks.begin(), marks.end(), false);
+        std::vector<Index> all, blocks, local;
+        for (const auto& [type, rows] : held.held) {
+            all.insert(all.end(), rows.begin(), rows.end());
+            blocks.insert(blocks.end(), {static_cast<Index>(rows.size()) / type->nodes, type->nodes});
+            for (const auto& facet : type->facets) local.insert(local.end(), facet.begin(), facet.end());
+        }
+        const auto types = static_cast<Index>(held.held.size());
+        const auto [single, pairs, crowded] = match_facets(
+            view_of(std::as_const(all)), {blocks.data(), {types, 2}}, {local.data(), {types, 6, 4}}, false);
+        expect(crowded < 0, "cells", "facets that are shared by two cells at most, on different sides");
+        for (Index facet : single.values) {
+            const auto [type, number, nodes] = held.at(facet / facets_per_cell);
+            for (Index corner : type->facets[facet % facets_per_cell])
+                if (corner >= 0) marks[nodes[corner]] = true;
+        }
+    });
+}
 
 int mesh_motion_cell_sizes(const mesh_motion_cells* cells, int64_t n, const double* points, double* sizes) {
     return answered([&] {

@@ -115,9 +115,10 @@ struct mesh_motion_interpolant {
     /// Whether it can be a compact level of an interpolation in two scales.
     bool is_level() const { return basis->compact && !polynomial; }
 
-    /// out += values, as NearOperator adds a level.
-    void add_values(Matrix<const double> points, Matrix<double> out) const {
-        const std::vector<Index> rows = within_reach(points);
+    /// f(rows, matrix) for parts of the rows of points that are within reach: the functions there, as NearOperator has
+    /// them.
+    template <class F>
+    void for_near(Matrix<const double> points, const std::vector<Index>& rows, F&& f) const {
         const Padded padded(points, view_of(rows));
         const std::optional<StoredCells>& small = reach.small;
         Owned<Index, 1> numbers = layout.order;
@@ -128,16 +129,23 @@ struct mesh_motion_interpolant {
         const auto n = static_cast<Index>(rows.size());
         for (Index first = 0; first < n; first += rows_at_once) {
             const Index last = std::min(n, first + rows_at_once);
-            const auto points = padded.view().rows(first, last);
-            const auto [pointers, columns, entries] = near_rows(
-                code(), points, (small ? small->coordinates : layout.coordinates).view(), numbers.view(), radius,
-                (small ? small->origin : layout.origin).view(), small ? small->inverse_side : layout.inverse_side,
-                (small ? none : layout.shape).view(), (small ? none : layout.starts).view(),
-                (small ? small->keys : none).view(), (small ? small->spans : no_runs).view(),
-                (small ? small->runs : no_runs).view());
-            add_product(view_of(rows).rows(first, last), pointers.view(), columns.view(), entries.view(),
-                        {weights.data(), {centres(), components}}, out);
+            f(view_of(rows).rows(first, last),
+              near_rows(code(), padded.view().rows(first, last),
+                        (small ? small->coordinates : layout.coordinates).view(), numbers.view(), radius,
+                        (small ? small->origin : layout.origin).view(),
+                        small ? small->inverse_side : layout.inverse_side, (small ? none : layout.shape).view(),
+                        (small ? none : layout.starts).view(), (small ? small->keys : none).view(),
+                        (small ? small->spans : no_runs).view(), (small ? small->runs : no_runs).view()));
         }
+    }
+
+    /// out += values, as NearOperator adds a level.
+    void add_values(Matrix<const double> points, Matrix<double> out) const {
+        for_near(points, within_reach(points), [&](Vector<const Index> rows, const SparseMatrix& matrix) {
+            const auto& [pointers, columns, entries] = matrix;
+            add_product(rows, pointers.view(), columns.view(), entries.view(),
+                        {weights.data(), {centres(), components}}, out);
+        });
     }
 
     /// out += gradients at the points within reach.
@@ -182,6 +190,11 @@ struct mesh_motion_interpolant {
             for (Index axis = 0; axis < 3; ++axis) points[3 * j + axis] = layout.coordinates.view()(axis, j);
         reach.small = store_cells({points.data(), {centres(), 3}}, radius * slack);
     }
+};
+
+struct mesh_motion_near {
+    Index centres, n;
+    std::vector<std::pair<std::vector<Index>, SparseMatrix>> parts;
 };
 
 struct mesh_motion_spline {
@@ -257,6 +270,37 @@ int mesh_motion_interpolant_gradients(const mesh_motion_interpolant* interpolant
         const auto out = array("gradients", gradients, std::array{n, held.components, held.dimension});
         if (mode == MESH_MOTION_ADD && held.is_level()) return held.add_gradients(at, out);
         write_or_add(mode, out, [&](Cube<double> filled) { held.gradients(at, filled); });
+    });
+}
+
+int mesh_motion_near_create(const mesh_motion_interpolant* interpolant, int64_t n, const double* points,
+                            const bool* skipped, mesh_motion_near** near) {
+    return answered([&] {
+        given(near, "near") = nullptr;
+        const auto& held = given(interpolant, "interpolant");
+        expect(held.is_level(), "interpolant", "a compact one without a polynomial");
+        const auto at = array("points", points, std::array{n, held.dimension});
+        std::vector<Index> rows = held.within_reach(at);
+        if (skipped) std::erase_if(rows, [skipped](Index row) { return skipped[row]; });
+        auto made = std::make_unique<mesh_motion_near>(mesh_motion_near{held.centres(), n, {}});
+        held.for_near(at, rows, [&](Vector<const Index> some, SparseMatrix&& matrix) {
+            made->parts.emplace_back(copied(some), std::move(matrix));
+        });
+        *near = made.release();
+    });
+}
+
+void mesh_motion_near_free(mesh_motion_near* near) { delete near; }
+
+int mesh_motion_near_add(const mesh_motion_near* near, int64_t components, const double* weights, double* values) {
+    return answered([&] {
+        const auto& held = given(near, "near");
+        const auto factors = array("weights", weights, std::array{held.centres, components});
+        const auto out = array("values", values, std::array{held.n, components});
+        for (const auto& [rows, matrix] : held.parts) {
+            const auto& [pointers, columns, entries] = matrix;
+            add_product(view_of(rows), pointers.view(), columns.view(), entries.view(), factors, out);
+        }
     });
 }
 

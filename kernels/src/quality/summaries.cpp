@@ -328,7 +328,8 @@ Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Ve
         for (std::uint32_t place : wanted)
             for (Index s = 0; s < n; ++s) any |= places.data()[first + s] == place;
         for (Index s = 0; any && s < n; ++s)
-            if (std::find(wanted.begin(), wanted.end(), places[first + s]) != wanted.end()) numbers.push_back(first + s);
+            if (std::find(wanted.begin(), wanted.end(), places[first + s]) != wanted.end())
+                numbers.push_back(first + s);
     }
     Judged all = judged(cells, numbers);
     fill(asked, cells, numbers, all);

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from mesh_motion_client import Mesh, Patch, connect
 from proofs.server_process import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "tests" / "numerics"))  # box_meshes
 SOURCE = ROOT / "adapters" / "c"
 HERE = Path(__file__).parent
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
@@ -20,10 +22,10 @@ COMPILERS = {".c": "gcc", ".cpp": "g++", ".f90": "gfortran"}
 PATIENCE = 120.0
 
 
-def run(command, **options):
+def run(command, patience=PATIENCE, **options):
     """A command that must succeed; its output."""
     done = subprocess.run(
-        [*map(str, command)], capture_output=True, text=True, check=False, timeout=PATIENCE, **options
+        [*map(str, command)], capture_output=True, text=True, check=False, timeout=patience, **options
     )
     assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
     return done.stdout

@@ -1,0 +1,365 @@
+#ifdef MM_EVALUATION /* else the kernels are not there */
+
+#include "mm_volume.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct mmv_volume {
+    int dimension;
+    size_t nodes, uploaded_count;
+    double *points, *moved; /* where the nodes are at rest, and where they were judged last */
+    mesh_motion_cells *cells;
+    bool *is_uploaded;
+    int64_t *uploaded;
+    mesh_motion_tally *tally;
+    char metric[32];
+    mmv_field field;
+    mesh_motion_near **near; /* of each sum but the coarse field; NULL: it is summed as it is */
+};
+
+static void free_field(mmv_field *field)
+{
+    free(field->sums);
+    free(field->centres);
+    free(field->boxes);
+    free(field->coefficients);
+    *field = (mmv_field){0};
+}
+
+static void free_near(mmv_volume *volume)
+{
+    for (size_t s = 0; volume->near && s < volume->field.sum_count; ++s) {
+        mesh_motion_near_free(volume->near[s]);
+    }
+    free(volume->near);
+    volume->near = NULL;
+}
+
+mmv_volume *mmv_new(int dimension, size_t nodes, const double *points)
+{
+    mmv_volume *volume = calloc(1, sizeof *volume);
+    size_t numbers = nodes * (size_t)dimension;
+    if (!volume) {
+        return NULL;
+    }
+    volume->dimension = dimension;
+    volume->nodes = nodes;
+    volume->points = malloc(numbers * sizeof *volume->points);
+    volume->moved = malloc(numbers * sizeof *volume->moved);
+    volume->is_uploaded = calloc(nodes, sizeof *volume->is_uploaded);
+    if (!volume->points || !volume->moved || !volume->is_uploaded
+        || mesh_motion_cells_create(&volume->cells) != MESH_MOTION_OK) {
+        mmv_free(volume);
+        return NULL;
+    }
+    memcpy(volume->points, points, numbers * sizeof *points);
+    return volume;
+}
+
+void mmv_free(mmv_volume *volume)
+{
+    if (!volume) {
+        return;
+    }
+    mesh_motion_tally_free(volume->tally);
+    mesh_motion_cells_free(volume->cells);
+    free_near(volume);
+    free_field(&volume->field);
+    free(volume->points);
+    free(volume->moved);
+    free(volume->is_uploaded);
+    free(volume->uploaded);
+    free(volume);
+}
+
+int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void *nodes, size_t width)
+{
+    size_t corners = strcmp(type, "line") == 0         ? 2
+                     : strcmp(type, "triangle") == 0   ? 3
+                     : strcmp(type, "pyramid") == 0    ? 5
+                     : strcmp(type, "wedge") == 0      ? 6
+                     : strcmp(type, "hexahedron") == 0 ? 8
+                                                       : 4;
+    if (width == 8) {
+        return mesh_motion_cells_add(volume->cells, type, (int64_t)cells, nodes);
+    }
+    int64_t *wide = malloc((cells * corners + 1) * sizeof *wide);
+    if (!wide) {
+        return MESH_MOTION_OUT_OF_MEMORY;
+    }
+    for (size_t i = 0; i < cells * corners; ++i) {
+        wide[i] = ((const int32_t *)nodes)[i];
+    }
+    int result = mesh_motion_cells_add(volume->cells, type, (int64_t)cells, wide);
+    free(wide);
+    return result;
+}
+
+void mmv_add_patch(mmv_volume *volume, size_t nodes, const int64_t *indices)
+{
+    for (size_t i = 0; i < nodes; ++i) {
+        volume->is_uploaded[indices[i]] = true;
+    }
+}
+
+/* The first node with the lowest coordinate along an axis, and with the highest. */
+static void mark_extremes(mmv_volume *volume, size_t axis)
+{
+    size_t d = (size_t)volume->dimension, low = 0, high = 0;
+    for (size_t i = 1; i < volume->nodes; ++i) {
+        double x = volume->points[i * d + axis];
+        low = x < volume->points[low * d + axis] ? i : low;
+        high = x > volume->points[high * d + axis] ? i : high;
+    }
+    volume->is_uploaded[low] = volume->is_uploaded[high] = true;
+}
+
+/* The cells at rest, for a metric. */
+static int make_tally(mmv_volume *volume, const char *metric)
+{
+    mesh_motion_tally_free(volume->tally);
+    volume->tally = NULL;
+    strncpy(volume->metric, metric, sizeof volume->metric - 1);
+    return mesh_motion_tally_create(volume->cells, (int64_t)volume->nodes, volume->points, metric, &volume->tally);
+}
+
+int mmv_finish(mmv_volume *volume)
+{
+    bool *on_boundary = calloc(volume->nodes, sizeof *on_boundary);
+    int result = on_boundary ? make_tally(volume, "size-skew") : MESH_MOTION_OUT_OF_MEMORY; /* refuses bad cells */
+    if (result == MESH_MOTION_OK) {
+        result = mesh_motion_boundary_nodes(volume->cells, (int64_t)volume->nodes, on_boundary);
+    }
+    for (size_t axis = 0; axis < (size_t)volume->dimension; ++axis) {
+        mark_extremes(volume, axis);
+    }
+    volume->uploaded_count = 0;
+    for (size_t i = 0; result == MESH_MOTION_OK && i < volume->nodes; ++i) {
+        volume->is_uploaded[i] = volume->is_uploaded[i] || on_boundary[i];
+        volume->uploaded_count += volume->is_uploaded[i];
+    }
+    free(on_boundary);
+    volume->uploaded = malloc((volume->uploaded_count + 1) * sizeof *volume->uploaded);
+    if (!volume->uploaded) {
+        return MESH_MOTION_OUT_OF_MEMORY;
+    }
+    for (size_t i = 0, row = 0; result == MESH_MOTION_OK && i < volume->nodes; ++i) {
+        if (volume->is_uploaded[i]) {
+            volume->uploaded[row++] = (int64_t)i;
+        }
+    }
+    return result;
+}
+
+const int64_t *mmv_uploaded(const mmv_volume *volume, size_t *count)
+{
+    *count = volume->uploaded_count;
+    return volume->uploaded;
+}
+
+int64_t mmv_row_of(const mmv_volume *volume, int64_t node)
+{
+    size_t low = 0, high = volume->uploaded_count;
+    while (low < high) {
+        size_t middle = (low + high) / 2;
+        if (volume->uploaded[middle] < node) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    return (int64_t)low;
+}
+
+const double *mmv_points(const mmv_volume *volume) { return volume->points; }
+const mesh_motion_tally *mmv_tally(const mmv_volume *volume) { return volume->tally; }
+
+static int is_same(const void *one, const void *other, size_t count, size_t other_count, size_t size)
+{
+    return count == other_count && (count == 0 || memcmp(one, other, count * size) == 0);
+}
+
+/* Rows of coefficients of a sum. */
+static size_t rows_of(const mmv_sum *sum, int dimension)
+{
+    return (size_t)sum->centres + (sum->has_polynomial ? (size_t)dimension + 1 : 0);
+}
+
+/* Whether the arrays fit together: they came over a network. */
+static int is_whole(const mmv_field *field, int dimension)
+{
+    size_t centres = 0, rows = 0;
+    for (size_t s = 0; s < field->sum_count; ++s) {
+        if (field->sums[s].centres < 0 || (uint64_t)field->sums[s].centres > field->centre_count) {
+            return 0;
+        }
+        centres += (size_t)field->sums[s].centres;
+        rows += rows_of(&field->sums[s], dimension);
+    }
+    return centres == field->centre_count
+           && (field->box_count ? rows <= field->coefficient_count : rows == field->coefficient_count);
+}
+
+int mmv_set_field(mmv_volume *volume, mmv_field field)
+{
+    mmv_field *own = &volume->field;
+    size_t row = (size_t)volume->dimension * sizeof(double);
+    if (!is_whole(&field, volume->dimension)) {
+        free_field(&field);
+        return MESH_MOTION_INTERNAL;
+    }
+    int is_known = is_same(own->sums, field.sums, own->sum_count, field.sum_count, sizeof *own->sums)
+                   && is_same(own->centres, field.centres, own->centre_count, field.centre_count, row);
+    if (!is_known) {
+        free_near(volume);
+    }
+    free_field(own);
+    *own = field;
+    return MESH_MOTION_OK;
+}
+
+/* A sum with its weights, for this field. */
+static int make_sum(const mmv_volume *volume, size_t s, const double *centres, const double *rows,
+                    mesh_motion_interpolant **made)
+{
+    const mmv_sum *sum = &volume->field.sums[s];
+    int d = volume->dimension;
+    int result =
+        mesh_motion_interpolant_create(sum->basis, sum->radius, d, sum->centres, centres, d, rows, made);
+    if (result == MESH_MOTION_OK && sum->has_polynomial) {
+        result = mesh_motion_interpolant_set_polynomial(*made, sum->centre, sum->scale, rows + sum->centres * d);
+    }
+    return result;
+}
+
+static int is_compact(const mmv_sum *sum)
+{
+    return !sum->has_polynomial && (strncmp(sum->basis, "wendland-", 9) == 0 || strncmp(sum->basis, "ctps-", 5) == 0);
+}
+
+/* values += a sum. What does not depend on its weights is kept while fields have the same centres. */
+static int add_sum(mmv_volume *volume, size_t s, const double *centres, const double *rows, double *values)
+{
+    const mmv_field *field = &volume->field;
+    int64_t n = (int64_t)volume->nodes;
+    int result = MESH_MOTION_OK;
+    if (!volume->near) {
+        volume->near = calloc(field->sum_count, sizeof *volume->near);
+    }
+    if (!volume->near) {
+        return MESH_MOTION_OUT_OF_MEMORY;
+    }
+    if (!volume->near[s]) {
+        mesh_motion_interpolant *sum = NULL;
+        result = make_sum(volume, s, centres, rows, &sum);
+        if (result == MESH_MOTION_OK && is_compact(&field->sums[s])) {
+            result = mesh_motion_near_create(sum, n, volume->points, volume->is_uploaded, &volume->near[s]);
+        } else if (result == MESH_MOTION_OK) {
+            result = mesh_motion_interpolant_values(sum, n, volume->points, MESH_MOTION_ADD, values);
+        }
+        mesh_motion_interpolant_free(sum);
+    }
+    if (result == MESH_MOTION_OK && volume->near[s]) {
+        result = mesh_motion_near_add(volume->near[s], volume->dimension, rows, values);
+    }
+    return result;
+}
+
+/* The spline of the coarse field: its arrays lie in columns. */
+static int write_spline(const mmv_volume *volume, const double *coefficients, size_t rows, double *values)
+{
+    const mmv_field *field = &volume->field;
+    size_t count = field->box_count;
+    double *origin = malloc(4 * count * sizeof *origin);
+    int64_t *cells = malloc(4 * count * sizeof *cells);
+    mesh_motion_spline *spline = NULL;
+    int result = origin && cells ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
+    for (size_t b = 0; result == MESH_MOTION_OK && b < count; ++b) {
+        const double *box = field->boxes + 8 * b;
+        memcpy(origin + 3 * b, box, 3 * sizeof *box);
+        origin[3 * count + b] = box[3];
+        for (size_t axis = 0; axis < 3; ++axis) {
+            cells[3 * b + axis] = (int64_t)box[4 + axis];
+        }
+        cells[3 * count + b] = (int64_t)box[7];
+    }
+    if (result == MESH_MOTION_OK) {
+        result = mesh_motion_spline_create(volume->dimension, (int64_t)count, origin, origin + 3 * count, cells,
+                                           cells + 3 * count, (int64_t)rows, volume->dimension, coefficients, &spline);
+    }
+    if (result == MESH_MOTION_OK) {
+        result = mesh_motion_spline_values(spline, (int64_t)volume->nodes, volume->points, MESH_MOTION_WRITE, values);
+    }
+    mesh_motion_spline_free(spline);
+    free(origin);
+    free(cells);
+    return result;
+}
+
+/* values (nodes, dimension) of the field at the nodes. */
+static int write_field(mmv_volume *volume, double *values)
+{
+    const mmv_field *field = &volume->field;
+    size_t d = (size_t)volume->dimension, of_sums = 0;
+    const double *centres = field->centres, *rows = field->coefficients;
+    int result = MESH_MOTION_OK;
+    for (size_t s = 0; s < field->sum_count; ++s) {
+        of_sums += rows_of(&field->sums[s], volume->dimension);
+    }
+    if (field->box_count) {
+        result = write_spline(volume, rows + of_sums * d, field->coefficient_count - of_sums, values);
+    } else {
+        memset(values, 0, volume->nodes * d * sizeof *values);
+    }
+    for (size_t s = 0; result == MESH_MOTION_OK && s < field->sum_count; ++s) {
+        if (s == 0 && !field->box_count) { /* the coarse field */
+            mesh_motion_interpolant *sum = NULL;
+            result = make_sum(volume, s, centres, rows, &sum);
+            if (result == MESH_MOTION_OK) {
+                result = mesh_motion_interpolant_values(sum, (int64_t)volume->nodes, volume->points,
+                                                        MESH_MOTION_WRITE, values);
+            }
+            mesh_motion_interpolant_free(sum);
+        } else {
+            result = add_sum(volume, s, centres, rows, values);
+        }
+        centres += (size_t)field->sums[s].centres * d;
+        rows += rows_of(&field->sums[s], volume->dimension) * d;
+    }
+    return result;
+}
+
+int mmv_displacement(mmv_volume *volume, const double *known, double *displacement)
+{
+    size_t d = (size_t)volume->dimension;
+    int result = write_field(volume, displacement);
+    for (size_t i = 0; result == MESH_MOTION_OK && i < volume->nodes * d; ++i) {
+        double there = displacement[i] + volume->points[i]; /* rounded, as SPEC 23.5 says */
+        displacement[i] = there - volume->points[i];
+    }
+    for (size_t row = 0; result == MESH_MOTION_OK && row < volume->uploaded_count; ++row) {
+        memcpy(displacement + (size_t)volume->uploaded[row] * d, known + row * d, d * sizeof *known);
+    }
+    return result;
+}
+
+int mmv_judge(mmv_volume *volume, const double *displacement, const char *metric, mesh_motion_part *part)
+{
+    int result = MESH_MOTION_OK;
+    if (!volume->tally || strcmp(volume->metric, metric) != 0) {
+        result = make_tally(volume, metric);
+    }
+    for (size_t i = 0; i < volume->nodes * (size_t)volume->dimension; ++i) {
+        volume->moved[i] = volume->points[i] + displacement[i];
+    }
+    return result == MESH_MOTION_OK
+               ? mesh_motion_tally_judge(volume->tally, (int64_t)volume->nodes, volume->moved, part)
+               : result;
+}
+
+#else
+
+typedef int mmv_not_built_in;
+
+#endif

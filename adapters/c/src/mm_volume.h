@@ -1,0 +1,52 @@
+/* The nodes and cells of a session whose client evaluates the field (SPEC.md, section 23), without sockets. What it
+ * computes are the compiled kernels of the server, mesh_motion_kernels.h: the bits are those of the server.
+ *
+ * Calls return 0, or the number of an error, which mesh_motion_kernels_error() explains.
+ */
+#ifndef MM_VOLUME_H
+#define MM_VOLUME_H
+
+#include <mesh_motion_kernels.h>
+
+#include <stddef.h>
+
+typedef struct mmv_volume mmv_volume;
+
+/* Copies the points (nodes, dimension); NULL where there is no memory. */
+mmv_volume *mmv_new(int dimension, size_t nodes, const double *points);
+void mmv_free(mmv_volume *volume);
+/* Copies what it is given; node numbers of 4 or 8 bytes. */
+int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void *nodes, size_t width);
+void mmv_add_patch(mmv_volume *volume, size_t nodes, const int64_t *indices);
+/* After the last cells and patches: finds the nodes that the server must know. */
+int mmv_finish(mmv_volume *volume);
+/* Those nodes, ascending. */
+const int64_t *mmv_uploaded(const mmv_volume *volume, size_t *count);
+/* Which of them a node is. */
+int64_t mmv_row_of(const mmv_volume *volume, int64_t node);
+const double *mmv_points(const mmv_volume *volume);
+
+/* A sum over centres, as MOVED's `sums` describe it. */
+typedef struct {
+    char basis[32];
+    double radius;
+    int64_t centres;
+    int has_polynomial;
+    double centre[3], scale;
+} mmv_sum;
+
+/* The field; the volume owns the arrays from now on, whatever is returned. */
+typedef struct {
+    mmv_sum *sums;
+    double *centres, *boxes, *coefficients; /* (…, dimension), (…, 8), (…, dimension) */
+    size_t sum_count, centre_count, box_count, coefficient_count;
+} mmv_field;
+int mmv_set_field(mmv_volume *volume, mmv_field field);
+/* displacement (nodes, dimension) from the reference mesh: by the field, and `known` rows of the uploaded nodes. */
+int mmv_displacement(mmv_volume *volume, const double *known, double *displacement);
+/* Judges the cells with the nodes displaced. */
+int mmv_judge(mmv_volume *volume, const double *displacement, const char *metric, mesh_motion_part *part);
+/* mesh_motion_tally_bin of the cells as they were judged last. */
+const mesh_motion_tally *mmv_tally(const mmv_volume *volume);
+
+#endif

@@ -1,0 +1,197 @@
+// The cells of an MPI rank, as distributed/counted_cells.py judges them.
+#include <algorithm>
+#include <memory>
+#include <numeric>
+#include <optional>
+
+#include "c_interface/held_cells.h"
+#include "quality/order_statistics.h"
+
+using namespace mesh_motion;
+
+namespace {
+
+constexpr Index bins = MESH_MOTION_BINS, few = 512, deepest = 6;
+constexpr double flat = 1e-10;  // as mesh_check.py
+
+/// One division of a way: from `low` on, `scale` bins in a unit.
+struct Division {
+    double low, scale;
+    Index wanted;
+
+    Division next() const { return {low + static_cast<double>(wanted) / scale, scale * static_cast<double>(bins), 0}; }
+};
+
+}  // namespace
+
+struct mesh_motion_tally {
+    const mesh_motion_cells* cells;
+    Index metric, kinds;
+    std::vector<double> sizes, skews;
+    std::vector<std::uint32_t> places;
+    // of the cells as they were judged last
+    Matrix<const double> points;
+    Owned<double, 2> extents;
+    Owned<Index, 2> counts;
+
+    Vector<const double> rest() const { return view_of(skews); }
+    Vector<const std::uint32_t> places_of(Index kind) const {
+        return {places.data() + kind * cells->count, {cells->count}};
+    }
+
+    std::vector<double> values(Index kind, const std::vector<std::uint32_t>& wanted) const {
+        return values_at(points, cells->blocks(), view_of(sizes), rest(), kind < 3 ? kind : metric, places_of(kind),
+                         view_of(wanted))
+            .values;
+    }
+
+    /// Places in a bin of the first division where some values are.
+    std::vector<std::uint32_t> places_in(Index bin, Vector<const Index> parts) const {
+        std::vector<std::uint32_t> found;
+        for (Index part = 0; part < bins; ++part)
+            if (parts[part]) found.push_back(static_cast<std::uint32_t>(bin * bins + part));
+        return found;
+    }
+
+    /// Counts what is in the bin at the end of a way; its values if they are to be told.
+    std::optional<std::vector<double>> content(Index kind, const std::vector<Division>& way,
+                                               Vector<Index> found) const {
+        if (way.empty()) {
+            const auto whole = counts.view()[kind];
+            std::copy(whole.begin(), whole.end(), found.begin());
+            const auto [total, least, most] = std::array{extents.view()(kind, 0), extents.view()(kind, 1),
+                                                         extents.view()(kind, 2)};
+            if (least == most) return std::vector<double>(cells->count, least);
+            if (cells->count > few) return {};
+            const auto all = places_of(kind);
+            return values(kind, {all.begin(), all.end()});
+        }
+        const Index bin = way[0].wanted;
+        std::vector<double> inside;
+        if (way.size() == 1) {
+            const std::uint32_t asked = static_cast<std::uint32_t>(bin);
+            const auto parts = counts_in_parts(places_of(kind), Vector<const std::uint32_t>(&asked, {1}), bins).values;
+            std::copy(parts.begin(), parts.end(), found.begin());
+            const auto some = places_in(bin, view_of(parts));
+            const Index total = std::accumulate(parts.begin(), parts.end(), Index{0});
+            if (total > few && some.size() != 1) return {};
+            inside = values(kind, some);
+        } else {
+            inside = values(kind, {static_cast<std::uint32_t>(bin * bins + way[1].wanted)});
+            for (std::size_t d = 2; d < way.size(); ++d)
+                inside = values_in_bin(view_of(std::as_const(inside)), way[d].low, way[d].scale, bins, way[d].wanted)
+                             .values;
+            const Division next = way.back().next();
+            std::fill(found.begin(), found.end(), 0);
+            count_in_bins(view_of(std::as_const(inside)), next.low, next.scale, found);
+        }
+        const bool alike = !inside.empty() && *std::min_element(inside.begin(), inside.end()) ==
+                                                  *std::max_element(inside.begin(), inside.end());
+        const bool is_told = static_cast<Index>(inside.size()) <= few || alike || way.size() >= deepest;
+        return is_told ? std::optional(std::move(inside)) : std::nullopt;
+    }
+};
+
+int mesh_motion_tally_create(const mesh_motion_cells* cells, int64_t n, const double* points, const char* metric,
+                             mesh_motion_tally** tally) {
+    return answered([&] {
+        given(tally, "tally") = nullptr;
+        const auto& held = given(cells, "cells");
+        expect(held.count > 0, "cells", "at least one");
+        auto made = std::make_unique<mesh_motion_tally>();
+        made->cells = &held;
+        made->metric = &named("metric", metric, metrics) - metrics;
+        made->kinds = made->metric > 2 ? 4 : 3;
+        made->sizes.resize(held.count);
+        made->skews.resize(held.count);
+        const auto at = held.points(n, points);
+        std::vector<double> size(held.count);
+        const std::unique_ptr<bool[]> inverted(new bool[held.count]);
+        const auto sizes = view_of(made->sizes), skews = view_of(made->skews);
+        held.by_block([&](auto nodes, Index first) {
+            const Index last = first + nodes.shape(0);
+            cell_sizes(at, nodes, sizes.rows(first, last));
+            cell_quality(at, nodes, sizes.rows(first, last), view_of(size).rows(first, last), skews.rows(first, last),
+                         {inverted.get() + first, {last - first}});
+        });
+        for (Index cell = 0; cell < held.count; ++cell) {
+            if (!inverted[cell] && skews[cell] > flat) continue;
+            const auto [type, number, nodes] = held.at(cell);
+            throw std::invalid_argument("cells: expected the node order of VTK and no flat cell, got " +
+                                        std::string(type->name) + " " + std::to_string(number) + ", which is " +
+                                        (inverted[cell] ? "inverted" : "flat"));
+        }
+        if (metrics[made->metric].name != std::string("relative-size-skew")) made->skews = {};
+        made->places.resize(made->kinds * held.count);
+        *tally = made.release();
+    });
+}
+
+void mesh_motion_tally_free(mesh_motion_tally* tally) { delete tally; }
+
+int mesh_motion_tally_judge(mesh_motion_tally* tally, int64_t n, const double* points, mesh_motion_part* part) {
+    return answered([&] {
+        auto& own = given(tally, "tally");
+        const auto& cells = *own.cells;
+        auto& told = given(part, "part");
+        own.points = cells.points(n, points);
+        const Blocks blocks = cells.blocks();
+        auto [extents, counts, worst, inverted] =
+            counted_cells(own.points, blocks, view_of(own.sizes), own.rest(), own.metric, MESH_MOTION_WORST, bins,
+                          {own.places.data(), {own.kinds, cells.count}});
+        told = {};
+        told.cells = cells.count, told.inverted = inverted, told.metrics = own.kinds;
+        for (Index k = 0; k < own.kinds; ++k) {
+            told.names[k] = metrics[k < 3 ? k : own.metric].name;
+            told.sums[k] = extents.view()(k, 0), told.minima[k] = extents.view()(k, 1);
+        }
+        told.worst_cells = static_cast<Index>(worst.values.size());
+        const Cells judged(own.points, blocks, view_of(own.sizes), own.rest());
+        for (Index s = 0; s < told.worst_cells; ++s) {
+            const Index cell = worst.values[s];
+            const auto [type, number, nodes] = cells.at(cell);
+            double size, skew, *row = told.worst[s];
+            bool is_inverted;
+            judged.judge(cell, cell + 1, &size, &skew, &is_inverted);
+            row[0] = static_cast<double>(type - cell_types), row[1] = static_cast<double>(number);
+            const double* rest = own.skews.empty() ? nullptr : &own.skews[cell];
+            metric_of(static_cast<Metric>(own.metric), 1, &size, &skew, rest, &row[2]);
+            row[3] = size, row[4] = skew;
+            metric_of(Metric::size_skew, 1, &size, &skew, nullptr, &row[5]);
+            for (Index axis = 0; axis < cells.dimension; ++axis) {
+                for (Index node = 0; node < type->nodes; ++node) row[6 + axis] += own.points(nodes[node], axis);
+                row[6 + axis] /= static_cast<double>(type->nodes);
+            }
+        }
+        own.extents = std::move(extents), own.counts = std::move(counts);
+    });
+}
+
+int mesh_motion_tally_bin(const mesh_motion_tally* tally, const char* metric, int64_t divisions, const double* way,
+                          int64_t* counts, int64_t most, double* values, int64_t* repeated, int64_t* different) {
+    return answered([&] {
+        const auto& own = given(tally, "tally");
+        expect(own.points.data(), "tally", "cells that were judged");
+        const Index code = &named("metric", metric, metrics) - metrics;
+        expect(code < 3 || code == own.metric, "metric", "one of those that were judged");
+        const auto rows = array("way", way, std::array{divisions, Index{3}});
+        std::vector<Division> read;
+        for (Index d = 0; d < divisions; ++d) {
+            expect(rows(d, 2) >= 0.0 && rows(d, 2) < static_cast<double>(bins), "way", "bins from 0 to 2047");
+            read.push_back({rows(d, 0), rows(d, 1), static_cast<Index>(rows(d, 2))});
+        }
+        auto found = own.content(std::min<Index>(code, 3), read, array("counts", counts, std::array{bins}));
+        given(different, "different") = -1;
+        if (!found) return;
+        std::sort(found->begin(), found->end());
+        const auto to = array("values", values, std::array{most});
+        const auto times = array("repeated", repeated, std::array{most});
+        Index number = 0;
+        for (auto at = found->begin(); at != found->end(); ++number) {
+            const auto end = std::upper_bound(at, found->end(), *at);
+            if (number < most) to[number] = *at, times[number] = end - at;
+            at = end;
+        }
+        *different = number;
+    });
+}

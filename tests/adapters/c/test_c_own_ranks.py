@@ -1,0 +1,288 @@
+"""The C client moves and judges the volume: bitwise as a server with the whole mesh."""
+
+import ctypes
+import os
+import signal
+from ctypes import byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_void_p
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from mesh_motion_client import Mesh, Patch, connect
+
+from proofs.server_process import ServerProcess
+
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(1200)]
+
+SETTINGS = {
+    "displacement": "absolute",
+    "correction": "none",
+    "sub_steps": "never",
+    "boundary_layer_thickness": 0.0,
+    "quality_report": "every-move",
+}
+SINCE_REFERENCE, SINCE_COMMITTED, KEEP = 1, 0, 0
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory, tools, zmq_flags):
+    """Where the kernels and the client with them are installed."""
+    tools["need"]("cmake", "g++")
+    folder = tmp_path_factory.mktemp("own_ranks")
+    made, run, jobs = folder / "prefix", tools["run"], str(os.cpu_count())
+    settings = [f"-DCMAKE_INSTALL_PREFIX={made}", "-DCMAKE_INSTALL_LIBDIR=lib"]
+    kernels = [*settings, "-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DMESH_MOTION_LEVELS=native"]
+    client = [*settings, "-DMESH_MOTION_EVALUATION=ON", "-DCMAKE_C_FLAGS=-Werror"]
+    environment = os.environ | {"PKG_CONFIG_PATH": str(made / "lib" / "pkgconfig")}
+    for source, options in ((tools["root"] / "kernels", kernels), (tools["source"], client)):
+        build = folder / source.name
+        run(["cmake", "-S", source, "-B", build, *options], env=environment)
+        run(["cmake", "--build", build, "-j", jobs], patience=1000.0)
+        run(["cmake", "--install", build])
+    return made
+
+
+# --- MPI --------------------------------------------------------------------------------------------------------------
+
+
+def cube(side):
+    """The mesh of own_ranks.c in one piece."""
+    low, high = side * 5 // 12, side * 7 // 12
+    i, j, k = np.meshgrid(*[np.arange(side)] * 3, indexing="ij")
+    own = ~np.all([(low <= a) & (a < high) for a in (i, j, k)], axis=0)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    place = np.stack([np.stack([i[own] + a, j[own] + b, k[own] + c], axis=-1) for a, b, c in corners], axis=1)
+    numbers = place @ [(side + 1) ** 2, side + 1, 1]
+    ids, cells = np.unique(numbers, return_inverse=True)
+    at = np.stack(np.unravel_index(ids, [side + 1] * 3), axis=-1)
+    sides = {
+        "body": Patch("moving", np.flatnonzero(((low <= at) & (at <= high)).all(axis=1))),
+        "wall": Patch("fixed", np.flatnonzero(((at == 0) | (at == side)).any(axis=1))),
+    }
+    return Mesh(at / side, {"hexahedron": cells.reshape(numbers.shape)}, sides), ids
+
+
+@pytest.fixture(scope="module")
+def whole(endpoint):
+    """Side → numbers of nodes, their final coordinates, quality of each step: of a session with the whole mesh."""
+
+    def answer(side):
+        mesh, ids = cube(side)
+        qualities = []
+        with connect(endpoint) as server, server.open(mesh, SETTINGS) as session:
+            x, y, z = mesh.points[session.moving_nodes].T
+            for step in (1, 2, 3):
+                moved = session.move(0.02 * step * np.stack([y - 0.5, 0.5 - x, x * z], axis=1))
+                quality = moved.quality["corrected"]
+                qualities.append((quality["cells"], quality["size_skew"]["min"], quality["size_skew"]["p50"]))
+                session.commit()
+            return ids, session.points(), qualities
+
+    known = {}
+    return lambda side: known.setdefault(side, answer(side))
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 4])
+@pytest.mark.parametrize("side", [12, 30])
+def test_ranks_of_mpi_give_what_the_whole_mesh_gives(prefix, endpoint, whole, tools, tmp_path, side, ranks):
+    tools["need"]("mpicc", "mpiexec")
+    program, source = tmp_path / "own_ranks", tools["source"] / "examples" / "own_ranks.c"
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1"]
+    places = [f"-I{prefix}/include", f"-L{prefix}/lib", f"-Wl,-rpath,{prefix}/lib", "-lmesh_motion"]
+    tools["run"](["mpicc", *flags, source, *places, "-o", program])
+    everywhere = ["--oversubscribe", *(["--allow-run-as-root"] if os.geteuid() == 0 else [])]
+    printed = tools["run"](["mpiexec", *everywhere, "-n", ranks, program, endpoint, side, tmp_path / "points"])
+    ids, points, qualities = whole(side)
+    lines = [
+        f"step {s}: {c} cells, minimum {low:.17g}, median {mid:.17g}" for s, (c, low, mid) in enumerate(qualities, 1)
+    ]
+    assert [line.partition(";")[0].strip() for line in printed.splitlines() if line.startswith("step")] == lines
+    for rank in range(ranks):
+        raw = (tmp_path / f"points.{rank}").read_bytes()
+        numbers = np.frombuffer(raw, np.int64, np.frombuffer(raw, np.int64, 1)[0], 8)
+        found = np.frombuffer(raw, np.float64, -1, 8 + 8 * len(numbers)).reshape(-1, 3)
+        np.testing.assert_array_equal(found, points[np.searchsorted(ids, numbers)])
+
+
+# --- one rank, from Python --------------------------------------------------------------------------------------------
+
+
+class CSession:
+    """A session by the C library; arrays are kept while it may read them."""
+
+    def __init__(self, prefix, endpoint):
+        self.c = ctypes.CDLL(str(prefix / "lib" / "libmesh_motion.so"))
+        for name in ("mm_context_new", "mm_session_new", "mm_moved", "mm_token"):
+            getattr(self.c, name).restype = c_void_p
+        for name in ("mm_error_code", "mm_error_message", "mm_id"):
+            getattr(self.c, name).restype = c_char_p
+        self.c.mm_report_number.restype = c_double
+        self.server = c_void_p(self.c.mm_context_new())
+        self.call("connect", endpoint.encode(), of=self.server)
+        self.session = c_void_p(self.c.mm_session_new(self.server))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.c.mm_context_free(self.server)
+
+    def call(self, name, *given, of=None):
+        result = getattr(self.c, f"mm_{name}")(of or self.session, *given)
+        if result:
+            code, message = (one(self.server).decode() for one in (self.c.mm_error_code, self.c.mm_error_message))
+            self.c.mm_clear_error(self.server)
+            raise RuntimeError(f"{code}: {message}")
+
+    def describe(self, mesh):
+        self.mesh = mesh  # its arrays are read until the mesh is built
+        n, d = mesh.points.shape
+        self.call("points", c_int(d), c_size_t(n), at(mesh.points))
+        for kind, cells in mesh.cells.items():
+            self.call("cells32" if cells.dtype == np.int32 else "cells", kind.encode(), c_size_t(len(cells)), at(cells))
+        for name, patch in mesh.patches.items():
+            self.call("patch", name.encode(), patch.role.encode(), c_size_t(len(patch.nodes)), at(patch.nodes))
+
+    def open(self, mesh, settings, evaluation="client"):
+        self.describe(mesh)
+        self.call("set_evaluation", evaluation.encode())
+        for key, value in settings.items():
+            if isinstance(value, bool):
+                self.call("set_flag", key.encode(), c_int(value))
+            elif isinstance(value, float):
+                self.call("set_number", key.encode(), c_double(value))
+            else:
+                self.call("set_text", key.encode(), value.encode())
+        self.call("open")
+        self.call("build")
+
+    @property
+    def moving_nodes(self):
+        count = c_size_t()
+        self.c.mm_moving_nodes.restype = ctypes.POINTER(c_int64)
+        found = self.c.mm_moving_nodes(self.session, byref(count))
+        return np.array(found[: count.value])
+
+    def move(self, displacement, frame=SINCE_REFERENCE):
+        rows, found = np.ascontiguousarray(displacement), np.full_like(self.mesh.points, np.nan)
+        self.call("move", c_int(frame), c_size_t(len(rows)), at(rows), c_size_t(len(found)), at(found))
+        return found
+
+    def points(self):
+        found = np.full_like(self.mesh.points, np.nan)
+        self.call("fetch", c_int(SINCE_COMMITTED), c_size_t(len(found)), at(found))
+        return found
+
+    def quality(self, path):
+        return self.c.mm_report_number(c_void_p(self.c.mm_moved(self.session)), f"quality.corrected.{path}".encode())
+
+
+def at(array):
+    assert array.flags.c_contiguous
+    return array.ctypes.data_as(c_void_p)
+
+
+def box(kind, count):
+    made = box_mesh(kind, count)
+    sides = {"body": Patch("moving", made.body), "outer": Patch("fixed", made.outer)}
+    return Mesh(made.points, {block.type.name: block.nodes for block in made.cells}, sides)
+
+
+def bend(points, step):
+    return 0.01 * step * np.sin(3.0 * points[:, ::-1] + step)
+
+
+#: Numbers of a report; means are sums in another order.
+NUMBERS = [(name, value) for name in ("size", "skew", "size_skew", "metric") for value in ("min", "p1", "p5", "p50")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "settings"),
+    [
+        ("quad", 20, {}),
+        ("quad + triangle", 20, {"basis": "tps"}),
+        ("quad", 240, {"quality_metric": "size-skew-root"}),
+        ("tetra", 12, {}),
+        ("hexahedron", 20, {"quality_metric": "skew"}),
+    ],
+)
+def test_one_rank_gives_what_a_session_with_the_whole_mesh_gives(prefix, endpoint, kind, count, settings):
+    mesh, settings = box(kind, count), SETTINGS | settings
+    with connect(endpoint) as server, server.open(mesh, settings) as expected, CSession(prefix, endpoint) as session:
+        session.open(mesh, settings)
+        np.testing.assert_array_equal(session.moving_nodes, expected.moving_nodes)
+        np.testing.assert_array_equal(session.points(), mesh.points)
+        body = mesh.points[expected.moving_nodes]
+        for step in (1, 2):
+            for share in (0.5, 1.0):
+                moved = expected.move(share * bend(body, step))
+                np.testing.assert_array_equal(session.move(share * bend(body, step)), moved.displacement)
+                for name, value in NUMBERS:
+                    assert session.quality(f"{name}.{value}") == moved.quality["corrected"][name][value]
+                assert session.quality("inverted") == moved.quality["corrected"]["inverted"]
+                worst = [cell["metric"] for cell in moved.quality["corrected"]["worst"]]
+                assert [session.quality(f"worst.{i}.metric") for i in range(len(worst))] == worst
+            expected.commit()
+            session.call("commit")
+        np.testing.assert_array_equal(session.points(), expected.points())
+        with pytest.raises(RuntimeError, match="expected frame 'reference'"):
+            session.move(bend(body, 1), frame=SINCE_COMMITTED)
+
+
+def test_after_kill_9_the_trial_is_made_and_judged_again(prefix, tmp_path):
+    mesh = box("hexahedron", 20)
+    with ServerProcess(tmp_path) as server, CSession(prefix, server.endpoint) as session:
+        session.open(mesh, SETTINGS)
+        body = mesh.points[session.moving_nodes]
+        session.move(bend(body, 1))
+        session.call("commit")
+        found = session.move(bend(body, 2))
+        server.stop(signal.SIGKILL)
+        server.start()
+        session.call("commit")
+        np.testing.assert_array_equal(session.points(), mesh.points + found)
+        server.stop(signal.SIGKILL)
+        server.start()
+        np.testing.assert_array_equal(session.move(bend(body, 1)), session.move(bend(body, 1)))
+        with CSession(prefix, server.endpoint) as other:
+            token = ctypes.string_at(c_void_p(session.c.mm_token(session.session)), 32)
+            other.call("set_credentials", c_char_p(session.c.mm_id(session.session)), token)
+            with pytest.raises(RuntimeError, match="the mesh is not known here"):
+                other.call("resume")
+            moved = Mesh(mesh.points * 1.5, mesh.cells, mesh.patches)
+            other.describe(moved)
+            with pytest.raises(RuntimeError, match="not the one that this session was opened with"):
+                other.call("resume")
+            other.describe(mesh)
+            other.call("resume")
+            np.testing.assert_array_equal(other.points(), mesh.points + found)
+            again = other.move(bend(body, 1))
+            other.call("commit")
+            np.testing.assert_array_equal(other.points(), mesh.points + again)
+
+
+def test_a_quality_that_is_refused_is_refused(prefix, endpoint):
+    mesh, settings = box("quad", 20), SETTINGS | {"refuse_below_threshold": True, "quality_threshold": 0.9}
+    with CSession(prefix, endpoint) as session:
+        session.open(mesh, settings)
+        body = mesh.points[session.moving_nodes]
+        with pytest.raises(RuntimeError, match=r"FAILED_PRECONDITION\.QUALITY"):
+            session.move(4.0 * bend(body, 3))
+        with pytest.raises(RuntimeError, match=r"FAILED_PRECONDITION\.STATE"):
+            session.call("commit")
+        session.move(0.1 * bend(body, 3))
+        session.call("commit")
+        session.call("close", c_int(KEEP))
+
+
+def test_a_cell_that_is_inverted_is_refused(prefix, endpoint):
+    mesh = box("quad", 10)
+    cells = mesh.cells["quad"].copy()
+    cells[7] = cells[7][::-1]
+    with CSession(prefix, endpoint) as session, pytest.raises(RuntimeError, match="got quad 7, which is inverted"):
+        session.open(Mesh(mesh.points, {"quad": cells}, mesh.patches), SETTINGS)
+
+
+def test_a_library_without_the_kernels_says_so(installed, endpoint):
+    with CSession(installed, endpoint) as session, pytest.raises(RuntimeError, match="UNIMPLEMENTED: this client was"):
+        session.open(box("quad", 10), SETTINGS)

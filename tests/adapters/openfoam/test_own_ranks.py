@@ -1,0 +1,82 @@
+"""``evaluation client``: OpenFOAM's ranks move and judge their own nodes, as a server with the whole mesh does."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(1200)]
+
+ROOT = Path(__file__).resolve().parents[3]
+METHOD = (
+    "quality_threshold 0.1; displacement absolute; correction none; sub_steps never; boundary_layer_thickness 0;"
+    " quality_report every-move;"
+)
+
+
+def made(*command, **options):
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, timeout=1000, **options)
+    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+
+
+@pytest.fixture(scope="module")
+def evaluating(foam_environment, tmp_path_factory):
+    """The environment with a library that has the compiled kernels."""
+    if shutil.which("cmake") is None:
+        pytest.skip("cmake is not installed")
+    folder = tmp_path_factory.mktemp("kernels")
+    options = ["-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DMESH_MOTION_LEVELS=native"]
+    made("cmake", "-S", ROOT / "kernels", "-B", folder / "build", *options, "-DCMAKE_INSTALL_LIBDIR=lib")
+    made("cmake", "--build", folder / "build", "-j", os.cpu_count())
+    made("cmake", "--install", folder / "build", "--prefix", folder / "prefix")
+    built = {"OUT": str(folder / "library"), "MESH_MOTION_KERNELS": str(folder / "prefix")}
+    made("./Allwmake", cwd=ROOT / "adapters" / "openfoam", env=os.environ | built)
+    return {"LD_LIBRARY_PATH": f"{folder / 'library'}:{foam_environment['LD_LIBRARY_PATH']}"}
+
+
+@pytest.fixture
+def make(make_case):
+    def made_case(name, evaluation, **options):
+        case = make_case(name, **options)
+        case.set("constant/dynamicMeshDict", walls="fixed")
+        case.method(METHOD, f"evaluation {evaluation};")
+        return case
+
+    return made_case
+
+
+def qualities(output):
+    """What is reported of each move, without the seconds of a server."""
+    return [line.partition(" enrichment")[0] for line in output.splitlines() if "least quality" in line]
+
+
+def test_ranks_move_the_mesh_as_a_server_does(make, evaluating):
+    whole, serial, parallel = make("whole", "server"), make("serial", "client"), make("parallel", "client")
+    for case in (serial, parallel):
+        case.environment |= evaluating
+    expected = qualities(whole.run("moveDynamicMesh"))
+    assert len(expected) == 12
+    assert qualities(serial.run("moveDynamicMesh")) == expected
+    np.testing.assert_array_equal(serial.points("0.2"), whole.points("0.2"))
+    parallel.run("decomposePar")
+    assert qualities(parallel.run("moveDynamicMesh", ranks=2)) == expected
+    parallel.check_ranks("0.2", whole.points("0.2"))
+    serial.set("system/controlDict", endTime="0.3")
+    output = serial.run("moveDynamicMesh")
+    assert "is not resumed with evaluation client" in output.replace("\n    ", " ")
+    assert "a new session" in output
+
+
+def test_a_method_that_takes_the_volume_is_refused(make, evaluating):
+    case = make("case", "client")
+    case.environment |= evaluating
+    case.method(METHOD.replace("correction none", "correction optimised"), "evaluation client;")
+    assert "expected correction = 'none'" in case.run("moveDynamicMesh", expect=1)
+
+
+def test_a_library_without_the_kernels_says_so(make):
+    case = make("case", "client")
+    assert "built without evaluation by the client" in case.run("moveDynamicMesh", expect=1)
