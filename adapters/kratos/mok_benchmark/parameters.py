@@ -35,6 +35,8 @@ class Case:
         s.
     tolerance : float
         Of the coupling: residual relative to the displacements.
+    scheme : str
+        Of the solid in time: newmark, or bossak, which damps what alternates from step to step.
     """
 
     no_slip: tuple[str, ...]
@@ -42,6 +44,7 @@ class Case:
     inflow: tuple[tuple[str, tuple[float | str, float | str]], ...]
     time_step: float
     tolerance: float = 1e-5
+    scheme: str = "newmark"
 
 
 #: The settings that are swapped; the endpoint is put in when the server runs.
@@ -186,7 +189,7 @@ def _structure(case: Case, end_time: float) -> Block:
         "echo_level": 0,
         "analysis_type": "non_linear",
         "time_integration_method": "implicit",
-        "scheme_type": "newmark",
+        "scheme_type": case.scheme,
         "model_part_name": "Structure",
         "domain_size": 2,
         "model_import_settings": {"input_type": "mdpa", "input_filename": "solid"},
