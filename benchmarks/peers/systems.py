@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -45,6 +46,11 @@ def kratos_python() -> str:
     return os.environ.get("KRATOS_PYTHON", sys.executable)
 
 
+def idwarp_python() -> str:
+    """The interpreter that has IDWarp: $IDWARP_PYTHON, else this one."""
+    return os.environ.get("IDWARP_PYTHON", sys.executable)
+
+
 @dataclass(frozen=True)
 class PythonSystem:
     """A mover in a worker process of its own.
@@ -58,20 +64,20 @@ class PythonSystem:
         The mover's keyword arguments.
     needs : str
         The module without which it cannot run; asked of the interpreter that will run it.
-    kratos : bool
-        Whether it runs in :func:`kratos_python`.
+    python : callable, optional
+        Names its interpreter; None: this one.
     """
 
     label: str
     place: str
     options: dict[str, Any] = field(default_factory=dict)
     needs: str = "numpy"
-    kratos: bool = False
+    python: Callable[[], str] | None = None
 
     @property
     def interpreter(self) -> str:
         """The Python that runs it."""
-        return kratos_python() if self.kratos else sys.executable
+        return self.python() if self.python else sys.executable
 
     def missing(self) -> str | None:
         """As :meth:`System.missing`."""
@@ -180,13 +186,14 @@ SYSTEMS: dict[str, System] = {
         "OpenFOAM displacementLaplacian, converged, uncorrected", Settings(laplacian="uncorrected")
     ),
     "kratos-laplacian": PythonSystem(
-        "Kratos laplacian", "kratos:KratosMover", {"solver": "laplacian"}, needs=_KRATOS, kratos=True
+        "Kratos laplacian", "kratos:KratosMover", {"solver": "laplacian"}, needs=_KRATOS, python=kratos_python
     ),
     "kratos-similarity": PythonSystem(
         "Kratos structural_similarity",
         "kratos:KratosMover",
         {"solver": "structural_similarity"},
         needs=_KRATOS,
-        kratos=True,
+        python=kratos_python,
     ),
+    "idwarp": PythonSystem("IDWarp, fast", "idwarp:IDWarpMover", needs="idwarp", python=idwarp_python),
 }

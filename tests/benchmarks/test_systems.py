@@ -35,7 +35,8 @@ INSTALLED = [
     pytest.param(name, kind, marks=marks(name, system))
     for name, system in SYSTEMS.items()
     for kind in ("triangle", "tetra")
-    if (kind == "triangle" and name != "ours-maximum") or name in ("dense-rbf", "openfoam", "kratos-laplacian")
+    if (kind == "triangle" and name not in ("ours-maximum", "idwarp"))
+    or (kind == "tetra" and name in ("dense-rbf", "openfoam", "kratos-laplacian", "idwarp"))
 ]
 
 

@@ -220,7 +220,8 @@ def apart(root: Path, loose: tuple[tuple[float, float], ...] = ()) -> Session:
     body = [(x, y) for x in (0.4, 0.6) for y in (0.4, 0.6)]
     frame = [(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0) if (x, y) != (0.5, 0.5)]
     chosen = {"displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0}
-    spec = make_spec(evaluation="client", settings=MethodSettings.from_mapping({"support_radius": 2.0} | chosen))
+    chosen |= {"support_radius": 2.0, "quality_threshold": float(quality_of(0.5).metric.min)}
+    spec = make_spec(evaluation="client", settings=MethodSettings.from_mapping(chosen))
     session = Session(SessionStore(root).create(spec), ServerSettings(), build_motion_model)
     session.add_part(0, Part("nodes", "", "", np.array([*body, *frame, *loose])))
     session.add_part(0, Part("cells", "triangle", "", np.empty((24, 0), dtype=np.int64)))
@@ -238,7 +239,7 @@ def quality_of(squeezed: float) -> Any:
 def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judged(tmp_path: Path) -> None:
     session = apart(tmp_path)
     session.build()
-    session.move("reference", [np.full((4, 2), 0.05)])
+    moved = session.move("reference", [np.full((4, 2), 0.05)])
     with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
         session.admit(Operation.COMMIT)  # before anything is written
     with pytest.raises(NumericalError):
@@ -247,9 +248,12 @@ def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judg
         commit(session)
     (warning,) = session.judge(quality_of(0.01))
     assert "below the threshold" in warning
-    assert session.judge(quality_of(1.0)) == []
+    assert session.judge(quality_of(0.5)) == []  # just at the threshold
     assert session.state is State.TRIAL
     assert commit(session).step == 1
+    np.testing.assert_array_equal(session.field("committed").coefficients, moved.field.coefficients)
+    assert moved.field.coefficients.any()
+    assert not session.field("reference").coefficients.any()
     session.close()
 
 

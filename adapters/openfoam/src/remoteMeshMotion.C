@@ -85,6 +85,10 @@ Foam::string Foam::remoteMeshMotion::digest() const
     dictionary sent;
     sent.add("patches", coeffDict().subDict("patches"));
     sent.add("method", coeffDict().subOrEmptyDict("method"));
+    if (evaluates_)
+    {
+        sent.add("evaluation", word("client"));
+    }
     return sent.digest().str();
 }
 
@@ -92,6 +96,10 @@ Foam::string Foam::remoteMeshMotion::digest() const
 void Foam::remoteMeshMotion::open()
 {
     offset_ = mesh().points() - points0();
+    if (evaluates_)
+    {
+        offset_ = Zero;
+    }
     string label(mesh().time().globalCaseName());
     if (coeffDict().found("label"))
     {
@@ -122,15 +130,6 @@ bool Foam::remoteMeshMotion::resume()
     const fileName path(folder(mesh().time().timeName()));
     bool found = isFile(path/"state");
     Pstream::scatter(found);
-    if (found && session_->evaluates())
-    {
-        WarningInFunction
-            << "the session of " << path << " is not resumed with evaluation "
-            << "client: the mesh that it began with is not here any more" << nl
-            << "    A new one begins with the mesh of this time, "
-            << "against which sizes of cells are judged from now on" << endl;
-        return false;
-    }
     if (!found)
     {
         return false;
@@ -208,7 +207,8 @@ Foam::remoteMeshMotion::remoteMeshMotion
 :
     displacementMotionSolver(mesh, dict, typeName),
     patches_(mesh, checked(dict, coeffDict())),
-    remoteMesh_(mesh, mesh.points(), patches_),
+    evaluates_(isSecond(coeffDict(), "evaluation", {"server", "client"})),
+    remoteMesh_(mesh, evaluates_ ? points0() : mesh.points(), patches_),
     session_(),
     trial_(-1),
     commitEveryMove_(false)

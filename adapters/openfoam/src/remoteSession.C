@@ -162,12 +162,6 @@ void Foam::remoteSession::setMethod()
 }
 
 
-bool Foam::remoteSession::evaluates() const
-{
-    return coeffs_.lookupOrDefault<word>("evaluation", "server") == "client";
-}
-
-
 void Foam::remoteSession::share()
 {
     string id(mm_id(session_));
@@ -191,10 +185,9 @@ void Foam::remoteSession::share()
 }
 
 
-void Foam::remoteSession::open(const remoteMesh& mesh, const string& name)
+void Foam::remoteSession::describe(const remoteMesh& mesh)
 {
     mesh_ = &mesh;
-    mm_set_label(session_, name.c_str());
     mm_points
     (
         session_, mesh.dimension(), mesh.size(), mesh.points().data()
@@ -224,6 +217,13 @@ void Foam::remoteSession::open(const remoteMesh& mesh, const string& name)
     {
         mm_global_ids(session_, mesh.globalIds().data());
     }
+}
+
+
+void Foam::remoteSession::open(const remoteMesh& mesh, const string& name)
+{
+    mm_set_label(session_, name.c_str());
+    describe(mesh);
     if (Pstream::master())
     {
         call("for a session", [&]{ return mm_open(session_); });
@@ -241,7 +241,7 @@ bool Foam::remoteSession::resume
     const remoteMesh& mesh
 )
 {
-    mesh_ = &mesh;
+    describe(mesh); // which a session that evaluates here asks for
     bool there = false;
     if (Pstream::master())
     {

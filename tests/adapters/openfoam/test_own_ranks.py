@@ -64,10 +64,31 @@ def test_ranks_move_the_mesh_as_a_server_does(make, evaluating):
     parallel.run("decomposePar")
     assert qualities(parallel.run("moveDynamicMesh", ranks=2)) == expected
     parallel.check_ranks("0.2", whole.points("0.2"))
-    serial.set("system/controlDict", endTime="0.3")
-    output = serial.run("moveDynamicMesh")
-    assert "is not resumed with evaluation client" in output.replace("\n    ", " ")
-    assert "a new session" in output
+
+
+@pytest.mark.parametrize("kept", [True, False])
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_restart_goes_on_as_if_it_had_not_been(make, evaluating, ranks, kept):
+    whole, parts = make("whole", "client"), make("parts", "client")
+    for case in (whole, parts):
+        case.environment |= evaluating
+        case.set("system/controlDict", writePrecision="17")
+    expected = qualities(whole.run("moveDynamicMesh"))
+    parts.set("system/controlDict", endTime="0.1")
+    if ranks == 2:
+        parts.run("decomposePar")
+    assert qualities(parts.run("moveDynamicMesh", ranks=ranks)) == expected[:6]
+    if not kept:
+        shutil.rmtree(parts.folder / ("processor0" if ranks == 2 else ".") / "0.1/uniform/remoteMeshMotion")
+    parts.set("system/controlDict", endTime="0.2")
+    output = parts.run("moveDynamicMesh", ranks=ranks)
+    assert ("goes on behind step 2" in output) == kept
+    least = [line.partition("iteration")[2] for line in qualities(output)]
+    assert least == [line.partition("iteration")[2] for line in expected[6:]]
+    if ranks == 2:
+        parts.check_ranks("0.2", whole.points("0.2"))
+    else:
+        np.testing.assert_allclose(parts.points("0.2"), whole.points("0.2"), rtol=0, atol=1e-14)
 
 
 def test_a_method_that_takes_the_volume_is_refused(make, evaluating):

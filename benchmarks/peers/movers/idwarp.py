@@ -1,0 +1,75 @@
+"""IDWarp's inverse distance weighting, built in memory; runs in the Python of an environment that has IDWarp.
+
+Its options are the defaults: the fast summation to a relative error of 5e-4. It knows meshes in space only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from idwarp import USMesh  # type: ignore[import-not-found, unused-ignore]
+from numpy.typing import NDArray
+
+from benchmarks.peers.task import Task
+
+__all__ = ["IDWarpMover"]
+
+Ints = NDArray[np.integer]
+
+#: Local nodes of the facets, in the node order of VTK.
+_FACETS = {
+    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+
+
+class _InMemory(USMesh):  # type: ignore[misc, unused-ignore]
+    """A mesh of given nodes: in the place of a reader of OpenFOAM's files, which makes the same call."""
+
+    def __init__(self, points: NDArray[np.float64]) -> None:
+        self.points = points
+        super().__init__({"gridFile": "", "fileType": "OpenFOAM", "symmetryPlanes": []})
+
+    def _readOFGrid(self, _case: str) -> None:
+        self.warp.createcommongrid(self.points.T)
+
+    def printOptions(self) -> None:
+        """Leave standard output as it is."""
+
+
+class IDWarpMover:
+    """IDWarp's motion of the reference mesh.
+
+    Parameters
+    ----------
+    task : Task
+        In three dimensions.
+    """
+
+    def __init__(self, task: Task) -> None:
+        if task.points.shape[1] != 3:
+            raise ValueError("IDWarp moves meshes in space only")
+        self.task = task
+        self.nodes = np.union1d(task.moving, task.fixed)
+        self.mesh = _InMemory(np.ascontiguousarray(task.points))
+        facets = [facet for name, cells in task.cells.items() for facet in _boundary(cells, _FACETS[name], self.nodes)]
+        local = np.searchsorted(self.nodes, np.concatenate([facet.ravel() for facet in facets]))
+        sizes = np.concatenate([np.full(len(facet), facet.shape[1]) for facet in facets])
+        self.mesh.setSurfaceDefinition(task.points[self.nodes], local, sizes)
+
+    def move(self, step: int) -> NDArray[np.float64]:
+        """Positions after a step."""
+        positions = self.task.points[self.nodes].copy()
+        positions[np.searchsorted(self.nodes, self.task.moving)] = self.task.targets(step)
+        self.mesh.setSurfaceCoordinates(positions)
+        self.mesh.warpMesh()
+        moved: NDArray[np.float64] = np.asarray(self.mesh.getWarpGrid()).reshape(-1, 3)
+        return moved
+
+
+def _boundary(cells: Ints, facets: tuple[tuple[int, ...], ...], nodes: Ints) -> list[Ints]:
+    """The facets (f, k) that belong to one cell only and have all their nodes among those of the boundary."""
+    held = np.zeros(int(cells.max()) + 1, dtype=bool)
+    held[nodes[nodes < len(held)]] = True
+    found = np.concatenate([cells[:, facet][held[cells[:, facet]].all(axis=1)] for facet in facets])
+    _, first, count = np.unique(np.sort(found, axis=1), axis=0, return_index=True, return_counts=True)
+    return [found[first[count == 1]]]
