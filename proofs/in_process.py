@@ -27,6 +27,7 @@ from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from mesh_motion_server.session.replay import silent
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
+from mesh_motion_server.transport import template
 from mesh_motion_server.transport import worker as workers
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.gateway import Gateway
@@ -308,10 +309,10 @@ class InProcessServer:
         """What a worker's process does with its order."""
         held, wire = Held(self.files), Socket()
         try:
-            host = workers._host(order, self._hosts, _Store(held), self._settings, silent)
+            host = template._host(order, self._hosts, _Store(held), self._settings, silent)
         except Exception as error:
             held.end()
-            self._heard(child, {"event": "failed"} | workers._failure(error))
+            self._heard(child, {"event": "failed"} | template._failure(error))
             self._gone(child, 1)
             return
         line = Line(lambda event: self._heard(child, event))

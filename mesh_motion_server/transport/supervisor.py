@@ -276,7 +276,7 @@ class Supervisor:
 
     def _start_template(self) -> Child:
         template = spawn(
-            "mesh_motion_server.transport.worker",
+            "mesh_motion_server.transport.template",
             self._level,
             self._hosting.host,
             self._hosting.store,

@@ -13,7 +13,7 @@ from mesh_motion_server.transport import channel as channel_module
 from mesh_motion_server.transport.channel import Channel, Outbox
 from mesh_motion_server.transport.gateway import Gateway
 from mesh_motion_server.transport.processes import Attempts
-from mesh_motion_server.transport.worker import _failure
+from mesh_motion_server.transport.template import _failure
 
 Ends = tuple[Channel, Channel]
 

@@ -11,7 +11,7 @@ from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import Ping
 
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport import worker
+from mesh_motion_server.transport import template, worker
 
 
 class Line:
@@ -77,12 +77,12 @@ def test_a_connection_made_at_once_keeps_the_lease(dealer, tmp_path, monkeypatch
 
     host, line = Host(), Line(connect)
     signals, _other = socket.socketpair()
-    monkeypatch.setattr(worker, "limit_address_space", lambda allowance: None)
-    monkeypatch.setattr(worker, "limit_descriptors", lambda count: None)
-    monkeypatch.setattr(worker, "_host", lambda *given: host)
+    monkeypatch.setattr(template, "limit_address_space", lambda allowance: None)
+    monkeypatch.setattr(template, "limit_descriptors", lambda count: None)
+    monkeypatch.setattr(template, "_host", lambda *given: host)
     settings = ServerSettings(state_folder=tmp_path, lease_seconds=0.1, idle_seconds=0.3)
     order = {"order": "create", "endpoint": "tcp://127.0.0.1:0", "owner": "", "settings": settings.model_dump_json()}
-    serving = threading.Thread(target=worker._serve, args=(line, order, None, str, signals), daemon=True)
+    serving = threading.Thread(target=template._serve, args=(line, order, None, str, signals), daemon=True)
     serving.start()
     time.sleep(1.0)  # three times what would end it
     dealer.send_multipart(encode(Ping(client=b"c" * 16, sequence=1)), zmq.NOBLOCK)

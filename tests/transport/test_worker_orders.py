@@ -7,7 +7,8 @@ from typing import Any
 import zmq
 
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.worker import Worker, _host, _tell_progress
+from mesh_motion_server.transport.template import _host, _tell_progress
+from mesh_motion_server.transport.worker import Worker
 
 
 class Line:

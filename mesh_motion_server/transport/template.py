@@ -1,0 +1,200 @@
+"""The template: the process that imports everything once and becomes each worker.
+
+It forks a worker for each line that the supervisor hands over. The worker gets its order: create a session, or resume
+one from its journal; then it listens and serves (:mod:`.worker`).
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import os
+import signal
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import msgpack
+import zmq
+from mesh_motion_protocol.errors import brief, brief_details
+from mesh_motion_protocol.limits import FRAME_BYTES
+
+from mesh_motion_server.errors import MeshMotionError, ResourceError
+from mesh_motion_server.failpoints import activate, failpoint
+from mesh_motion_server.operation.tally import TALLY
+from mesh_motion_server.session.spec import SessionSpec
+from mesh_motion_server.settings import MethodSettings, ServerSettings
+from mesh_motion_server.transport.channel import Channel
+from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, router
+from mesh_motion_server.transport.hosting import Hosting, SessionHost
+from mesh_motion_server.transport.processes import (
+    fork_from_template,
+    limit_address_space,
+    limit_descriptors,
+    offer_to_the_oom_killer,
+    wake_on_signals,
+)
+from mesh_motion_server.transport.protection import Protection, forward_handshakes, keep_secrets_out_of_core_files
+from mesh_motion_server.transport.rights import Rights
+from mesh_motion_server.transport.self_test import check_refuses
+from mesh_motion_server.transport.telemetry import configure, log, name_session
+from mesh_motion_server.transport.worker import Worker
+
+__all__ = ["main"]
+
+#: Whole messages queued per connection: the high-water mark counts messages, whatever their size.
+_QUEUED = 2
+#: Open files and connections: some for the journal and libraries, and one connection per partition and client.
+_DESCRIPTORS = 2048
+#: Largest details of a failure sent to the supervisor, whose line takes headers; the message has the same content.
+_DETAILS_BYTES = 16 << 10
+
+
+def main(channel: Channel, level: str, *modules: str) -> int:
+    """Import everything that a session with these modules needs, then fork workers; each of them serves."""
+    offer_to_the_oom_killer()
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor ends it
+    configure("worker", level)
+    activate()
+    failpoint("template.start")
+    gc.disable()  # saves a tenth of the import time
+    hosting = Hosting(*modules)
+    hosts, stores = hosting.load_host(), hosting.load_store()
+    importlib.import_module(hosting.numerics)
+    failpoint("template.ready")
+    channel.send({"event": "warm"})
+    gc.freeze()  # a worker's collections then leave the shared pages unchanged
+    gc.enable()
+    while (line := channel.take_over()) is not None:
+        try:
+            in_worker = fork_from_template()
+        except OSError as error:
+            log().error("no_worker", reason=str(error))
+            in_worker = False
+        if in_worker:
+            channel.close()
+            return _work(line, hosts, stores)
+        line.close()
+    return 0
+
+
+def _work(channel: Channel, hosts: Any, stores: Any) -> int:
+    """Take the order and serve, in a worker."""
+    signals = wake_on_signals(signal.SIGTERM)
+    failpoint("worker.start")
+    channel.send({"event": "born", "pid": os.getpid()})
+    order = channel.receive()
+    if order is None or order["order"] == "drain":
+        return 0
+    name_session(order["session"])
+    return _serve(channel, order, hosts, stores, signals)
+
+
+def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, signals: Any) -> int:
+    """Serve from the order to the end of the session's use."""
+    failpoint("worker.ordered")
+    settings = ServerSettings.model_validate_json(order["settings"])
+    limit_address_space(settings.worker_memory_bytes)
+    limit_descriptors(_DESCRIPTORS)
+    protection = Protection.of_order(order)
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    context.set(zmq.MAX_SOCKETS, 64)
+    socket = router(context, message_bytes=FRAME_BYTES, queued=_QUEUED, handshake_seconds=settings.handshake_seconds)
+    try:
+        host = _host(order, hosts, stores(settings.state_folder), settings, partial(_tell_progress, channel))
+    except Exception as error:
+        channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
+        return 1
+    try:
+        failpoint("worker.hosting")
+        try:
+            endpoint = _listen(context, socket, Endpoint.parse(order["endpoint"]), protection, settings)
+        except EndpointError as error:
+            channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
+            return 1
+        failpoint("worker.bound")
+        # The worker must watch connections before the endpoint is known: a connection that it did not see start would
+        # keep no lease.
+        worker = Worker(channel, socket, host, settings, Rights(protection, order["owner"]))
+        serving = {"event": "serving", "endpoint": endpoint, "label": host.label, "partitions": host.partitions}
+        channel.send(serving | {"epoch": host.epoch, "state": str(host.state), "step": host.step})
+        try:
+            worker.run(signals)
+        finally:
+            worker.disconnect()
+        failpoint("worker.over")
+        channel.send({"event": "over", "closed": host.closed})
+    finally:
+        # after any failure: a context with an open socket would never end, nor would this process
+        try:
+            host.close()
+            channel.send({"event": "farewell", "tally": TALLY.take()})
+        finally:
+            socket.close(linger=5_000)
+            context.term()
+    return 0
+
+
+def _listen(
+    context: zmq.Context[zmq.Socket[bytes]],
+    socket: zmq.Socket[bytes],
+    control: Endpoint,
+    protection: Protection | None,
+    settings: ServerSettings,
+) -> str:
+    """Bind beside the control endpoint; with keys, only if a real connection shows that unknown keys are refused.
+
+    Returns
+    -------
+    str
+        The endpoint that clients get.
+    """
+    if protection is not None:
+        keep_secrets_out_of_core_files()
+        forward_handshakes(context, protection.handshakes)
+        protection.protect(socket)
+    endpoint = bind_first(socket, control.worker_addresses(settings.data_ports))
+    if protection is not None:
+        check_refuses(endpoint, protection)
+    return Endpoint.parse(endpoint).advertised_as(settings.advertised_host)
+
+
+def _tell_progress(channel: Channel, step: int) -> None:
+    """Report a recomputed step, so that the supervisor goes on waiting."""
+    channel.offer({"event": "recomputed", "step": step})
+
+
+def _host(
+    order: dict[str, Any], hosts: Any, store: Any, settings: ServerSettings, progress: Callable[[int], None]
+) -> SessionHost:
+    if order["order"] == "resume":
+        given = order["session"], order["token"], store
+        resumed: SessionHost = hosts.resume(*given, limits=settings, progress=progress)
+        return resumed
+    spec = SessionSpec(
+        session=order["session"],
+        token=order["token"],
+        dimension=order["dimension"],
+        partitions=order["partitions"],
+        settings=MethodSettings.from_mapping(order["method"]),
+        label=order["label"],
+        durability=order["durability"],
+        owner=order["owner"],
+        evaluation=order["evaluation"],
+    )
+    created: SessionHost = hosts.create(spec, store, limits=settings)
+    return created
+
+
+def _failure(error: Exception) -> dict[str, Any]:
+    """Return the error for the supervisor; an unexpected error is INTERNAL, and its trace is logged."""
+    if not isinstance(error, (MeshMotionError, MemoryError)):
+        log().exception("start_failed")
+        text = brief(f"{type(error).__name__}: {error}")
+        return {"code": "INTERNAL", "message": text, "hint": "", "details": {}}
+    if isinstance(error, MemoryError):
+        error = ResourceError("the session does not fit into the worker's memory", code="RESOURCE_EXHAUSTED.MEMORY")
+    details = brief_details(error.details)
+    if len(msgpack.packb(details, default=str)) > _DETAILS_BYTES:
+        details = {}
+    return {"code": error.code, "message": brief(error.message), "hint": error.hint, "details": details}
