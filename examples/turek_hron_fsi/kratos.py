@@ -31,7 +31,7 @@ MOTIONS = dict(zip(("own", "server"), MESH_SOLVERS, strict=True))
 def kratos_case(time_step: float) -> Case:
     """The channel; while the inflow is raised it tilts with the flag's frequency, so that the flag swings sooner."""
     parabola = f"{6.0 * CASES['fsi2'].inflow / _HEIGHT**2!r}*y*({_HEIGHT}-y)"
-    tilt = f"(1+0.3*sin(2*pi*{_HERTZ}*t)*(y/{_HEIGHT / 2.0}-1))"
+    tilt = f"(1+0.3*sin(2*pi*{_HERTZ}*t)*sin(pi*t/{_RAMP})*(y/{_HEIGHT / 2.0}-1))"
     rising = f"{parabola}*{tilt}*(1-cos(pi*t/{_RAMP}))/2"
     return Case(
         no_slip=("walls", "cylinder"), slip=(), inflow=((rising, (0.0, _RAMP)), (parabola, (_RAMP, "End"))),

@@ -13,7 +13,7 @@ from mesh_motion_protocol.messages import Build, Commit, Fetch, Status
 from served import small_mesh
 
 from mesh_motion_server.errors import ResourceError
-from mesh_motion_server.session.journal import journal
+from mesh_motion_server.session.journal import journal, next_manifest
 from mesh_motion_server.session.store import SessionStore
 from proofs.driver import Driver, make_driver, resume_driver
 from proofs.model_files import ModelFiles
@@ -61,8 +61,8 @@ def commits(driver: Driver, steps: int) -> Iterator[bytes]:
 
 
 def test_a_session_that_is_built_needs_no_more_room(small_disk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal, "_LEAST_CAPACITY", 1 << 17)
-    monkeypatch.setattr(journal, "_LEAST_RECORDS", 2)  # a manifest of some forty commits
+    monkeypatch.setattr(next_manifest, "_LEAST_CAPACITY", 1 << 17)
+    monkeypatch.setattr(next_manifest, "_LEAST_RECORDS", 2)  # a manifest of some forty commits
     disk = small_disk(4 * _MIB)
     driver = make_driver(SessionStore(disk), [grid_mesh()])
     driver.open()
@@ -76,8 +76,8 @@ def test_a_session_that_is_built_needs_no_more_room(small_disk: Any, monkeypatch
 
 
 def test_frozen_then_room_then_bitwise_on(small_disk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal, "_LEAST_CAPACITY", 1 << 17)
-    monkeypatch.setattr(journal, "_LEAST_RECORDS", 2)
+    monkeypatch.setattr(next_manifest, "_LEAST_CAPACITY", 1 << 17)
+    monkeypatch.setattr(next_manifest, "_LEAST_RECORDS", 2)
     monkeypatch.setattr(journal, "reserve", lambda folder, files, capacity: None)  # another one has taken it
     disk = small_disk(4 * _MIB)
     filler = Filler(disk)

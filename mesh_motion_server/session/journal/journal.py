@@ -45,8 +45,14 @@ from mesh_motion_server.session.journal.files import (
 )
 from mesh_motion_server.session.journal.filesystem import FileSystem, disk_failure, write_all
 from mesh_motion_server.session.journal.ledger import Commit, Foundation, Ledger, slot_of
-from mesh_motion_server.session.journal.next_manifest import create_manifest, replace_manifest, reserve, write_new
-from mesh_motion_server.session.journal.records import PAGE, Record, pack_record, unpack_record
+from mesh_motion_server.session.journal.next_manifest import (
+    create_manifest,
+    manifest_capacity,
+    replace_manifest,
+    reserve,
+    write_new,
+)
+from mesh_motion_server.session.journal.records import PAGE, Record, pack_record, verified
 from mesh_motion_server.session.journal.recovery import Findings
 from mesh_motion_server.session.journal.witness import Witness, has_witness, manifest_bytes
 
@@ -56,10 +62,6 @@ Floats = NDArray[np.float64]
 
 #: A state of so many bytes is synced before its record is written: one sync more takes less than hashing it meanwhile.
 _LARGE_STATE = 4 << 20
-#: Smallest manifest: some 250 commits of one partition.
-_LEAST_CAPACITY = 1 << 20
-#: A manifest holds at least this many records of the largest size beside its checkpoint.
-_LEAST_RECORDS = 16
 
 
 def record_area(partitions: int, commits: int = 1) -> int:
@@ -111,11 +113,11 @@ class Journal:
         for name in SLOTS:
             write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
         failpoint("journal.create.slots")
-        capacity = capacity or _capacity(foundation)
+        capacity = capacity or manifest_capacity(foundation)
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": epoch}
         packed = pack_record(0, bytes(32), body, foundation.format)
         create_manifest(folder, files, packed, manifest_bytes(foundation, capacity))
-        record = _own(packed)
+        record = verified(packed)
         journal = cls(folder, files, Ledger.start(record), record.length)
         reserve(folder, files, manifest_bytes(foundation, capacity))
         journal._open_files()
@@ -315,7 +317,7 @@ class Journal:
         failpoint("journal.record.unsynced")
         self._files.sync(self._handles[0])
         failpoint("journal.record.synced")
-        self._advance(_own(packed))
+        self._advance(verified(packed))
 
     def _witness(self) -> None:
         """Note, for the next sync, the last record: it is durable."""
@@ -332,7 +334,7 @@ class Journal:
         capacity = self.ledger.capacity
         packed = self._next_record(self.ledger.checkpoint_body(capacity))
         replace_manifest(self._folder, self._files, packed, manifest_bytes(self.ledger.foundation, capacity))
-        record = _own(packed)
+        record = verified(packed)
         self._files.close(self._handles[0])
         self._handles[0] = self._files.open(self._folder / MANIFEST)
         self.ledger = Ledger.start(record)
@@ -396,16 +398,3 @@ class Journal:
                 raise
             hint = "see to the disk, then resume the session"
             raise disk_failure(doing, error, "; nothing more is written", hint=hint) from error
-
-
-def _capacity(foundation: Foundation) -> int:
-    """Bytes of a manifest's records: a checkpoint may hold all that was logged, and as much may be logged after it."""
-    return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area) + 2 * foundation.log_bytes
-
-
-def _own(packed: bytes) -> Record:
-    """The record that was just packed here."""
-    record = unpack_record(packed)
-    if record is None:
-        raise JournalError("a record does not verify right after it was packed", code="INTERNAL")
-    return record

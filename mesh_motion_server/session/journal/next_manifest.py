@@ -10,13 +10,23 @@ from contextlib import suppress
 from pathlib import Path
 
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST
+from mesh_motion_server.session.journal.files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST
 from mesh_motion_server.session.journal.filesystem import FileSystem, write_all
+from mesh_motion_server.session.journal.ledger import Foundation
 
-__all__ = ["create_manifest", "replace_manifest", "reserve", "write_new"]
+__all__ = ["create_manifest", "manifest_capacity", "replace_manifest", "reserve", "write_new"]
 
 #: Bytes read at a time when a file is scanned.
 _PART = 1 << 20
+#: Smallest manifest: some 250 commits of one partition.
+_LEAST_CAPACITY = 1 << 20
+#: A manifest holds at least this many records of the largest size beside its checkpoint.
+_LEAST_RECORDS = 16
+
+
+def manifest_capacity(foundation: Foundation) -> int:
+    """Bytes of a manifest's records: a checkpoint may hold all that was logged, and as much may be logged after it."""
+    return max(_LEAST_CAPACITY, (KEPT_COMMITS + _LEAST_RECORDS) * foundation.record_area) + 2 * foundation.log_bytes
 
 
 def create_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:

@@ -26,7 +26,9 @@ from typing import Any
 
 import msgpack
 
-__all__ = ["FAMILY", "FORMATS", "PAGE", "Record", "find_record", "pack_record", "unpack_record"]
+from mesh_motion_server.errors import JournalError
+
+__all__ = ["FAMILY", "FORMATS", "PAGE", "Record", "find_record", "pack_record", "unpack_record", "verified"]
 
 FAMILY = b"MMJRNL"
 #: The formats that this version reads and writes.
@@ -97,6 +99,14 @@ def unpack_record(data: bytes, offset: int = 0) -> Record | None:
     # what verified was packed by pack_record, so that unpacking cannot fail
     body = msgpack.unpackb(data[start:end])
     return Record(sequence, previous, body, checksum, used + -used % PAGE, _FORMAT_OF[magic])
+
+
+def verified(packed: bytes) -> Record:
+    """The record that :func:`pack_record` has just packed."""
+    record = unpack_record(packed)
+    if record is None:
+        raise JournalError("a record does not verify right after it was packed", code="INTERNAL")
+    return record
 
 
 def find_record(data: bytes, offset: int) -> int | None:

@@ -85,7 +85,7 @@ def displacement(driver: Driver, step: int) -> list[Any]:
 
 def build(level: str, root: Path) -> dict[str, Any]:
     """Let a session live under a state folder, kill it there; what is expected of it."""
-    journal_module._capacity = lambda foundation: 12 * PAGE
+    journal_module.manifest_capacity = lambda foundation: 12 * PAGE
     host = SessionHost.create(_spec(level), SessionStore(root), build_model=MODEL, **_limits(level))
     driver = Driver(host, [grid_mesh(4)])
     driver.open()

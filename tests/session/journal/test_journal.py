@@ -46,7 +46,7 @@ def reopen(folder: Path, files: PosixFileSystem | None = None) -> Journal:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal_module, "_capacity", lambda foundation: 8 * PAGE)
+    monkeypatch.setattr(journal_module, "manifest_capacity", lambda foundation: 8 * PAGE)
 
 
 @pytest.fixture(params=["small states", "large states"])

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from mesh_motion_protocol.messages import Commit, Move
 
-from mesh_motion_server.session.journal import journal, next_manifest
+from mesh_motion_server.session.journal import next_manifest
 from mesh_motion_server.session.store import SessionStore
 from proofs.driver import SESSION, make_driver, resume_driver
 from proofs.model_files import ModelFiles
@@ -35,8 +35,8 @@ class FullDisk(ModelFiles):
 @pytest.fixture
 def built(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """A session with a manifest of few commits, and its disk."""
-    monkeypatch.setattr(journal, "_LEAST_CAPACITY", 1 << 17)
-    monkeypatch.setattr(journal, "_LEAST_RECORDS", 2)
+    monkeypatch.setattr(next_manifest, "_LEAST_CAPACITY", 1 << 17)
+    monkeypatch.setattr(next_manifest, "_LEAST_RECORDS", 2)
     files = FullDisk()
     driver = make_driver(SessionStore("/state", files=files), [grid_mesh()])
     driver.open()
