@@ -42,7 +42,6 @@ PUBLISHED = {
 }
 AMPLITUDE_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.02  # of uy
 PERIODS = 6  # of uy, that are looked at
-FEWER = {"kratos": 4}  # where the kept run ends earlier
 #: By solver: names and options of its runs; what is named a control does not decide.
 RUNS = {
     "openfoam": {
@@ -72,12 +71,14 @@ class Figure:
     frequency: float
 
 
-def figures(t: Array, values: Array, period: float, count: int = PERIODS) -> Figure:
-    """The figures of a history (n,) over the last ``count`` periods of given length, s."""
-    last = [(t > t[-1] - (k + 1) * period) & (t <= t[-1] - k * period) for k in range(count)]
+def figures(t: Array, values: Array, period: float) -> Figure:
+    """The figures of a history (n,) over the last ``PERIODS`` periods of given length, s."""
+    last = [(t > t[-1] - (k + 1) * period) & (t <= t[-1] - k * period) for k in range(PERIODS)]
     tops, bottoms = ([extreme(values[rows]) for rows in last] for extreme in (np.max, np.min))
     middle = float(np.mean(tops) + np.mean(bottoms)) / 2.0
-    return Figure(middle, float(np.mean(tops) - np.mean(bottoms)) / 2.0, frequency(t, values - middle, count * period))
+    return Figure(
+        middle, float(np.mean(tops) - np.mean(bottoms)) / 2.0, frequency(t, values - middle, PERIODS * period)
+    )
 
 
 def frequency(t: Array, values: Array, span: float) -> float:
@@ -118,7 +119,7 @@ def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool
     published = PUBLISHED[case]
     period = 1.0 / published["uy"][2]
     found = {
-        name: {quantity: figures(run["t"], run[quantity], period, FEWER.get(name, PERIODS)) for quantity in NAMES}
+        name: {quantity: figures(run["t"], run[quantity], period) for quantity in NAMES}
         for name, run in runs.items()
         if len(run["t"]) and run["t"][-1] > (PERIODS + 1) * period
     }
