@@ -173,6 +173,7 @@ def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
             for axes in (whole, late):
                 axes.set_ylim(mean - 3.0 * amplitude, mean + 2.0 * amplitude)
     panels[3, 1].set_xlim(-4.0 / published["uy"][2], 0.0)
+    panels[3, 1].locator_params(axis="x", nbins=5)
     for axes, label in zip(panels[3], ("time [s]", "time before a run's end [s]"), strict=True):
         axes.set_xlabel(label)
     panels[0, 0].legend(loc="upper left", fontsize="small")
