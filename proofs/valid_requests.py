@@ -14,7 +14,7 @@ from proofs.ranks import shared_mesh, uploads_of
 __all__ = ["CONTROL", "DATA", "Known", "Request", "upload_of", "valid_request"]
 
 CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
-DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
+DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
 _SETTINGS: tuple[dict[str, Any], ...] = (
     {}, {"basis": "wendland-c4"}, {"correction": "none", "quality_threshold": 0.1}, {"support_radius": 2.5},
     {"reduction": "greedy", "max_control_points": 20},

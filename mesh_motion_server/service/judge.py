@@ -44,8 +44,9 @@ def run(session: Session, requests: Sequence[Judge], request_ids: Sequence[Reque
     except Unanswered as unknown:
         reply["questions"] = as_plain(unknown.questions)
     else:
-        warnings = session.judge(found)
-        summary = summary_report(found, mesh)
-        reply["quality"] = quality_frame(method) | {"standard": summary, "corrected": summary}
-        reply |= {"reached": found.metric.min >= method.quality_threshold, "warnings": shortened(warnings)}
+        verdict = session.judge(found)
+        standard, corrected = (summary_report(each, mesh) for each in (verdict.standard, found))
+        reply["quality"] = quality_frame(method) | {"standard": standard, "corrected": corrected}
+        reply |= {"reached": found.metric.min >= method.quality_threshold, "warnings": shortened(verdict.warnings)}
+        reply["region"] = {} if verdict.extent is None else verdict.extent.as_plain()
     return [Judged(client=one.client, sequence=one.sequence, step=one.step, **reply) for one in requests]

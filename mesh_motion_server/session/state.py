@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import SessionError
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+    from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
     from mesh_motion_server.session.partitions.meshes import MergedMesh
 
 __all__ = ["TABLE", "CommittedState", "MoveInput", "Operation", "Refusal", "State", "Trial", "admit", "durable_rows"]
@@ -52,6 +52,7 @@ class Operation(StrEnum):
     BUILD = "BUILD"
     MOVE = "MOVE"
     JUDGE = "JUDGE"
+    CORRECT = "CORRECT"
     COMMIT = "COMMIT"
     ROLLBACK = "ROLLBACK"
     FETCH = "FETCH"
@@ -120,11 +121,11 @@ TABLE: Mapping[State, Row] = MappingProxyType(
             _BUILT,
             _staying(_S.READY, _O.JOIN, _O.STATUS, _O.FETCH, _O.ROLLBACK, _O.RESUME)
             | {_O.MOVE: _S.TRIAL, _O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
-            {_O.JUDGE: _NOT_MOVED, _O.COMMIT: _NO_TRIAL},
+            {_O.JUDGE: _NOT_MOVED, _O.CORRECT: _NOT_MOVED, _O.COMMIT: _NO_TRIAL},
         ),
         _S.TRIAL: _row(
             _BUILT,
-            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE, _O.JUDGE)
+            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE, _O.JUDGE, _O.CORRECT)
             | _staying(_S.READY, _O.COMMIT, _O.ROLLBACK, _O.RESUME)
             | {_O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
         ),
@@ -179,11 +180,14 @@ class CommittedState:
         Coordinates in the session's canonical node order; read-only.
     coefficients : (r, d) array, optional
         Of the field, if the client evaluates it.
+    corrected : bool
+        Whether the client's nodes were corrected from where these lead.
     """
 
     step: int
     points: NDArray[np.float64]
     coefficients: NDArray[np.float64] | None = None
+    corrected: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +220,10 @@ class Trial:
     input : MoveInput
     coefficients : (r, d) array, optional
         Of the field, if the client evaluates it.
+    standard : QualitySummary or None
+        Of the client's mesh before it was corrected.
+    corrected : bool
+        Whether it was; ``points`` stay what they were.
     """
 
     step: int
@@ -224,6 +232,8 @@ class Trial:
     quality: Judgement | None
     input: MoveInput
     coefficients: NDArray[np.float64] | None = None
+    standard: QualitySummary | None = None
+    corrected: bool = False
 
 
 def durable_rows(mesh: MergedMesh, state: CommittedState | Trial) -> NDArray[np.float64]:

@@ -130,7 +130,7 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     """
     p = problem
     reference = p.start if p.reference is None else p.reference
-    mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric)
+    mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, settings.quality_metric, elsewhere=p.elsewhere)
     if settings.in_time == "smooth":
         return _smooth_in_time(problem, settings, mesh)
     lifts = raises(problem, settings)
@@ -154,7 +154,8 @@ def correct(problem: CorrectionProblem, settings: CorrectionSettings) -> Correct
     corrected = signed(after, mesh.metric)
     # a method may fail or lower the quality: then the mesh stays as it was
     if not good and (
-        corrected.min() < least or (least > 0.0 and spoils(before, after, mesh.metric, float(corrected.min() / least)))
+        corrected.min() < least
+        or (least > 0.0 and spoils(before, after, mesh.metric, float(corrected.min() / least), p.elsewhere))
     ):
         found, after, corrected = _Found(p.begin), before, quality
     if not corrected.min() > 0.0:

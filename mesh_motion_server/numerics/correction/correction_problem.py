@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint
+from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
@@ -75,6 +76,8 @@ class CorrectionProblem:
         Positions at the end of the last step; ``start`` by default.
     near_walls : callable, optional
         Marks the nodes (n,) near the moving walls, which stay in place if ``standard`` is good and only improved.
+    elsewhere : Elsewhere, optional
+        The rest of the mesh, if this is a region of it; for target "threshold" only.
     """
 
     start: Floats
@@ -92,6 +95,7 @@ class CorrectionProblem:
     known: float | None = None
     last: Floats | None = None
     near_walls: Callable[[], NDArray[np.bool_]] | None = None
+    elsewhere: Elsewhere | None = None
 
     @property
     def committed(self) -> Floats:

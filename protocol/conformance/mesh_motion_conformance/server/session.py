@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Session", "data_endpoint"]
 
 #: What takes computing, or starts a process.
-_LONG = ("BUILD", "MOVE", "JUDGE", "COMMIT")
+_LONG = ("BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT")
 
 
 def data_endpoint(control: str, data: str) -> str:
