@@ -231,8 +231,8 @@ def test_what_is_refused_with_the_whole_mesh_is_refused_here(server):
     ],
 )
 def test_a_motion_that_takes_the_volume_is_refused_at_open(server, setting, value):
+    settings = CORRECTED if setting.startswith("correction_") else SETTINGS
     with connect(server.endpoint) as client, pytest.raises(InvalidInput, match=f"expected {setting} = ") as refused:
-        settings = CORRECTED if setting.startswith("correction_") else SETTINGS
         client.open(whole("quad", 10), settings | {setting: value}, evaluation="client")
     assert refused.value.code == "INVALID_ARGUMENT.SETTINGS"
     assert "evaluation = 'server'" in refused.value.hint

@@ -14,6 +14,14 @@ FIELDS = {
     "UPLOAD": {"item": "nodes", "rows": ROWS},
     "MOVE": {"step": 1, "frame": "reference", "displacement": ROWS},
     "JUDGE": {"step": 1, "part": {}, "questions": [], "bins": ROWS.astype(int), "values": ROWS, "worst": ROWS},
+    "CORRECT": {
+        "step": 1,
+        "part": {},
+        "nodes": ROWS.astype(int),
+        "points": ROWS,
+        "positions": ROWS,
+        "corners": np.arange(3),
+    },
     "COMMIT": {"step": 1},
     "ROLLBACK": {"step": 1},
 }
