@@ -8,7 +8,6 @@ from typing import Any
 from mesh_motion_protocol.messages import Correct, Corrected
 
 from mesh_motion_server.distributed.region import Region
-from mesh_motion_server.service.reports import region_correction_report
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
@@ -39,7 +38,6 @@ def run(session: Session, requests: Sequence[Correct], request_ids: Sequence[Req
     found = session.correct(requests[0].what, told)
     reply: dict[str, Any] = {
         "region": {} if found.extent is None else found.extent.as_plain(),
-        "correction": {} if found.correction is None else region_correction_report(found.correction, session),
         "nodes": found.nodes,
         "displacement": found.displacement,
     }

@@ -24,6 +24,7 @@ __all__ = [
     "mesh_report",
     "move_quality",
     "quality_frame",
+    "region_correction_report",
     "summary_report",
     "worst_places",
 ]

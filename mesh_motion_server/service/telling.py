@@ -11,7 +11,7 @@ from collections import Counter
 from typing import Any
 
 import msgpack
-from mesh_motion_protocol.messages import Built, Committed, Corrected, ErrorReply, Judged, Message, Moved, RolledBack
+from mesh_motion_protocol.messages import Built, Committed, ErrorReply, Judged, Message, Moved, RolledBack
 
 from mesh_motion_server import __version__
 from mesh_motion_server.service.reports import mesh_report
@@ -91,11 +91,10 @@ class Teller:
                 self._tell("moved", **moved)
         elif isinstance(reply, Judged):
             if reply.quality and not reply.region and self._unjudged:
-                self._tell("moved", **self._unjudged | {"quality": reply.quality, "warnings": reply.warnings})
+                judged = {"quality": reply.quality, "warnings": reply.warnings}
+                done = {"correction": reply.correction} if reply.correction else {}
+                self._tell("moved", **self._unjudged | judged | done)
                 self._unjudged = {}
-        elif isinstance(reply, Corrected):
-            if self._unjudged and not reply.region:
-                self._unjudged["correction"] = reply.correction
         elif isinstance(reply, Committed):
             self._committed(self._session.commits[-1], seconds_total=seconds)
         elif isinstance(reply, RolledBack):

@@ -6,7 +6,7 @@ A pure function of field, boundary and cells: that of committed coordinates is m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,7 @@ class CorrectOutcome:
     displacement : (c, d) array, mesh length unit
         Of these, since the reference mesh.
     correction : Correction or None
+        What was done, without coordinates.
     """
 
     extent: Extent | None
@@ -115,7 +116,9 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
     except RegionTooSmall:
         return CorrectOutcome(_larger(extents[0]), region.between, np.empty((0, points.shape[1])))
     moved = np.flatnonzero((found.points != region.positions).any(axis=1))
-    return CorrectOutcome(None, region.ids[moved], differences_of(found.points, region.points, moved), found)
+    displacement = differences_of(found.points, region.points, moved)
+    done = replace(found, points=displacement[:0], quality=None)
+    return CorrectOutcome(None, region.ids[moved], displacement, done)
 
 
 def _larger(extent: Extent) -> Extent:

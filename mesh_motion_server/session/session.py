@@ -334,13 +334,14 @@ class Session:
         """
         self.require_client_evaluation()
         state, method, trial = self.admit(Operation.JUDGE), self.model.method, self._open_trial
-        if not trial.corrected and not is_good(method, quality):
+        if trial.correction is None and not is_good(method, quality):
             self._swap(state=state, trial=replace(trial, standard=quality))
             return Verdict(quality, first_extent(method, self.spec.dimension))
         reached = quality.metric.min >= method.quality_threshold
         refuse_unacceptable(method, quality, reached)
         self._swap(state=state, trial=replace(trial, quality=quality))
-        return Verdict(trial.standard or quality, None, quality_warnings(method, quality, reached))
+        warnings = quality_warnings(method, quality, reached)
+        return Verdict(trial.standard or quality, None, warnings, trial.correction)
 
     def correct(self, what: str, told: Sequence[Region]) -> CorrectOutcome:
         """Correct the region that the ranks tell of.
@@ -365,7 +366,7 @@ class Session:
         field = replace(built.field, coefficients=of.coefficients)
         found = correct(built.mesh, built.model.method, of.points, field, told)
         if isinstance(of, Trial) and found.extent is None:
-            self._swap(state=state, trial=replace(of, corrected=True, quality=None))
+            self._swap(state=state, trial=replace(of, correction=found.correction, quality=None))
         return found
 
     @property
@@ -396,9 +397,13 @@ class Session:
         self._write(lambda: built.keeper.prepare(durable), self._now)  # the disk works while the state is judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
-        outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality, trial.corrected)
+        outcome = CommitOutcome(
+            trial.step, built.keeper.durable_after(trial.step), digest, quality, trial.correction is not None
+        )
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
-        after = CurrentState(state, CommittedState(trial.step, trial.points, trial.coefficients, trial.corrected))
+        after = CurrentState(
+            state, CommittedState(trial.step, trial.points, trial.coefficients, trial.correction is not None)
+        )
         boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
         self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import SessionError
 
 if TYPE_CHECKING:
+    from mesh_motion_server.numerics.correction.correction import Correction
     from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
     from mesh_motion_server.session.partitions.meshes import MergedMesh
 
@@ -222,8 +223,8 @@ class Trial:
         Of the field, if the client evaluates it.
     standard : QualitySummary or None
         Of the client's mesh before it was corrected.
-    corrected : bool
-        Whether it was; ``points`` stay what they were.
+    correction : Correction or None
+        What was done there, without coordinates; ``points`` stay what they were.
     """
 
     step: int
@@ -233,7 +234,7 @@ class Trial:
     input: MoveInput
     coefficients: NDArray[np.float64] | None = None
     standard: QualitySummary | None = None
-    corrected: bool = False
+    correction: Correction | None = None
 
 
 def durable_rows(mesh: MergedMesh, state: CommittedState | Trial) -> NDArray[np.float64]:

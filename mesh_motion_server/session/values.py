@@ -18,6 +18,7 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.state import CommittedState, State, Trial
 
 if TYPE_CHECKING:
+    from mesh_motion_server.numerics.correction.correction import Correction
     from mesh_motion_server.numerics.motion.motion_found import Motion
     from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
 
@@ -96,7 +97,7 @@ class CommitOutcome:
     quality : QualitySummary or LowestQuality
         Of the committed coordinates.
     corrected : bool
-        As in :class:`.state.Trial`.
+        As in :class:`.state.CommittedState`.
     """
 
     step: int
@@ -117,8 +118,11 @@ class Verdict:
     extent : Extent or None
         The region that is to be corrected first.
     warnings : list of str
+    correction : Correction or None
+        What was done already.
     """
 
     standard: QualitySummary
     extent: Extent | None
     warnings: list[str] = field(default_factory=list)
+    correction: Correction | None = None

@@ -204,6 +204,7 @@ class Judged(Message):
     quality: dict[str, Any]  # as in MOVED: section 15; empty while there are questions
     reached: bool  # the quality is at or above the threshold
     warnings: list[str]  # for people
+    correction: dict[str, Any] = field(default_factory=dict)  # as in MOVED, once the trial is corrected
     region: dict[str, Any] = field(default_factory=dict)  # cells that CORRECT is to tell; empty: none
 
 
@@ -228,7 +229,6 @@ class Corrected(Message):
     type: ClassVar[str] = "CORRECTED"
     step: int  # as asked
     region: dict[str, Any]  # as in JUDGED; empty: the region is corrected
-    correction: dict[str, Any]  # as in MOVED; empty while there is a region
     nodes: RegionNodes  # global ids: of the freed nodes, or of those about which the larger region lies too
     displacement: RegionDisplacement  # of the freed nodes, since the reference mesh
 

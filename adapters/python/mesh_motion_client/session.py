@@ -179,18 +179,18 @@ class Session(Described):
 
     def _on_volume(self, volume: Volume, moved: messages.Moved, seconds: float) -> dict[str, Any]:
         """Judge the cells, and correct them where the server says so; what changes of the answer."""
-        displacement, metric, correction = volume.displacement(moved), moved.quality["metric"], moved.correction
+        displacement, metric = volume.displacement(moved), moved.quality["metric"]
         self._corrected.pop(self.step + 1, None)
         judged = self._judged(volume.judge(displacement, metric), seconds)
         if judged.region:
             corrected = self._correct(volume, moved, judged.region, "trial", seconds)
-            self._corrected[self.step + 1], correction = corrected, corrected.correction
+            self._corrected[self.step + 1] = corrected
             volume.correct(displacement, corrected)
             judged = self._judged(volume.judge(displacement, metric), seconds)
         return {
             "displacement": displacement,
             "quality": judged.quality,
-            "correction": correction | {"reached": judged.reached},
+            "correction": (judged.correction or moved.correction) | {"reached": judged.reached},
             "warnings": [*moved.warnings, *judged.warnings],
         }
 
