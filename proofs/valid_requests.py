@@ -132,7 +132,7 @@ def _correct(request: Request, known: Known, _partition: int, random: Random) ->
     _array(request, "nodes", np.array([[0, 1], [1, 0], [2, 1]]))
     for name in ("points", "positions"):
         _array(request, name, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-    _array(request, "corners", np.array([0, 1, 2]))
+    _array(request, "corners", np.array([[0], [1], [2]]))
     region = {"metric": "size", "below": 0.2, "rings": 4, "cells": {"triangle": 1}, "interior": 0, "least": [1.0, 1.0]}
     return {"step": known.step + 1, "what": random.choice(("trial", "committed")), "part": region}
 

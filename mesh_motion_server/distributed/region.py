@@ -105,7 +105,7 @@ class Region:
 
     @classmethod
     def _read(cls, told: Mapping[str, Any]) -> Self:
-        part, nodes, corners = told["part"], told["nodes"], told["corners"]
+        part, nodes, corners = told["part"], told["nodes"], told["corners"].reshape(-1)
         points, positions = (np.asarray(told[name], dtype=np.float64) for name in ("points", "positions"))
         _require(nodes.ndim == 2 and nodes.shape[1] == 2, "nodes: expected two columns")
         _require(len(points) == len(nodes) == len(positions), "expected as many points and positions as nodes")
@@ -135,7 +135,7 @@ class Region:
             "nodes": np.column_stack([self.ids, self.whole]).astype(np.int64),
             "points": self.points,
             "positions": self.positions,
-            "corners": np.concatenate([np.empty(0, dtype=np.int64), *corners]),
+            "corners": np.concatenate([np.empty(0, dtype=np.int64), *corners])[:, None],
         }
 
 

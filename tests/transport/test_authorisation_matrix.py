@@ -20,7 +20,7 @@ FIELDS = {
         "nodes": ROWS.astype(int),
         "points": ROWS,
         "positions": ROWS,
-        "corners": np.arange(3),
+        "corners": np.arange(3)[:, None],
     },
     "COMMIT": {"step": 1},
     "ROLLBACK": {"step": 1},

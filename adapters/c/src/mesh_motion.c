@@ -492,7 +492,8 @@ static uint64_t content_of(const request *request)
 /* Those of which the server keeps the reply (SPEC 10.7). Others get a number each time: a late reply tells what was. */
 static int is_kept(const request *request)
 {
-    static const char *const KEPT[] = {"OPEN", "RESUME", "UPLOAD", "BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK"};
+    static const char *const KEPT[] = {"OPEN",  "RESUME",  "UPLOAD", "BUILD",   "MOVE",
+                                       "JUDGE", "CORRECT", "COMMIT", "ROLLBACK"};
     for (size_t i = 0; i < sizeof KEPT / sizeof *KEPT; ++i) {
         if (strcmp(request->type, KEPT[i]) == 0) {
             return 1;

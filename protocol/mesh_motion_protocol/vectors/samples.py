@@ -70,7 +70,7 @@ MESSAGES: tuple[m.Message, ...] = (
               part={"metric": "skew", "below": 0.23, "rings": 4, "cells": {"triangle": 1}, "interior": 7,
                     "least": [0.9, 0.5]},
               nodes=np.array([[2, 1], [0, 0], [3, 1]]), points=_POINTS[:3], positions=_POINTS[1:],
-              corners=np.array([0, 1, 2])),
+              corners=np.array([[0], [1], [2]])),
     m.Corrected(**_ID, step=13, region={}, nodes=np.array([2, 3]), displacement=_POINTS[:2] / 8),
     m.Commit(**_AT, partition=0, step=13),
     m.Committed(**_ID, step=13, durable_step=13, digest=bytes(range(200, 232)), quality=_SUMMARY),

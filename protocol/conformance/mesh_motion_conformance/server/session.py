@@ -122,7 +122,7 @@ class Session:
             "nodes": np.array([[node, 1] for node in range(len(points))], dtype="<i8"),
             "points": points,
             "positions": points,
-            "corners": SQUARE.triangles.reshape(-1).astype("<i8"),
+            "corners": SQUARE.triangles.reshape(-1, 1).astype("<i8"),
         }
         return Request("CORRECT", self.address() | fields, arrays)
 
