@@ -4,7 +4,7 @@
  *
  * A body swims in a cube of CELLS hexahedra along each side. Each rank makes its own slab of the mesh; the first one
  * opens the session and shares its credentials, the others join. POINTS.RANK receives the final coordinates: how many
- * nodes, their numbers in the whole mesh (int64), x, y and z of each (float64). With a THRESHOLD the body moves six times
+ * nodes, their numbers in the whole mesh (int64), x, y and z of each (float64). With a THRESHOLD the body moves ten times
  * as far, and the server corrects cells whose quality falls below. */
 #include <mesh_motion.h>
 
@@ -212,7 +212,7 @@ int main(int count, char **arguments)
     double *displacement = memory(3 * moving, sizeof *displacement), *answer = memory(3 * nodes, sizeof *answer);
     for (int step = 1; step <= STEPS; ++step) {
         double began = MPI_Wtime();
-        fill_motion(session, &mesh, (threshold > 0.0 ? 0.12 : 0.02) * step, displacement);
+        fill_motion(session, &mesh, (threshold > 0.0 ? 0.2 : 0.02) * step, displacement);
         mm_move(session, MM_SINCE_REFERENCE, moving, displacement, nodes, answer);
         mm_commit(session);
         check(server);
