@@ -16,7 +16,17 @@ __all__ = ["Elsewhere", "RegionTooSmall"]
 
 
 class RegionTooSmall(Exception):
-    """The correction would free a node that has cells elsewhere."""
+    """The correction would free nodes that have cells elsewhere.
+
+    Parameters
+    ----------
+    nodes : (k,) int64 array
+        Indices of these nodes.
+    """
+
+    def __init__(self, nodes: NDArray[np.int64]) -> None:
+        super().__init__("the region is too small")
+        self.nodes = nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,5 +49,6 @@ class Elsewhere:
 
     def require_here(self, free: NDArray[np.bool_]) -> None:
         """Raise RegionTooSmall if a node (n,) that is to be free has cells elsewhere."""
-        if (free & self.rim).any():
-            raise RegionTooSmall
+        nodes = np.flatnonzero(free & self.rim)
+        if len(nodes):
+            raise RegionTooSmall(nodes)

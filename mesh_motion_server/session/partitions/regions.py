@@ -39,8 +39,8 @@ class MergedRegion:
     held : (n,) bool array
         Nodes on patches.
     elsewhere : Elsewhere
-    between : (k,) int64 array
-        Global ids of the nodes here that several ranks have.
+    between, settled : (k,), (s,) int64 arrays
+        Global ids of the nodes here that several ranks have; and of those of them whose cells are all told.
     """
 
     ids: Ints
@@ -50,6 +50,7 @@ class MergedRegion:
     held: NDArray[np.bool_]
     elsewhere: Elsewhere
     between: Ints
+    settled: Ints
 
 
 def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Ints], Floats]) -> MergedRegion:
@@ -101,7 +102,8 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
     elsewhere = Elsewhere(rim & ~held, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))
     between = mesh.global_ids[here[holders[here] > 1]]
-    return MergedRegion(whole.global_ids, whole.points, positions, whole.cells, held, elsewhere, between)
+    settled = between[~rim[row_of(between)]]
+    return MergedRegion(whole.global_ids, whole.points, positions, whole.cells, held, elsewhere, between, settled)
 
 
 class _Rows:
