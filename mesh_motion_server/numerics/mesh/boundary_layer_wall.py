@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_server.numerics.decomposition import polar
+from mesh_motion_server.numerics.decomposition import nearest_rotation
 from mesh_motion_server.numerics.mesh.closest_point import nearest_within
 
 __all__ = ["MovingWall", "WallPlaces", "simplices_of"]
@@ -127,9 +127,9 @@ class MovingWall:
         """(w, d, d) rotation at each node when the nodes are at ``moved`` (w, d)."""
         before, after = self.reference[self.simplices], moved[self.simplices]
         frames, own = _frames(before), _frames(after)
-        turned = polar(own @ np.linalg.inv(frames)).rotation
+        turned = nearest_rotation(own @ np.linalg.inv(frames))
         angles = _angles(before)
-        mean = polar(self._summed(turned, angles)).rotation
+        mean = nearest_rotation(self._summed(turned, angles))
         normal = self._summed(frames[:, :, -1], angles)
         goal = self._summed(own[:, :, -1], _angles(after))
         return _least_rotation(np.einsum("wij,wj->wi", mean, normal), goal) @ mean

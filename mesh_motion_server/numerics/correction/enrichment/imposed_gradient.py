@@ -136,7 +136,6 @@ def solve_imposed_gradient(
         Distinct nodes.
     enrichment_points : (nc,) array, mesh length unit
         Distinct.
-    settings : ImposedGradient
     slopes_at_points : (nc,) array, optional
         J; by default :func:`bracketing_slopes`.
 
@@ -182,14 +181,9 @@ def enriched_displacement(
 
     Raises
     ------
-    InvalidInput
-        In two or three dimensions, and as :func:`solve_imposed_gradient`.
+    InvalidInput, NumericalError
+        As :func:`solve_imposed_gradient`.
     """
-    if nodes.ndim != 2 or nodes.shape[1] != 1:
-        raise InvalidInput(
-            f"the imposed gradient is defined in one dimension, got nodes of shape {nodes.shape}",
-            hint="use correction = 'enrichment' or 'optimised' in 2D and 3D",
-        )
     interpolant = solve_imposed_gradient(boundary[:, 0], displacement[:, 0], enrichment_points[:, 0], settings)
     return interpolant.displacement(nodes[:, 0])[:, None]
 

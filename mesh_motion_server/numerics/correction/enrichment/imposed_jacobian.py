@@ -12,23 +12,24 @@ component, in any dimension d and for any solver.
 
 The thesis does not say which Jacobian to impose in 2D: its parametric study (§5.1.2, Table 5.3) shows no pattern, and
 it then uses "the predicted Jacobian values at the control point" (§5.1.3). :func:`imposed_jacobians` does the same: it
-corrects the cell's own Jacobian by a decomposition and imposes the result, at all worst-quality minima (4.11) at once,
+corrects the cell's own Jacobian by Algorithm 1 and imposes the result, at all worst-quality minima (4.11) at once,
 and repeats this until the prediction reaches the threshold. One displacement cannot meet the conditions of neighbouring
 points exactly, so the system is solved with a small penalty on the coefficients.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.correction.enrichment.eigen_correction import eigen_correction
 from mesh_motion_server.numerics.correction.enrichment.functions import slope_at_point
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement, local_minima
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
@@ -61,8 +62,8 @@ class ImposedSettings:
     max_rounds : int
         Largest number of times that the Jacobians are imposed.
     function : {"H1", "H2", "H3"}
-    decomposition : {"eigen", "polar", "svd", "qr"}
-        How a cell's Jacobian is corrected.
+    correct_cell : callable
+        Displacement gradient J (d, d) of a cell → its change (d, d).
     """
 
     enrichment_radius: float
@@ -70,7 +71,7 @@ class ImposedSettings:
     max_points: int = 20
     max_rounds: int = 20
     function: str = "H1"
-    decomposition: str = "eigen"
+    correct_cell: Callable[[Floats], Floats] = eigen_correction
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +165,7 @@ class _Imposed:
         p, numbers = self.problem, self.numbers
         wanted = cell_gradients(p.start, points - p.start, p.cells, numbers)
         for row in np.flatnonzero(quality[numbers] < self.settings.threshold):
-            wanted[row] += CELL_CORRECTIONS[self.settings.decomposition](wanted[row])
+            wanted[row] += self.settings.correct_cell(wanted[row])
         standard = cell_gradients(p.start, p.standard - p.start, p.cells, numbers)
         moved = p.standard + self.functions @ impose(self.slopes, wanted - standard, penalty=PENALTY)
         moved[p.held] = p.standard[p.held]

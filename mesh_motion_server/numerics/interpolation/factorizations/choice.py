@@ -36,9 +36,7 @@ from mesh_motion_server.numerics.interpolation.factorizations.sparse import Spar
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 from mesh_motion_server.numerics.mesh.points import padded
 
-__all__ = ["SOLVERS", "choose_solver"]
-
-SOLVERS = ("auto", "dense", "sparse", "iterative")
+__all__ = ["choose_solver"]
 
 #: Largest order for which "auto" makes a dense factor: there it costs as much as three iterative solutions.
 _DENSE_ORDER = 10_000

@@ -23,6 +23,7 @@ from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolation.kernels import Basis
+from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
 from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["NullSpaceCholesky"]
@@ -33,14 +34,6 @@ Array = NDArray[np.float64]
 class NullSpaceCholesky:
     """Weights and polynomial coefficients of a basis that is definite only with a polynomial.
 
-    Parameters
-    ----------
-    control_points : (nc, d) array
-    basis : Basis
-    support_radius : float
-    polynomial_matrix : (nc, d + 1) array
-        P, of full rank.
-
     Raises
     ------
     ResourceError
@@ -49,14 +42,14 @@ class NullSpaceCholesky:
 
     name = "dense"
 
-    def __init__(self, control_points: Array, basis: Basis, support_radius: float, polynomial_matrix: Array) -> None:
+    def __init__(self, control_points: Array, basis: Basis, support_radius: float, linear: LinearBasis) -> None:
         check_dense(len(control_points))
-        self._basis, self._radius = basis, support_radius
+        self._basis, self._radius, self._linear = basis, support_radius, linear
         self._layout = CentreLayout.build(control_points, basis, support_radius)
         self._points = padded(control_points)
         self._sign = -1.0 if basis.definiteness == "conditionally negative" else 1.0
         with one_blas_thread():
-            self._reflectors, self._triangle, self._r = _householder(polynomial_matrix)
+            self._reflectors, self._triangle, self._r = _householder(linear.matrix(control_points))
             self._correction = self._two_sided_correction()
         self._cholesky = PanelCholesky(len(control_points) - self._size, self._panel)
 
@@ -97,8 +90,8 @@ class NullSpaceCholesky:
         v = self._reflectors
         return vectors - v @ (triangle @ (v.T @ vectors))
 
-    def solve(self, values: Array) -> tuple[Array, Array]:
-        """(nc, k) weights and (d + 1, k) polynomial coefficients of (nc, k) values."""
+    def solve(self, values: Array) -> tuple[Array, Polynomial]:
+        """(nc, k) weights and the polynomial of (nc, k) values."""
         q = self._size
         with one_blas_thread():
             rotated = self._rotate(values, self._triangle.T)
@@ -106,7 +99,7 @@ class NullSpaceCholesky:
             rotated[q:] = self._sign * self._cholesky.solve(rotated[q:])
             weights = self._rotate(rotated, self._triangle)
             rest = self._rotate(values - self._multiply(weights), self._triangle.T)[:q]
-            return weights, solve_triangular(self._r, rest, lower=False, check_finite=False)
+            return weights, Polynomial(self._linear, solve_triangular(self._r, rest, lower=False, check_finite=False))
 
 
 def _householder(p: Array) -> tuple[Array, Array, Array]:
