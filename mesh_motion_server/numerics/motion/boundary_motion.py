@@ -111,7 +111,7 @@ class BoundaryMotion:
             points=trial.points,
             standard=unknown,
             corrected=unknown,
-            correction=Correction(trial.points, "none", float("nan"), False, np.empty((0, committed.shape[1]))),
+            correction=Correction(trial.points, np.empty((0, committed.shape[1]))),
             reached=False,
             seconds=watch.seconds(),
             caches=recorded.report(),

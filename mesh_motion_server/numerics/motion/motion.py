@@ -21,7 +21,6 @@ from mesh_motion_server.numerics.correction.correction import Correction, Correc
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.motion.acceptance import (
-    correction_settings,
     largest_accepted,
     quality_warnings,
     reduction_warnings,
@@ -254,9 +253,8 @@ class MotionModel(PreparedMesh):
             known=None if quality.inverted else quality.metric.min,
             near_walls=lambda: self.near_walls,
         )
-        radius = float(predicted.motion.method.enrichment_radius or 0.0)
         with watch.phase("correct"):
-            return correct(problem, correction_settings(self.method, radius))
+            return correct(problem, self.method)
 
     def _judge(self, predicted: _Predicted, correction: Correction, watch: Stopwatch) -> Judgement:
         """Quality of the corrected mesh; that of the interpolated one if nothing was corrected."""

@@ -12,8 +12,6 @@ all cells, and cells that are worse than the working set join it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
@@ -25,7 +23,7 @@ from mesh_motion_server.numerics.correction.free_region import NodeAdjacency, fr
 from mesh_motion_server.numerics.correction.trial_nodes import Polished, TrialMesh, polish
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
-__all__ = ["Enriched", "optimised_enrichment", "optimised_placement"]
+__all__ = ["optimised_enrichment", "optimised_placement"]
 
 Floats = NDArray[np.float64]
 
@@ -52,25 +50,6 @@ def optimised_placement(start: Floats, cells: CellTable, quality: Floats, *, cou
     placement = spread_placement(start, cells, squared, count=count, radius=radius)
     radii = radius * np.resize(np.array(RADIUS_CYCLE), len(placement.points))
     return placement._replace(radii=radii)
-
-
-@dataclass(frozen=True, eq=False)
-class Enriched:
-    """An enriched motion.
-
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    minimum : float
-        Smallest quality of all cells; negative where some stay inverted.
-    enrichment_points : (K, d) array, mesh length unit
-    iterations : int
-    """
-
-    points: Floats
-    minimum: float
-    enrichment_points: Floats
-    iterations: int
 
 
 class _SpaceSteps:
@@ -129,7 +108,7 @@ def optimised_enrichment(
     space: EnrichmentSpace,
     *,
     target: float,
-) -> Enriched:
+) -> Polished:
     """Choose the coefficients of an enrichment space for the best worst cell.
 
     Parameters
@@ -155,7 +134,7 @@ def optimised_enrichment(
         if minimum >= target or quality.min() >= polished.minimum:
             break
         chosen |= quality < max(polished.minimum, np.partition(quality, WORKING_CELLS // 10)[WORKING_CELLS // 10])
-    return Enriched(points, minimum, space.placement.points, iterations)
+    return Polished(points, minimum, iterations=iterations)
 
 
 def _working_set(quality: Floats) -> NDArray[np.bool_]:
