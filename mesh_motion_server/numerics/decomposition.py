@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SVD", "Eigen", "deformation", "determinant_signs", "eigen", "nearest_rotation", "svd"]
+from mesh_motion_server.numerics.arrays import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["SVD", "Eigen", "deformation", "determinant_signs", "eigen", "nearest_rotation", "svd"]
 
 
 class Eigen(NamedTuple):

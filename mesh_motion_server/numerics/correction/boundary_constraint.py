@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
 from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns
 from mesh_motion_server.numerics.correction.node_constraint import StepSolver
@@ -25,9 +25,6 @@ from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 
 __all__ = ["BoundaryConstraint"]
 
-Floats = NDArray[np.float64]
-Marks = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, eq=False)
 class BoundaryConstraint:
@@ -39,7 +36,6 @@ class BoundaryConstraint:
         Nodes that may move.
     sliding : SlidingSurfaces or None
         Surfaces of the nodes that slide.
-    periodic : PeriodicNodes or None
     facets : OutwardFacets
         Facets of the sliding patches.
     """
@@ -63,10 +59,6 @@ class BoundaryConstraint:
         Parameters
         ----------
         points : (n, d) array, mesh length unit
-        cells : CellTable
-        patches : mapping of name to Patch
-        sliding : SlidingSurfaces or None
-        periodic : PeriodicNodes or None
         """
         released = np.zeros(len(points), dtype=bool)
         if periodic is not None:
@@ -121,7 +113,7 @@ class _RegionConstraint:
     links: LinkedUnknowns
     sliding: SlidingSurfaces | None
     orbits: PeriodicNodes | None
-    local: NDArray[np.int64]
+    local: Integers
     facets: OutwardFacets
 
     def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:

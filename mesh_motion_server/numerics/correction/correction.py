@@ -12,9 +12,9 @@ enrichment          all coefficients of all points at once: :mod:`.enrichment.co
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
 ==================  =====================================================================================
 
-``correction_in_time`` says how the corrections of successive motions are related: each one is independent and follows its
-threshold and target ("independent"), or they are a smooth function of the boundary ("smooth", for ``optimised`` only:
-:mod:`.smooth_in_time`).
+``correction_in_time`` says how the corrections of successive motions are related: each one is independent and follows
+its threshold and target ("independent"), or they are a smooth function of the boundary ("smooth", for ``optimised``
+only: :mod:`.smooth_in_time`).
 
 ``optimised`` frees nodes and does not start with an enrichment: from plain RBF positions the freed nodes reach the
 threshold in less time than the setup of an enrichment takes, at every measured size, and end at a better quality.
@@ -26,9 +26,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.correction_problem import (
     SMALL_MESH,
@@ -52,7 +52,6 @@ from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = ["CORRECTIONS", "Correction", "CorrectionProblem", "correct"]
 
-Floats = NDArray[np.float64]
 
 _WORST = 10  # number of cells that a refusal names
 #: A large mesh is raised to this multiple of the threshold if that is cheap: the next step uses up a smaller margin.
@@ -70,7 +69,6 @@ class Correction:
     enrichment_points : (K, d) array, mesh length unit
     freed_nodes : int
         Number of trial nodes that moved individually.
-    iterations : int
     history : tuple of Stage
         The stages of the minimisation, if nodes were freed.
     method : str
@@ -99,7 +97,6 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
 
     Parameters
     ----------
-    problem : CorrectionProblem
     method : Method
         With the enrichment radius filled in.
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
@@ -17,8 +17,6 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import AtRest
 
 __all__ = ["SMALL_MESH", "CorrectionProblem", "goal", "target_quality"]
-
-Floats = NDArray[np.float64]
 
 
 SMALL_MESH = {1: 1_000_000, 2: 30_000, 3: 5_000}
@@ -39,11 +37,9 @@ class CorrectionProblem:
         Node positions of the standard motion.
     held : (n,) bool array
         Nodes that no correction may move.
-    cells : CellTable
     reference_sizes : (m,) array, length^d, or CellsAtRest
     factorization : Factorization
         Of the boundary at ``start``.
-    evaluator : Evaluator
     reference : (n, d) array, mesh length unit, optional
         Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
     constraint : NodeConstraint, optional
@@ -65,7 +61,7 @@ class CorrectionProblem:
 
     start: Floats
     standard: Floats
-    held: NDArray[np.bool_]
+    held: Marks
     cells: CellTable
     reference_sizes: AtRest
     factorization: Factorization
@@ -77,7 +73,7 @@ class CorrectionProblem:
     valid: Floats | None = None
     known: float | None = None
     last: Floats | None = None
-    near_walls: Callable[[], NDArray[np.bool_]] | None = None
+    near_walls: Callable[[], Marks] | None = None
 
     @property
     def committed(self) -> Floats:

@@ -18,8 +18,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
 from mesh_motion_server.numerics.correction.trial_nodes import (
@@ -32,8 +32,6 @@ from mesh_motion_server.numerics.correction.trial_nodes import (
 )
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import CellQuality
-
-Floats = NDArray[np.float64]
 
 __all__ = ["NEAR_REST", "NOTICED", "leans", "nearer_rest", "raises", "reshaped", "spoils"]
 

@@ -11,15 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
 
 __all__ = ["NodeConstraint", "RegionConstraint", "StepSolver"]
 
-Floats = NDArray[np.float64]
-Marks = NDArray[np.bool_]
 
 StepSolver = Callable[[NodeAdjacency, Floats, Floats], Floats]
 """(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["checked_control_points"]
 
@@ -14,7 +15,7 @@ __all__ = ["checked_control_points"]
 _SAME_POINT = 1e-13
 
 
-def checked_control_points(control_points: ArrayLike) -> NDArray[np.float64]:
+def checked_control_points(control_points: ArrayLike) -> Floats:
     """A contiguous copy of (nc, d) control points, d = 1, 2 or 3.
 
     Raises
@@ -43,7 +44,7 @@ def checked_control_points(control_points: ArrayLike) -> NDArray[np.float64]:
     return points
 
 
-def _refuse_coincident(points: NDArray[np.float64]) -> None:
+def _refuse_coincident(points: Floats) -> None:
     """Raise if two points coincide."""
     if len(points) < 2:
         return

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, Prepared, PreparingEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
@@ -77,12 +77,7 @@ class MakeEachTime:
 
 
 class Recorded:
-    """A factor source that records what a motion found in another one.
-
-    Parameters
-    ----------
-    source : FactorSource
-    """
+    """A factor source that records what a motion found in another one."""
 
     def __init__(self, source: FactorSource) -> None:
         self._source = source
@@ -104,9 +99,7 @@ class Recorded:
         return {**found, "bytes": self.held()}
 
 
-def factorization_of(
-    control_points: NDArray[np.float64], method: Method, factors: FactorSource
-) -> tuple[Factorization, bool]:
+def factorization_of(control_points: Floats, method: Method, factors: FactorSource) -> tuple[Factorization, bool]:
     """The factorization for these control points (c, d), and whether it was reused.
 
     The key is a digest of all its inputs, so a cache never returns a wrong factorization.
@@ -118,7 +111,7 @@ def factorization_of(
 
 
 def two_scale_factorization_of(
-    control_points: NDArray[np.float64], box: NDArray[np.float64], plan: TwoScalePlan, factors: FactorSource
+    control_points: Floats, box: Floats, plan: TwoScalePlan, factors: FactorSource
 ) -> tuple[Factorization, bool]:
     """The factorization in two scales of control points (c, d) for places in a box (2, d), and whether it was reused.
 
@@ -131,12 +124,7 @@ def two_scale_factorization_of(
 
 
 def prepared_for(
-    evaluator: Evaluator,
-    interpolant: AnyInterpolant,
-    points: NDArray[np.float64],
-    factors: FactorSource,
-    *,
-    unasked: NDArray[np.int64],
+    evaluator: Evaluator, interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, unasked: Integers
 ) -> Prepared | None:
     """The evaluator's preparation for an interpolant in two scales at points (n, d), except the ``unasked`` rows.
 
@@ -161,7 +149,7 @@ class DeferredFactorization:
     A reduced motion needs the factorization of all boundary nodes only if a correction uses it.
     """
 
-    control_points: NDArray[np.float64]
+    control_points: Floats
     method: Method
     factors: FactorSource
 
@@ -181,7 +169,7 @@ class DeferredFactorization:
     def nbytes(self) -> int:
         return self._made.nbytes
 
-    def solve(self, values: NDArray[np.float64]) -> AnyInterpolant:
+    def solve(self, values: Floats) -> AnyInterpolant:
         """Interpolant of (nc, k) values."""
         return self._made.solve(values)
 

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
 from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["AllCentreFactorization", "Factorization", "Interpolant", "factorize"]
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Interpolant:
@@ -42,17 +41,15 @@ class Interpolant:
     control_points : (nc, d) array, mesh length unit
     weights : (nc, k) array
         γ.
-    basis : Basis
     support_radius : float, mesh length unit
     layout : CentreLayout
         The control points laid out for evaluation.
-    polynomial : Polynomial or None
     largest : float, unit of the values
         Largest value, as a Euclidean norm, to which a tolerance of its evaluation refers; 0: only exact sums.
     """
 
-    control_points: Array
-    weights: Array
+    control_points: Floats
+    weights: Floats
     basis: Basis
     support_radius: float
     layout: CentreLayout
@@ -74,7 +71,7 @@ class Factorization(Protocol):
     """A prepared interpolation matrix."""
 
     @property
-    def control_points(self) -> Array:
+    def control_points(self) -> Floats:
         """(nc, d) array."""
         ...
 
@@ -94,7 +91,7 @@ class Factorization(Protocol):
         """Memory it holds."""
         ...
 
-    def solve(self, values: Array) -> AnyInterpolant:
+    def solve(self, values: Floats) -> AnyInterpolant:
         """Interpolant of (nc, k) values at the control points."""
         ...
 
@@ -140,7 +137,7 @@ def factorize(
 class AllCentreFactorization:
     """A prepared matrix with the points and names from which it was made."""
 
-    control_points: Array
+    control_points: Floats
     basis: Basis
     support_radius: float
     layout: CentreLayout
@@ -154,7 +151,7 @@ class AllCentreFactorization:
     def nbytes(self) -> int:
         return self.system.nbytes + self.layout.coordinates.nbytes + self.control_points.nbytes
 
-    def solve(self, values: Array) -> Interpolant:
+    def solve(self, values: Floats) -> Interpolant:
         values, polynomial = np.asarray(values, dtype=np.float64), None
         if isinstance(self.system, NullSpaceCholesky):
             weights, polynomial = self.system.solve(values)

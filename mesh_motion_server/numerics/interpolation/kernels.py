@@ -20,9 +20,10 @@ from typing import Literal
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["BASES", "DEFAULT_BASIS", "Basis", "basis_named", "checked_radius", "slopes", "values"]
 
@@ -57,7 +58,6 @@ class Basis:
         "free" (the interpolant does not depend on it).
     unusable : str
         Why this row cannot be used; empty when it can.
-    source : str
     """
 
     name: str
@@ -141,7 +141,6 @@ def basis_named(name: str, *, gradient: bool = False) -> Basis:
 
     Parameters
     ----------
-    name : str
     gradient : bool
         Whether gradients at centres will be needed.
 
@@ -192,14 +191,14 @@ def checked_radius(radius: float | None, basis: Basis) -> float:
     return float(radius)
 
 
-def values(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
+def values(basis: Basis, xi: ArrayLike) -> Floats:
     """φ(ξ) of an array of ξ ≥ 0, same shape."""
     out = np.array(xi, dtype=np.float64, order="C")
     kernels.map_phi(basis.code, out.reshape(-1))
     return out
 
 
-def slopes(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
+def slopes(basis: Basis, xi: ArrayLike) -> Floats:
     """φ'(ξ)/ξ of an array of ξ ≥ 0, same shape; ``∇φ = slopes(ξ) (x − x_j) / R²``."""
     out = np.array(xi, dtype=np.float64, order="C")
     kernels.map_slope(basis.code, out.reshape(-1))

@@ -23,18 +23,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.decomposition import nearest_rotation
 from mesh_motion_server.numerics.mesh.closest_point import nearest_within
 
 __all__ = ["MovingWall", "WallPlaces", "simplices_of"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Marks = NDArray[np.bool_]
 
 _OPPOSITE = 1e-6  # 1 + cosine: directions nearer to opposite have no least rotation
 _ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch it

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
+
 __all__ = ["morton_codes"]
 
 #: Bits per coordinate, by dimension: as many as fit into a code of 63 bits and a double of 53 bits.
@@ -34,7 +36,7 @@ _SPREAD = {
 }
 
 
-def morton_codes(points: NDArray[np.float64]) -> NDArray[np.uint64]:
+def morton_codes(points: Floats) -> NDArray[np.uint64]:
     """Morton code of each point in the bounding box of all points.
 
     Parameters

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.correction import Correction
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
@@ -31,7 +31,6 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 
 __all__ = ["BoundaryMotion"]
 
-Floats = NDArray[np.float64]
 
 _ROLES = ("moving", "fixed")
 
@@ -44,7 +43,6 @@ class BoundaryMotion:
     ----------
     motion : StandardMotion
         Of the nodes of the boundary, and of those that span the box of the mesh.
-    warnings : tuple of str
     """
 
     motion: StandardMotion

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, Prepared, PreparingEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.mesh.paths import RigidMotion
 
 __all__ = ["MotionField", "Stage"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

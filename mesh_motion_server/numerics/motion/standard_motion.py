@@ -27,9 +27,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.factor_source import (
     DeferredFactorization,
@@ -57,8 +57,6 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 __all__ = ["StandardMotion", "StandardTrial"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: A re-anchored motion takes one sub-step for each such share of the domain's extent that a boundary node moves …
 _SUBSTEP_FRACTION = 0.025
@@ -95,7 +93,7 @@ class StandardTrial:
     field: MotionField
     factorization: Factorization
     reused: bool
-    control_points: Indices
+    control_points: Integers
     reduction_error: float
 
 
@@ -107,7 +105,6 @@ class StandardMotion:
     ----------
     reference : (n, d) array
         Reference coordinates, mesh length unit.
-    roles : BoundaryRoles
     method : Method
         With the support radius filled in.
     sliding : SlidingSurfaces or None
@@ -118,7 +115,6 @@ class StandardMotion:
         Of the moving nodes in the reference mesh; 0 if no reduction needs it.
     plans : TwoScalePlans
         Tell which control nodes are interpolated in two scales.
-    evaluator : Evaluator
     layer : BoundaryLayer or None
         Nodes that the moving walls carry with them.
     """
@@ -169,7 +165,6 @@ class StandardMotion:
         committed : (n, d) array
             Committed positions, mesh length unit.
         targets : (k, d) array
-        factors : FactorSource
         watch : Stopwatch
             Gains the seconds of ``solve`` and ``displace``.
         """
@@ -229,7 +224,7 @@ class StandardMotion:
             moved = self._displaced(points, prescribed, solved.stage, factors)
         return moved, replace(solved, reused=solved.reused and reused)
 
-    def _controls(self, nodes: Indices) -> Indices:
+    def _controls(self, nodes: Integers) -> Integers:
         """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
 
@@ -248,7 +243,7 @@ class StandardMotion:
         return self._tied(moved)
 
     def _solve(
-        self, points: Floats, controls: Indices, prescribed: Floats, factors: FactorSource, watch: Stopwatch
+        self, points: Floats, controls: Integers, prescribed: Floats, factors: FactorSource, watch: Stopwatch
     ) -> _Solved:
         """The stage that takes the control nodes from ``points`` (n, d) to ``prescribed`` (n, d)."""
         with watch.phase("solve"):
@@ -263,7 +258,7 @@ class StandardMotion:
             largest = float(np.sqrt(np.max(np.sum((goal - carried) ** 2, axis=1), initial=0.0)))
             return replace(solved, stage=replace(solved.stage.with_largest(largest), rigid=rigid))
 
-    def _levels(self, points: Floats, displacement: Floats, controls: Indices, factors: FactorSource) -> _Solved:
+    def _levels(self, points: Floats, displacement: Floats, controls: Integers, factors: FactorSource) -> _Solved:
         """The interpolation of the ``displacement`` (c, d) of control nodes (c,) of the mesh ``points`` (n, d)."""
         origin = points[controls]
         if self.periodic is not None:
@@ -283,7 +278,7 @@ class StandardMotion:
             reduced.error,
         )
 
-    def _all_factorized(self, points: Floats, controls: Indices, factors: FactorSource) -> tuple[Factorization, bool]:
+    def _all_factorized(self, points: Floats, controls: Integers, factors: FactorSource) -> tuple[Factorization, bool]:
         """The factorization of all control nodes (c,) of the mesh ``points`` (n, d).
 
         If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
@@ -318,5 +313,5 @@ class _Solved:
     stage: Stage
     factorization: Factorization
     reused: bool
-    control_points: Indices
+    control_points: Integers
     reduction_error: float = 0.0

@@ -12,14 +12,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["Leg", "Walk", "furthest_walk", "walk"]
 
-Floats = NDArray[np.float64]
 
 _FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 8
 #: Of all ways together: a motion that is led to its end takes about four, and a refusal should not take much longer.

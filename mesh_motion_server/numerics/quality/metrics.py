@@ -46,6 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable, CellType
 
 __all__ = [
@@ -66,9 +67,6 @@ __all__ = [
     "subset_quality",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 #: Name → formula of every quality metric.
 QUALITY_METRICS: dict[str, str] = {
@@ -104,13 +102,13 @@ class CellQuality:
 
     size: Floats
     skew: Floats
-    inverted: Bools
+    inverted: Marks
     rest: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.size)
 
-    def subset(self, numbers: Ints | slice) -> CellQuality:
+    def subset(self, numbers: Integers | slice) -> CellQuality:
         """The quality of the cells with the given numbers only, in that order."""
         rest = None if self.rest is None else self.rest[numbers]
         return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
@@ -237,7 +235,7 @@ def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
         yield block, slice(first, first + len(block))
 
 
-def judged(cells: CellTable, rest: AtRest) -> tuple[list[Ints], Floats, Floats]:
+def judged(cells: CellTable, rest: AtRest) -> tuple[list[Integers], Floats, Floats]:
     """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews at rest if known."""
     skews = skews_of(rest)
     nodes = [np.ascontiguousarray(block.nodes) for block in cells]
@@ -262,7 +260,6 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
 
     Returns
     -------
@@ -282,7 +279,6 @@ def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
     sizes : (m,) array, optional
         Of :func:`reference_sizes`, if they are known.
     """
@@ -296,7 +292,6 @@ def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
         From :func:`reference_sizes` or :func:`cells_at_rest` of the reference mesh; non-zero.
     """
@@ -341,7 +336,7 @@ def minimum_quality(
     return quality_extremes(points, cells, reference_sizes, metric).minimum
 
 
-def _block_quality(points: Floats, nodes: Ints, reference: Floats, out: CellQuality, rows: slice) -> None:
+def _block_quality(points: Floats, nodes: Integers, reference: Floats, out: CellQuality, rows: slice) -> None:
     """Quality of cells of one type, written into out[rows]."""
     kernels.cell_quality(
         points,
@@ -353,7 +348,7 @@ def _block_quality(points: Floats, nodes: Ints, reference: Floats, out: CellQual
     )
 
 
-def _chosen_quality(points: Floats, block: CellBlock, chosen: Ints, reference: Floats, out: CellQuality) -> None:
+def _chosen_quality(points: Floats, block: CellBlock, chosen: Integers, reference: Floats, out: CellQuality) -> None:
     """Quality of the cells with the given numbers (s,) in a block."""
     kernels.chosen_quality(
         points,

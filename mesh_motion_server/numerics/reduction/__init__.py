@@ -37,7 +37,6 @@ class Reduction:
     ----------
     name : str
         As in the case file and on the wire.
-    reduce : callable
     source : str
         Where it is from, with the thesis' place.
     summary : str

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.reduction.problem import ReductionProblem
 
 __all__ = ["full_operations", "full_weights"]
 
 
-def full_weights(problem: ReductionProblem, selected: NDArray[np.int64]) -> NDArray[np.float64]:
+def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:
     """(nc, k) weights that reproduce the displacement of the selected nodes.
 
     Raises

@@ -18,15 +18,14 @@ from __future__ import annotations
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["GrowingLU", "reduce"]
 
-Floats = NDArray[np.float64]
 
 _FIRST_SIZE = 64
 

@@ -30,8 +30,8 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
 from mesh_motion_server.numerics.reduction.grouped_circular import default_groups, select
 from mesh_motion_server.numerics.reduction.level_sum import LevelSum
@@ -40,8 +40,6 @@ from mesh_motion_server.numerics.reduction.progress import Progress
 
 __all__ = ["BASE_SETS", "CLASSES", "class_radii", "reduce"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CLASSES = 2.0
 """Radii to a factor of two: each is at least 2^(−1/2) = 0.71 of the separation."""
@@ -50,18 +48,18 @@ CLASSES = 2.0
 _SHARE, _FEWEST, _MOST = 0.1, 50, 1000
 
 
-def _farthest_base(problem: ReductionProblem) -> Indices:
+def _farthest_base(problem: ReductionProblem) -> Integers:
     """(n,) a tenth of the nodes, well separated."""
     count = max(_FEWEST, min(_MOST, int(_SHARE * problem.n_points)))
     return farthest_first(problem.points, np.array([problem.start])).order[: min(count, problem.limit)]
 
 
-def _greedy_base(problem: ReductionProblem) -> Indices:
+def _greedy_base(problem: ReductionProblem) -> Integers:
     """(n,) nodes that leave no error above the tolerance."""
     return select(problem, default_groups(problem.n_points), Progress(problem))
 
 
-BASE_SETS: dict[str, Callable[[ReductionProblem], Indices]] = {
+BASE_SETS: dict[str, Callable[[ReductionProblem], Integers]] = {
     "greedy": _greedy_base,
     "farthest-first": _farthest_base,
 }
@@ -102,7 +100,7 @@ def reduce(problem: ReductionProblem, *, base: str = "greedy") -> Reduced:
     return field.reduced()
 
 
-def _classes(order: Indices, separation: Floats) -> Iterator[tuple[Indices, float]]:
+def _classes(order: Integers, separation: Floats) -> Iterator[tuple[Integers, float]]:
     """The nodes in ``order`` (n) by their radii, from coarse to fine."""
     if order.size:
         radii = class_radii(separation)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.assembly import dense_block
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
@@ -24,8 +24,6 @@ from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: A level is an interpolant: weights on a subset of the boundary nodes, with a support radius of its own.
 Level = Interpolant
@@ -108,12 +106,14 @@ class ReductionProblem:
         """The node every algorithm starts from: the first of the largest displacement (never a random one)."""
         return int(np.argmax(_squared_lengths(self.displacement)))
 
-    def columns(self, selected: Indices, *, rows: Indices | None = None, support_radius: float | None = None) -> Floats:
+    def columns(
+        self, selected: Integers, *, rows: Integers | None = None, support_radius: float | None = None
+    ) -> Floats:
         """(nb or len(rows), nc) values of φ between boundary nodes and the selected ones."""
         at = self._padded if rows is None else self._padded[rows]
         return dense_block(self.row, support_radius or self.support_radius, at, self._padded[selected])
 
-    def level(self, selected: Indices, weights: Floats, *, support_radius: float | None = None) -> Level:
+    def level(self, selected: Integers, weights: Floats, *, support_radius: float | None = None) -> Level:
         """The interpolant with these (nc, k) weights at the selected nodes."""
         radius = support_radius or self.support_radius
         centres = self.points[selected]
@@ -163,11 +163,10 @@ class Reduced:
         Boundary nodes in the order of choice, each once.
     error : (nb, k) array, mesh length unit
         Left at all boundary nodes: prescribed minus interpolated, thesis (2.12).
-    history : tuple of Iterate
     """
 
     levels: tuple[Level, ...]
-    selected: Indices
+    selected: Integers
     error: Floats
     history: tuple[Iterate, ...]
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.reduction.problem import Iterate, ReductionProblem
 
 __all__ = ["Progress", "lengths"]
-
-Floats = NDArray[np.float64]
 
 
 def lengths(vectors: Floats) -> Floats:

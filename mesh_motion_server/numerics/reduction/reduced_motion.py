@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, factorization_of
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.method import Method
@@ -19,7 +19,6 @@ from mesh_motion_server.numerics.reduction.near_surface import BASIS, near_surfa
 
 __all__ = ["ReducedInterpolation", "interpolate_reduced"]
 
-Floats = NDArray[np.float64]
 
 #: An error this small against the largest displacement is rounding: setting the nodes takes care of it.
 _ROUNDING = 1e-12
@@ -42,7 +41,7 @@ class ReducedInterpolation:
     """
 
     levels: tuple[AnyInterpolant, ...]
-    selected: NDArray[np.int64]
+    selected: Integers
     error: float
     reused: bool
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
 from scipy.sparse import csr_matrix
 
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement, spread_placement
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.correction.free_region import NodeAdjacency, free_region, nodes_of_cells
@@ -25,7 +26,6 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["optimised_enrichment", "optimised_placement"]
 
-Floats = NDArray[np.float64]
 
 WHOLE_CELLS = 100_000
 """Meshes up to this size are optimised as a whole: with 90 000 cells in half the time that the working sets take."""
@@ -102,18 +102,12 @@ def _solve_scaled(matrix: NDArray[np.float32], right: Floats) -> Floats:
 
 
 def optimised_enrichment(
-    mesh: TrialMesh,
-    start: Floats,
-    standard: Floats,
-    space: EnrichmentSpace,
-    *,
-    target: float,
+    mesh: TrialMesh, start: Floats, standard: Floats, space: EnrichmentSpace, *, target: float
 ) -> Polished:
     """Choose the coefficients of an enrichment space for the best worst cell.
 
     Parameters
     ----------
-    mesh : TrialMesh
     start, standard : (n, d) arrays, mesh length unit
         Positions before the motion, and those of the standard motion.
     space : EnrichmentSpace
@@ -137,7 +131,7 @@ def optimised_enrichment(
     return Polished(points, minimum, iterations=iterations)
 
 
-def _working_set(quality: Floats) -> NDArray[np.bool_]:
+def _working_set(quality: Floats) -> Marks:
     """Mark (m) the cells to use: all, or one half the worst cells and one half a sample of the rest."""
     chosen = np.ones(len(quality), dtype=bool)
     if len(quality) > WHOLE_CELLS:
@@ -153,7 +147,7 @@ def _optimise(
     standard: Floats,
     points: Floats,
     space: EnrichmentSpace,
-    chosen: NDArray[np.bool_],
+    chosen: Marks,
     target: float,
 ) -> tuple[Floats, Polished]:
     """Optimise over the chosen (m) cells from ``points`` (n, d); all nodes follow."""

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.enrichment.eigen_correction import eigen_correction
 from mesh_motion_server.numerics.correction.enrichment.functions import slope_at_point
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement, worst_cell
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem
 
 __all__ = ["ExplicitResult", "ExplicitSettings", "Iterate", "Trial", "explicit_iterations"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,8 +145,6 @@ def explicit_iterations(
 
     Parameters
     ----------
-    problem : CorrectionProblem
-    settings : ExplicitSettings
     trial : Trial, optional
         Predicts in its own way; without points yet.
     """

@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.enrichment import functions
 from mesh_motion_server.numerics.interpolation.kernels import (
@@ -37,8 +37,6 @@ __all__ = [
     "solve_imposed_gradient",
 ]
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class ImposedGradient:
@@ -50,7 +48,6 @@ class ImposedGradient:
         R of the basis.
     enrichment_radius : float, mesh length unit
         R_l.
-    basis : str
     function : {"H1", "H2", "H3"}
     """
 
@@ -69,30 +66,29 @@ class EnrichedInterpolant:
     boundary, enrichment_points : (nb,), (nc,) arrays, mesh length unit
     weights, coefficients : (nb,), (nc,) arrays
         γ and β.
-    settings : ImposedGradient
     """
 
-    boundary: Array
-    enrichment_points: Array
-    weights: Array
-    coefficients: Array
+    boundary: Floats
+    enrichment_points: Floats
+    weights: Floats
+    coefficients: Floats
     settings: ImposedGradient
 
-    def displacement(self, x: Array) -> Array:
+    def displacement(self, x: Floats) -> Floats:
         """(n,) displacement at (n,) places, thesis (4.10)."""
         return self._sum(*_values(x, self.boundary, self.enrichment_points, self.settings))
 
-    def gradient(self, x: Array) -> Array:
+    def gradient(self, x: Floats) -> Floats:
         """(n,) derivative of the displacement at (n,) places."""
         return self._sum(*_derivatives(x, self.boundary, self.enrichment_points, self.settings))
 
-    def _sum(self, phi: Array, h: Array) -> Array:
+    def _sum(self, phi: Floats, h: Floats) -> Floats:
         """(n,) combination of (n, nb) and (n, nc) functions."""
-        total: Array = np.sum(phi * self.weights, axis=1) + np.sum(h * self.coefficients, axis=1)
+        total: Floats = np.sum(phi * self.weights, axis=1) + np.sum(h * self.coefficients, axis=1)
         return total
 
 
-def bracketing_slopes(boundary: Array, displacement: Array, enrichment_points: Array) -> Array:
+def bracketing_slopes(boundary: Floats, displacement: Floats, enrichment_points: Floats) -> Floats:
     """J of each enrichment point, thesis (4.1): ``(D_a − D_b) / (x_a − x_b)`` over the boundary nodes that bracket it.
 
     Parameters
@@ -116,17 +112,17 @@ def bracketing_slopes(boundary: Array, displacement: Array, enrichment_points: A
             f"({x[0]:g} … {x[-1]:g})",
             hint="the imposed gradient is the slope between the boundary nodes on either side",
         )
-    slope: Array = (d[right] - d[right - 1]) / (x[right] - x[right - 1])
+    slope: Floats = (d[right] - d[right - 1]) / (x[right] - x[right - 1])
     return slope
 
 
 def solve_imposed_gradient(
-    boundary: Array,
-    displacement: Array,
-    enrichment_points: Array,
+    boundary: Floats,
+    displacement: Floats,
+    enrichment_points: Floats,
     settings: ImposedGradient,
     *,
-    slopes_at_points: Array | None = None,
+    slopes_at_points: Floats | None = None,
 ) -> EnrichedInterpolant:
     """Solve thesis (4.9).
 
@@ -165,8 +161,8 @@ def solve_imposed_gradient(
 
 
 def enriched_displacement(
-    nodes: Array, boundary: Array, displacement: Array, enrichment_points: Array, settings: ImposedGradient
-) -> Array:
+    nodes: Floats, boundary: Floats, displacement: Floats, enrichment_points: Floats, settings: ImposedGradient
+) -> Floats:
     """The corrected displacement of every node.
 
     Parameters
@@ -198,7 +194,7 @@ def _basis(settings: ImposedGradient) -> tuple[Basis, float]:
     return basis, checked_radius(settings.support_radius, basis)
 
 
-def _values(x: Array, boundary: Array, points: Array, settings: ImposedGradient) -> tuple[Array, Array]:
+def _values(x: Floats, boundary: Floats, points: Floats, settings: ImposedGradient) -> tuple[Floats, Floats]:
     """(n, nb) φ and (n, nc) H."""
     basis, radius = _basis(settings)
     phi = values(basis, np.abs(x[:, None] - boundary) / radius)
@@ -206,7 +202,7 @@ def _values(x: Array, boundary: Array, points: Array, settings: ImposedGradient)
     return phi, np.array(h).reshape(len(points), len(x)).T
 
 
-def _derivatives(x: Array, boundary: Array, points: Array, settings: ImposedGradient) -> tuple[Array, Array]:
+def _derivatives(x: Floats, boundary: Floats, points: Floats, settings: ImposedGradient) -> tuple[Floats, Floats]:
     """(n, nb) ∂φ/∂x and (n, nc) ∂H/∂x."""
     basis, radius = _basis(settings)
     rho = x[:, None] - boundary

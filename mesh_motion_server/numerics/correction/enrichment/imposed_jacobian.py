@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.enrichment.eigen_correction import eigen_correction
 from mesh_motion_server.numerics.correction.enrichment.functions import slope_at_point
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement, local_minima
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ImposedJacobians", "ImposedSettings", "cell_gradients", "impose", "imposed_jacobians"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Penalty on the coefficients, relative to the slope of a function at its point. Values from 0.01 to 0.1 work about
 #: equally well; without it neighbouring points oppose each other until cells invert.
@@ -58,7 +56,6 @@ class ImposedSettings:
         R_l.
     threshold : float
         Stop when the predicted minimum reaches it.
-    max_points : int
     max_rounds : int
         Largest number of times that the Jacobians are imposed.
     function : {"H1", "H2", "H3"}
@@ -112,7 +109,7 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
-def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Ints) -> Floats:
+def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Integers) -> Floats:
     """(K, k, d) gradients of nodal values (n, k) over some cells (K,): exact for simplices, a fit for others."""
     out = np.empty((len(numbers), values.shape[1], points.shape[1]))
     for block, first in zip(cells, cells.offsets, strict=False):
@@ -130,7 +127,7 @@ class _Imposed:
 
     problem: CorrectionProblem
     settings: ImposedSettings
-    numbers: Ints
+    numbers: Integers
     centres: Floats
     functions: Floats
     slopes: Floats
@@ -143,7 +140,7 @@ class _Imposed:
             problem, settings, np.empty(0, dtype=np.int64), np.empty((0, d)), np.empty((n, 0)), np.empty((0, 0, d))
         )
 
-    def add(self, minima: Ints) -> None:
+    def add(self, minima: Integers) -> None:
         """Add the minima, worst first, that are not near the existing points."""
         p, settings = self.problem, self.settings
         first = len(self.numbers)
@@ -177,10 +174,8 @@ def imposed_jacobians(problem: CorrectionProblem, mesh: TrialMesh, settings: Imp
 
     Parameters
     ----------
-    problem : CorrectionProblem
     mesh : TrialMesh
         Judges the quality.
-    settings : ImposedSettings
 
     Notes
     -----

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from numpy import float64
-from numpy.typing import NDArray
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["LinearSolver"]
 
@@ -27,6 +26,6 @@ class LinearSolver(Protocol):
         """Memory it holds."""
         ...
 
-    def solve(self, values: NDArray[float64]) -> NDArray[float64]:
+    def solve(self, values: Floats) -> Floats:
         """(nc, k) weights of (nc, k) values at the control points, in the caller's order."""
         ...

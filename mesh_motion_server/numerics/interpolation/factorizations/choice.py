@@ -22,10 +22,8 @@ larger than :data:`~.memory_bound.FACTOR_BYTES` is refused.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
@@ -47,7 +45,7 @@ _SPARSE_ROW, _SPARSE_ENTRIES = 300.0, 3e6
 
 
 def choose_solver(
-    solver: str, points: NDArray[np.float64], layout: CentreLayout, basis: Basis, support_radius: float
+    solver: str, points: Floats, layout: CentreLayout, basis: Basis, support_radius: float
 ) -> LinearSolver:
     """Make the named linear solver of a positive definite basis; "auto" chooses one.
 
