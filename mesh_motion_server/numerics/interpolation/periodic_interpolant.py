@@ -23,7 +23,6 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, sparse_matrix
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
@@ -102,12 +101,6 @@ class PeriodicFactorization:
     def solve(self, values: Floats) -> Interpolant:
         """Interpolant of (nc, d) values at the control points."""
         values = np.asarray(values, dtype=np.float64)
-        if values.shape != self.control_points.shape:
-            raise InvalidInput(
-                f"expected values of shape {self.control_points.shape}, a displacement a control point, "
-                f"got {values.shape}",
-                code="INVALID_ARGUMENT.SHAPE",
-            )
         images = self.images
         if images.rotations is None:
             weights = self.system.solve(values)[images.owners]

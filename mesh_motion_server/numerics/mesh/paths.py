@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["RigidMotion", "fit_rigid_motion", "split_rigid", "substeps"]
@@ -81,17 +80,8 @@ def fit_rigid_motion(points: Floats, moved: Floats) -> RigidMotion:
     Parameters
     ----------
     points, moved : (k, d) arrays, mesh length unit
-
-    Raises
-    ------
-    InvalidInput
-        If the shapes differ or there is no point.
+        k > 0.
     """
-    if points.ndim != 2 or points.shape != moved.shape or not len(points):
-        raise InvalidInput(
-            f"expected points and moved points of one shape (k, d), k > 0, got {points.shape} and {moved.shape}",
-            code="INVALID_ARGUMENT.SHAPE",
-        )
     centre, goal = points.mean(axis=0), moved.mean(axis=0)
     angle, axis = _fitted_rotation(points - centre, moved - goal)
     return RigidMotion(centre, goal - centre, angle, axis)
@@ -115,14 +105,7 @@ def substeps(points: Floats, displacement: Floats, count: int) -> Floats:
     -------
     (count, k, d) array
         ``[s]`` after step s + 1; the last is ``displacement``, bitwise.
-
-    Raises
-    ------
-    InvalidInput
-        If the count is less than 1.
     """
-    if count < 1:
-        raise InvalidInput(f"expected at least one sub-step, got {count}")
     out = np.empty((count, *displacement.shape))
     out[-1] = displacement
     if count == 1:

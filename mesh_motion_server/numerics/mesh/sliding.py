@@ -98,23 +98,7 @@ class SlidingSurfaces:
         return cls(nodes, points[nodes], groups, tuple(pieces))
 
     def project(self, positions: Floats) -> Floats:
-        """Put positions back onto the surfaces.
-
-        Parameters
-        ----------
-        positions : (s, d) array, mesh length unit
-            Unconstrained positions of the sliding nodes; a row for each of ``nodes``.
-
-        Returns
-        -------
-        (s, d) array
-            The nearest admissible positions.
-        """
-        if positions.shape != self.reference.shape:
-            raise InvalidInput(
-                f"expected positions of shape {self.reference.shape}, a row a sliding node, got {positions.shape}",
-                code="INVALID_ARGUMENT.SHAPE",
-            )
+        """The admissible positions nearest to ``positions`` (s, d), a row for each of ``nodes``; mesh length unit."""
         out = np.empty_like(self.reference)
         for rows, constraint in self.groups:
             out[rows] = constraint.project(positions[rows], self.reference[rows])

@@ -25,7 +25,8 @@ from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.patch_check import check_patches, nodes_behind_fixed, patch_warnings
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.quality.metrics import cell_quality, quality_extremes, reference_sizes
+from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 
 __all__ = ["CheckedMesh", "check_mesh", "checked_cells", "checked_mesh", "suggest_support_radius"]
@@ -164,8 +165,8 @@ def _check_indices(n: int, cells: CellTable) -> None:
 
 def _check_geometry(points: Floats, cells: CellTable, sizes: Floats) -> None:
     """Require positive corner determinants and no flat cell; sizes (m,)."""
-    extremes = quality_extremes(points, cells, sizes, "skew")  # in one pass that stores nothing
-    if extremes.inverted or not extremes.minimum > _FLAT_SKEW:
+    lowest = lowest_quality(points, cells, sizes, metric="skew", worst=1)  # in one pass that stores nothing
+    if lowest.inverted or not lowest.metric.min > _FLAT_SKEW:
         _refuse_geometry(points, cells, sizes)
 
 

@@ -39,7 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -55,11 +55,8 @@ __all__ = [
     "AtRest",
     "CellQuality",
     "CellsAtRest",
-    "Extremes",
     "cell_quality",
     "cells_at_rest",
-    "minimum_quality",
-    "quality_extremes",
     "reference_sizes",
     "rest_for",
     "sizes_of",
@@ -192,24 +189,6 @@ def rest_for(metric: str, rest: AtRest) -> AtRest:
     return rest
 
 
-class Extremes(NamedTuple):
-    """The result of one pass over a mesh that stores nothing per cell.
-
-    Attributes
-    ----------
-    minimum : float
-        The smallest value of the metric.
-    cell : int
-        The cell with this value; of equal cells the first.
-    inverted : int
-        Number of inverted cells.
-    """
-
-    minimum: float
-    cell: int
-    inverted: int
-
-
 def metric_code(name: str) -> int:
     """Number of a metric in the compiled loops; InvalidInput on an unknown name."""
     if name not in QUALITY_METRICS:
@@ -318,22 +297,6 @@ def subset_quality(
         _chosen_quality(positions, block, chosen[here] - rows.start, sizes[rows], part)
         out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
     return out if skews is None else replace(out, rest=skews[chosen])
-
-
-def quality_extremes(
-    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
-) -> Extremes:
-    """Smallest value of a metric, its cell and the number of inverted cells, in one pass that stores nothing."""
-    positions, arrays = as_positions(points, cells.dimension), judged(cells, rest_for(metric, reference_sizes))
-    values, numbers, inverted = kernels.lowest_cells(positions, *arrays, metric_code(metric), 1)
-    return Extremes(float(values[0]), int(numbers[0]), inverted)
-
-
-def minimum_quality(
-    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
-) -> float:
-    """Smallest value of a metric over the mesh; stores nothing (see :func:`quality_extremes`)."""
-    return quality_extremes(points, cells, reference_sizes, metric).minimum
 
 
 def _block_quality(points: Floats, nodes: Integers, reference: Floats, out: CellQuality, rows: slice) -> None:

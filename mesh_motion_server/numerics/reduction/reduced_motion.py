@@ -14,7 +14,7 @@ from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, factorization_of
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.reduction import ReductionProblem, reduction_named
+from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
 from mesh_motion_server.numerics.reduction.near_surface import BASIS, near_surface_radius
 
 __all__ = ["ReducedInterpolation", "interpolate_reduced"]
@@ -70,7 +70,7 @@ def interpolate_reduced(
         tolerance=method.reduction_tolerance,
         max_points=method.max_control_points,
     )
-    reduced = reduction_named(method.reduction)(problem)
+    reduced = REDUCTIONS[method.reduction](problem)
     left = reduced.max_error
     if left <= _ROUNDING * problem.largest:
         return ReducedInterpolation(reduced.levels, reduced.selected, 0.0, reused=False)
