@@ -151,10 +151,10 @@ def checked_warnings(mesh: MergedMesh, model: Model) -> list[str]:
     if not model.warnings:
         return []
     # imported here for the same reason
-    from mesh_motion_server.numerics.quality.mesh_check import check_mesh  # noqa: PLC0415
+    from mesh_motion_server.numerics.quality.mesh_check import checked_mesh  # noqa: PLC0415
 
     view = upload_view(mesh)
-    checked = check_mesh(view.points, view.cells, view.patches)
+    checked = checked_mesh(view.points, view.cells, view.patches).warnings
     return [*checked, *model.warnings[len(checked) :]]
 
 

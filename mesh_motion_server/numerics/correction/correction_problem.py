@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Marks
-from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
@@ -42,7 +42,7 @@ class CorrectionProblem:
         Of the boundary at ``start``.
     reference : (n, d) array, mesh length unit, optional
         Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
-    constraint : NodeConstraint, optional
+    constraint : BoundaryConstraint, optional
         Held nodes that ``optimised`` may move: along their surface, or in pairs.
     smooth : SmoothInTime, optional
         The prepared correction of this mesh, for ``in_time`` "smooth"; built when needed by default.
@@ -67,7 +67,7 @@ class CorrectionProblem:
     factorization: Factorization
     evaluator: Evaluator
     reference: Floats | None = None
-    constraint: NodeConstraint | None = None
+    constraint: BoundaryConstraint | None = None
     smooth: SmoothInTime | None = None
     near: Floats | None = None
     valid: Floats | None = None

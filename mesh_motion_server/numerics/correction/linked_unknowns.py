@@ -7,6 +7,7 @@ A direction that a representative must not take gets its own stiffness and no fo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -15,7 +16,10 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.free_region import NodeAdjacency
 
-__all__ = ["LinkedUnknowns"]
+__all__ = ["LinkedUnknowns", "StepSolver"]
+
+StepSolver = Callable[[NodeAdjacency, Floats, Floats], Floats]
+"""(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,14 @@ from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import FLOOR, PNorm
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
-from mesh_motion_server.numerics.correction.node_constraint import RegionConstraint, StepSolver
+from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure, region_measure
 from mesh_motion_server.numerics.stopwatch import check_time
 
-__all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
+__all__ = ["Accuracy", "Descent", "QuadraticTerm", "newton"]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes

@@ -17,10 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint, RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import PNorm, determinants
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region, grow, nodes_of_cells
+from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_server.numerics.correction.newton import Accuracy, newton
-from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint, RegionConstraint, StepSolver
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cell_quality, subset_quality
@@ -95,7 +96,7 @@ class TrialMesh:
     metric : str
         One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, :data:`RELATIVE_SHAPE` or
         :data:`RELATIVE_BOTH`.
-    constraint : NodeConstraint or None
+    constraint : BoundaryConstraint or None
         The constraint of nodes that are not held but may move only with restrictions.
     """
 
@@ -104,9 +105,9 @@ class TrialMesh:
     reference_sizes: AtRest
     held: Marks
     metric: str = "size-skew"
-    constraint: NodeConstraint | None = None
+    constraint: BoundaryConstraint | None = None
 
-    def released(self, constraint: NodeConstraint | None) -> TrialMesh:
+    def released(self, constraint: BoundaryConstraint | None) -> TrialMesh:
         """The mesh in which the nodes that a constraint releases are no longer held."""
         if constraint is None:
             return self

@@ -30,7 +30,7 @@ __all__ = ["Evaluator", "LocalEvaluator", "NearOperators", "Prepared", "Preparin
 
 
 class Prepared(Protocol):
-    """What an evaluator has computed for control points and places; it does not depend on the weights."""
+    """What is computed once and may be cached: of an evaluator, what does not depend on the weights."""
 
     @property
     def nbytes(self) -> int:

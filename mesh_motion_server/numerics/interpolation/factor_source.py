@@ -23,7 +23,6 @@ __all__ = [
     "CacheReport",
     "DeferredFactorization",
     "FactorSource",
-    "Kept",
     "MakeEachTime",
     "Recorded",
     "factorization_of",
@@ -32,16 +31,7 @@ __all__ = [
 ]
 
 
-class Kept(Protocol):
-    """An object that can be cached."""
-
-    @property
-    def nbytes(self) -> int:
-        """Memory it holds."""
-        ...
-
-
-K = TypeVar("K", bound=Kept)
+K = TypeVar("K", bound=Prepared)
 
 CacheReport = dict[str, str | int | dict[str, int]]
 """``"reused"`` or ``"made"`` for each kind of what is kept, and ``bytes`` held of each."""

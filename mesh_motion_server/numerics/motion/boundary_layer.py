@@ -110,11 +110,6 @@ class BoundaryLayer:
         return self.tied.nodes
 
     @property
-    def carrying(self) -> Integers:
-        """The wall's nodes and the layer's, ascending: for the other nodes they are the body."""
-        return np.union1d(self.wall.nodes, self.nodes)
-
-    @property
     def known(self) -> Marks:
         """(n,) nodes whose positions follow from the moving nodes alone: moving nodes, fixed nodes and the layer."""
         known = self.prescribed.copy()

@@ -29,7 +29,7 @@ from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 
-__all__ = ["CheckedMesh", "check_mesh", "checked_cells", "checked_mesh", "suggest_support_radius"]
+__all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "suggest_support_radius"]
 
 # A smaller skew is 0 but for rounding; cells of a boundary layer with aspect ratio 10⁶ have 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
@@ -58,11 +58,6 @@ class CheckedMesh(NamedTuple):
     warnings: list[str]
     resting: Integers
     coincident: Integers
-
-
-def check_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
-    """Refuse an unusable mesh, and list the warnings of a usable one: parameters and errors as below."""
-    return checked_mesh(points, cells, patches).warnings
 
 
 def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:

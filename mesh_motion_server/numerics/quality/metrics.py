@@ -26,7 +26,7 @@ Skew is never negative. A cell whose corners are all inverted has the skew of it
 distinguishes a badly inverted cell from a slightly inverted one; a cell with only some corners inverted has skew 0. A
 cell with a position that is not finite has -inf in every metric: worse than any number, never equal to a good value.
 
-Node indices are not checked here: :func:`~mesh_motion_server.numerics.quality.mesh_check.check_mesh` does that once.
+Node indices are not checked here: :func:`~mesh_motion_server.numerics.quality.mesh_check.checked_mesh` does that once.
 
 References
 ----------
