@@ -279,26 +279,12 @@ class Control:
         if asked is None:
             return
         request = asked.request
+        to: dict[str, Any] = {"client": request.client, "sequence": request.sequence}
+        there: dict[str, Any] = {"session": live.session, "endpoint": live.endpoint, "epoch": live.epoch}
         if isinstance(request, Open):
-            reply: Message = Opened(
-                client=request.client,
-                sequence=request.sequence,
-                session=live.session,
-                token=live.token,
-                endpoint=live.endpoint,
-                epoch=live.epoch,
-            )
+            self._settle(asked, Opened(**to, **there, token=live.token))
         else:
-            reply = Resumed(
-                client=request.client,
-                sequence=request.sequence,
-                session=live.session,
-                endpoint=live.endpoint,
-                epoch=live.epoch,
-                state=live.state,
-                step=live.step,
-            )
-        self._settle(asked, reply)
+            self._settle(asked, Resumed(**to, **there, state=live.state, step=live.step))
         self._next(live)
 
     def _next(self, live: Live) -> None:

@@ -34,8 +34,12 @@ from mesh_motion_server.transport.processes import (
     offer_to_the_oom_killer,
     wake_on_signals,
 )
-from mesh_motion_server.transport.protection import Protection, forward_handshakes, keep_secrets_out_of_core_files
-from mesh_motion_server.transport.rights import Rights
+from mesh_motion_server.transport.protection import (
+    Protection,
+    Rights,
+    forward_handshakes,
+    keep_secrets_out_of_core_files,
+)
 from mesh_motion_server.transport.self_test import check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, name_session
 from mesh_motion_server.transport.worker import Worker

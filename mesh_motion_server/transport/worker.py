@@ -30,8 +30,8 @@ from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import connection_event
 from mesh_motion_server.transport.hosting import SessionHost
+from mesh_motion_server.transport.protection import Rights
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
-from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.telemetry import log, tell_suppressed
 
 __all__ = ["Lease", "Worker"]
